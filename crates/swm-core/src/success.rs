@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::batch::{Row, Schema};
+use crate::env::VARIATION_PREFIX;
 use crate::error::WorldError;
 
 /// When an episode is a success. Without conditions the environment says so itself.
@@ -44,8 +45,28 @@ pub struct Condition {
     /// For [`Measure::Angle`]: what a full turn is, in the column's unit. 2π unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn: Option<f64>,
+    /// For [`Measure::Angle`]: a factor by which the turn is divided, as of a shape that looks the same from several sides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub symmetry: Option<Symmetry>,
     /// The measure must be smaller than this.
     pub below: f64,
+}
+
+/// Into how many equal parts a full turn is divided, by the value of a factor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Symmetry {
+    /// The column of the factor, a whole number: `variation.block.shape`.
+    pub column: String,
+    /// Pairs of a value and the number of parts; values that are not listed have one part: `[[4, 4]]` for a square of number 4.
+    pub folds: Vec<[u32; 2]>,
+}
+
+impl Symmetry {
+    fn parts(&self, value: f64) -> f64 {
+        let found = self.folds.iter().find(|[known, _]| f64::from(*known) == value);
+        found.map_or(1.0, |&[_, parts]| parts.into())
+    }
 }
 
 /// How a difference of several numbers becomes one.
@@ -106,14 +127,20 @@ impl SuccessRule {
 
 impl Condition {
     fn describe(&self) -> String {
-        let Self { column, goal, elements, measure, below, .. } = self;
+        let Self { column, goal, elements, measure, symmetry, below, .. } = self;
         let elements = if elements.is_empty() { String::new() } else { format!("{elements:?}") };
         let measure = match measure {
             Measure::Distance => "distance",
             Measure::Largest => "largest difference",
             Measure::Angle => {
                 let degrees = (below.to_degrees() * 10.0).round() / 10.0;
-                return format!("angle of {column}{elements} within {degrees}° of {goal}{elements}");
+                let by = symmetry.as_ref().map_or(String::new(), |symmetry| {
+                    format!(
+                        ", modulo the symmetry by {}",
+                        symmetry.column.trim_start_matches(VARIATION_PREFIX)
+                    )
+                });
+                return format!("angle of {column}{elements} within {degrees}° of {goal}{elements}{by}");
             }
             Measure::CubeRotation => "rotation, as of a cube,",
         };
@@ -138,13 +165,15 @@ struct Test {
     elements: Vec<usize>,
     measure: Measure,
     turn: f64,
+    /// Position of the factor's column.
+    symmetry: Option<(usize, Symmetry)>,
     below: f64,
 }
 
 impl Test {
     fn new(condition: &Condition, schema: &Schema) -> Result<Self, WorldError> {
         let wrong = |reason: String| WorldError::Option { option: "success", reason };
-        let Condition { column, goal, elements, measure, turn, below } = condition;
+        let Condition { column, goal, elements, measure, turn, symmetry, below } = condition;
         let columns = [schema.require(column)?, schema.require(goal)?];
         let dim = columns.map(|index| schema.dim(index));
         let elements: Vec<usize> =
@@ -162,12 +191,25 @@ impl Test {
         if !(*below > 0.0 && below.is_finite() && turn > 0.0 && turn.is_finite()) {
             return Err(wrong(format!("`{column}`: below {below} and turn {turn} must be positive numbers")));
         }
-        Ok(Self { columns, elements, measure: *measure, turn, below: *below })
+        let symmetry = match symmetry {
+            Some(symmetry)
+                if *measure != Measure::Angle || symmetry.folds.iter().any(|fold| fold[1] == 0) =>
+            {
+                let reason = "a symmetry divides an angle's turn into 1 part or more";
+                return Err(wrong(format!("`{column}`, symmetry by `{}`: {reason}", symmetry.column)));
+            }
+            Some(symmetry) => Some((schema.require(&symmetry.column)?, symmetry.clone())),
+            None => None,
+        };
+        Ok(Self { columns, elements, measure: *measure, turn, symmetry, below: *below })
     }
 
     /// The measure; infinite if it is no number, which is never near.
     fn measure(&self, mut number: impl FnMut(usize, usize) -> f64) -> f64 {
         let [column, goal] = self.columns;
+        let parts =
+            self.symmetry.as_ref().map_or(1.0, |(factor, symmetry)| symmetry.parts(number(*factor, 0)));
+        let turn = self.turn / parts;
         let known = |value: f64| if value.is_nan() { f64::INFINITY } else { value };
         let pairs = self.elements.iter().map(|&element| (number(column, element), number(goal, element)));
         match self.measure {
@@ -175,8 +217,8 @@ impl Test {
             Measure::Largest => pairs.map(|(a, b)| known((a - b).abs())).fold(0.0, f64::max),
             Measure::Angle => pairs
                 .map(|(a, b)| {
-                    let rest = (a - b).abs().rem_euclid(self.turn);
-                    known(rest.min(self.turn - rest))
+                    let rest = (a - b).abs().rem_euclid(turn);
+                    known(rest.min(turn - rest))
                 })
                 .fold(0.0, f64::max),
             Measure::CubeRotation => {
@@ -240,7 +282,7 @@ mod tests {
 
     fn condition(elements: &[usize], measure: Measure, below: f64) -> Condition {
         let (column, goal) = ("state".to_owned(), "goal".to_owned());
-        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, below }
+        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, symmetry: None, below }
     }
 
     fn margin(rule: &SuccessRule, state: [f64; 3], goal: [f64; 3]) -> f64 {
@@ -261,6 +303,34 @@ mod tests {
         assert_eq!(margin(&rule, [f64::NAN, 0.0, 0.0], [0.0; 3]), f64::INFINITY);
         let largest = SuccessRule { hold: 1, all: vec![condition(&[], Measure::Largest, 2.0)] };
         assert!((margin(&largest, [1.0, -3.0, 0.5], [0.0; 3]) - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_turn_is_divided_by_the_symmetry_of_a_shape() {
+        let fields = [
+            Field::step("state", Dtype::F64, &[1]),
+            Field::step("goal", Dtype::F64, &[1]),
+            Field::episode("variation.shape", Dtype::I64, &[]),
+        ];
+        let mut batch = Batch::new(Schema::new(fields.to_vec()).unwrap(), 1);
+        let symmetry = Symmetry { column: "variation.shape".to_owned(), folds: vec![[3, 2], [4, 4]] };
+        let rule = |symmetry| SuccessRule {
+            hold: 1,
+            all: vec![Condition { symmetry: Some(symmetry), ..condition(&[0], Measure::Angle, 0.1) }],
+        };
+        let judge = rule(symmetry.clone()).judge(batch.schema()).unwrap().unwrap();
+        for (shape, degrees, error) in
+            [(2, 90.0, 90.0), (4, 90.0, 0.0), (4, 50.0, 40.0), (3, 170.0, 10.0), (3, 90.0, 90.0)]
+        {
+            batch.rows_mut().write(0, &[f64::to_radians(degrees)]);
+            batch.rows_mut().write(1, &[0.0]);
+            batch.rows_mut().write(2, &[i64::from(shape)]);
+            let margin = judge.margin_of(batch.row(0)) * 0.1;
+            assert!((margin.to_degrees() - error).abs() < 1e-9, "{shape}, {degrees}: {margin}");
+        }
+        assert!(rule(symmetry.clone()).describe().ends_with("modulo the symmetry by shape, at any step"));
+        let none = Symmetry { folds: vec![[1, 0]], ..symmetry };
+        assert!(rule(none).judge(batch.schema()).unwrap_err().to_string().contains("1 part or more"));
     }
 
     #[test]

@@ -12,8 +12,15 @@ use swm_core::{EpisodeEnd, LiveStep, Recorder, ResetOptions, Rollout, Value, Wor
 /// The point is nearer to its goal than `below`, in `hold` rows on end.
 fn near(below: f64, hold: u64) -> SuccessRule {
     let (column, goal) = ("state".to_owned(), "goal_state".to_owned());
-    let condition =
-        Condition { column, goal, elements: Vec::new(), measure: Measure::Distance, turn: None, below };
+    let condition = Condition {
+        column,
+        goal,
+        elements: Vec::new(),
+        measure: Measure::Distance,
+        turn: None,
+        symmetry: None,
+        below,
+    };
     SuccessRule { hold, all: vec![condition] }
 }
 

@@ -76,7 +76,7 @@ impl Value {
                 Column::I32(numbers.iter().map(|&v| v as i32).collect())
             }
             Dtype::I64 => {
-                integer("of 53 bits", -(2f64.powi(53)), 2f64.powi(53))?;
+                integer("of up to 53 bits (no fractions)", -(2f64.powi(53)), 2f64.powi(53))?;
                 Column::I64(numbers.iter().map(|&v| v as i64).collect())
             }
             Dtype::Bool => {

@@ -29,7 +29,7 @@ use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
-pub use crate::success::{Condition, Judge, Measure, SuccessRule};
+pub use crate::success::{Condition, Judge, Measure, SuccessRule, Symmetry};
 pub use chosen::ChosenPair;
 pub use from_dataset::{EvalOptions, choose_starts};
 pub use hash::{sha256, sha256_of, sorted, witness};

@@ -250,9 +250,10 @@ impl<'a> Sample<'a> {
 
     fn left_out(&self) -> String {
         let Excluded { solved_at_start, little_motion, too_short } = self.excluded;
+        let shorter = if too_short > 0 { ", for which a smaller goal offset helps" } else { "" };
         format!(
             "{solved_at_start} candidate(s) are solved at the start, {little_motion} have too little motion, \
-             {too_short} are too short; ask for fewer pairs, or another tier"
+             {too_short} are too short{shorter}; ask for fewer pairs, or another tier"
         )
     }
 

@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use serde_json::{Map, Value as Json};
-use swm_core::evaluate::{Condition, Measure, SuccessRule, Tier};
+use swm_core::evaluate::{Condition, Measure, SuccessRule, Symmetry, Tier};
 
 use super::probes::ProbeTarget;
 
@@ -104,14 +104,20 @@ struct Test {
     columns: Option<[&'static str; 2]>,
     elements: &'static [usize],
     measure: Measure,
+    symmetry: Option<Divided>,
     below: f64,
 }
+
+/// The column of a factor, and into how many parts its values divide a turn.
+type Divided = (&'static str, &'static [[u32; 2]]);
 
 impl Test {
     fn condition(&self, task: &Task) -> Condition {
         let [column, goal] = self.columns.unwrap_or(task.columns).map(str::to_owned);
-        let Self { elements, measure, below, .. } = *self;
-        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, below }
+        let Self { elements, measure, symmetry, below, .. } = *self;
+        let symmetry =
+            symmetry.map(|(column, folds)| Symmetry { column: column.to_owned(), folds: folds.to_vec() });
+        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, symmetry, below }
     }
 }
 
@@ -125,21 +131,33 @@ impl Task {
 }
 
 const fn distance(elements: &'static [usize], below: f64) -> Test {
-    Test { columns: None, elements, measure: Measure::Distance, below }
+    Test { columns: None, elements, measure: Measure::Distance, symmetry: None, below }
 }
 
 const fn angle(elements: &'static [usize], below: f64) -> Test {
-    Test { columns: None, elements, measure: Measure::Angle, below }
+    Test { columns: None, elements, measure: Measure::Angle, symmetry: None, below }
+}
+
+/// The angle of PushT's block: a Z and an I look the same after half a turn, a square and a plus after a quarter.
+const fn block_angle(below: f64) -> Test {
+    const SHAPES: Divided = ("variation.block.shape", &[[3, 2], [4, 4], [5, 2], [7, 4]]);
+    Test { symmetry: Some(SHAPES), ..angle(&[4], below) }
 }
 
 const fn largest(elements: &'static [usize], below: f64) -> Test {
-    Test { columns: None, elements, measure: Measure::Largest, below }
+    Test { columns: None, elements, measure: Measure::Largest, symmetry: None, below }
 }
 
 /// The orientation of the first cube against that of its marker.
 const fn cube_rotation(below: f64) -> Test {
     const COLUMNS: [&str; 2] = ["privileged.block_0_quat", "mocap_quat"];
-    Test { columns: Some(COLUMNS), elements: &[0, 1, 2, 3], measure: Measure::CubeRotation, below }
+    Test {
+        columns: Some(COLUMNS),
+        symmetry: None,
+        elements: &[0, 1, 2, 3],
+        measure: Measure::CubeRotation,
+        below,
+    }
 }
 
 const fn degrees(degrees: f64) -> f64 {
@@ -155,12 +173,12 @@ const TASKS: &[Task] = &[
         rest: &[("state", 5..7)],
         moderate: Rule {
             hold: 1,
-            all: &[distance(&[0, 1, 2, 3], 20.0), angle(&[4], degrees(20.0))],
+            all: &[distance(&[0, 1, 2, 3], 20.0), block_angle(degrees(20.0))],
             motion: distance(&[2, 3], 25.0),
         },
         strict: Rule {
             hold: 3,
-            all: &[distance(&[2, 3], 10.0), angle(&[4], degrees(10.0))],
+            all: &[distance(&[2, 3], 10.0), block_angle(degrees(10.0))],
             motion: distance(&[2, 3], 50.0),
         },
     },
