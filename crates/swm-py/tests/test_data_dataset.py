@@ -192,7 +192,7 @@ def test_held_out_episodes_are_those_of_manifests(tmp_path: Path) -> None:
     chosen = swm.make_manifest(
         tmp_path / "chosen.json", "swm/TwoRoom-v2", dataset=path, pairs=[(3, 0, 4), "5:1-3"]
     )
-    assert [pair["from"] for pair in chosen["pairs"]] == [[3, 0], [5, 1]]
+    assert [pair["from"] for pair in chosen["pairs"]] == [[3, 0, 4], [5, 1, 3]]
     for wrong, words in [((3, 0), "episode, start, goal"), ("3", "3"), ((99, 0, 1), "episode 99")]:
         with pytest.raises(ValueError, match=words):
             swm.make_manifest(tmp_path / "wrong.json", "swm/TwoRoom-v2", dataset=path, pairs=[wrong])  # type: ignore[list-item]

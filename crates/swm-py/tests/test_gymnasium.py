@@ -112,6 +112,10 @@ def test_variations_and_settings() -> None:
         env.reset(options={"variation_values": {"block.shape": "U"}})
     with pytest.raises(swm.EnvError, match="nonsense"):
         gym.make("swm/PushT-v1", nonsense=1)
+    with pytest.raises(swm.EnvError, match="did you mean image_shape=?"):
+        gym.make("swm/PushT-v1", image_size=(64, 64))
+    with pytest.raises(swm.EnvError, match="did you mean num_envs=?"):
+        swm.World("swm/PushT-v1", num_env=2, add_pixels=False)
     with pytest.raises(ValueError, match="agent.colr"):
         env.reset(options={"variation_values": {"agent.colr": [1, 2, 3]}})
 

@@ -161,8 +161,65 @@ def test_images_are_resized() -> None:
 def test_what_only_rust_environments_can_do_is_refused() -> None:
     world = make()
     with pytest.raises(TypeError, match="random"):
-        world.set_policy("random")
+        world.set_policy("cem")
     with pytest.raises(TypeError, match="gymnasium"):
         world.set_success({})
     with pytest.raises(gym.error.NameNotFound):
         swm.World("swm/NoSuchThing-v0", 1, image_shape=(8, 8))
+
+
+class Dot(gym.Env[dict[str, Any], Any]):
+    """An environment as users write it: a dict as observation, images by ``render``, nothing in the info."""
+
+    observation_space = gym.spaces.Dict({"state": gym.spaces.Box(-9, 9, (2,), np.float32)})
+    action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+
+    def __init__(self, has_images: bool = True) -> None:
+        self.render_mode = "rgb_array" if has_images else None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        self.at = np.zeros(2, np.float32)
+        return {"state": self.at.copy()}, {}
+
+    def step(self, action: Any) -> Any:
+        self.at += np.asarray(action, np.float32)
+        return {"state": self.at.copy()}, float(self.at[0]), False, False, {}
+
+    def render(self) -> Any:
+        return np.full((8, 8, 3), 40, np.uint8) if self.render_mode else None
+
+
+def test_environments_of_functions_are_recorded_whole(tmp_path: Path) -> None:
+    world = swm.World([Dot, Dot], image_shape=(16, 16), max_episode_steps=5)
+    world.reset(seed=0)
+    assert world.infos["pixels"].shape == (2, 1, 16, 16, 3) and world.infos["state"].shape == (2, 1, 2)
+
+    def right(infos: dict[str, Any]) -> Any:
+        return np.tile(np.float32([1, 0]), (len(infos["state"]), 1))
+
+    for policy in (right, "random"):
+        world.set_policy(policy)
+        path = tmp_path / f"{policy if isinstance(policy, str) else 'function'}.h5"
+        world.collect(path, episodes=3, seed=0, progress=False)
+        dataset = swm.data.load_dataset(str(path))
+        assert {"state", "pixels", "action", "reward", "terminated"} <= set(dataset.column_names)
+        assert dataset.lengths.tolist() == [6, 6, 6], "the limit of the World holds for them"
+    world.set_policy(right)
+    assert world.policy.describe() == "right"
+    world.collect(tmp_path / "again.h5", episodes=1, seed=0, progress=False)
+    state = np.asarray(swm.data.load_dataset(str(tmp_path / "again.h5")).load_episode(0)["state"])
+    np.testing.assert_array_equal(state[:, 0], [0, 1, 2, 3, 4, 5])
+
+
+def test_what_cannot_be_done_with_them_is_said() -> None:
+    world = swm.World([Dot], add_pixels=False)
+    with pytest.raises(TypeError, match="'random', a function of the infos"):
+        world.set_policy("expert")
+    with pytest.raises(TypeError, match=r"make one: Right\(\)"):
+        world.set_policy(Right)
+    with pytest.raises(TypeError, match="a function of the infos, or an object with get_action"):
+        world.set_policy(3)
+    blind = swm.World([lambda: Dot(has_images=False)], image_shape=(16, 16))
+    with pytest.raises(ValueError, match="render_mode='rgb_array'"):
+        blind.reset(seed=0)

@@ -67,7 +67,7 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         **settings: Any,
     ) -> None:
         self.pool = make_core(
-            env_name, num_envs, image_shape, render_mode, max_episode_steps, frame_skip, threads, render, settings
+            type(self), env_name, num_envs, image_shape, render_mode, max_episode_steps, frame_skip, threads, render, settings
         )
         self.num_envs = num_envs
         self.render_mode = render_mode

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any, cast
 
 import gymnasium as gym
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from .. import _swm, spaces
 from ..world.ids import native_id
-from ..world.native import NativePool
+from ..world.native import NativePool, make_native
 
 __all__ = ["Env", "make_core", "without_image"]
 
@@ -23,6 +24,7 @@ _RESULTS = frozenset({"reward", "terminated", "truncated"})
 
 
 def make_core(
+    of: Callable[..., Any],
     env_name: str,
     num_envs: int,
     image_shape: tuple[int, int] | None,
@@ -40,7 +42,8 @@ def make_core(
         image_shape = DEFAULT_IMAGE
     if render != "exact":
         settings = {**settings, "render": render}
-    core = _swm.World(
+    core = make_native(
+        of,
         id=native_id(env_name) or env_name,
         num_envs=num_envs,
         image=image_shape,
@@ -97,7 +100,7 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        self.pool = make_core(env_name, 1, image_shape, render_mode, None, frame_skip, 1, render, settings)
+        self.pool = make_core(type(self), env_name, 1, image_shape, render_mode, None, frame_skip, 1, render, settings)
         self.render_mode = render_mode
         self._hides_image = image_shape is None
         self._copy = copy

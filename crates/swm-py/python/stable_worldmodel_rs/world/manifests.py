@@ -183,7 +183,8 @@ def evaluate(
 
     Args:
         manifest: Its file, or what `read_manifest` gave.
-        policy: The name of a policy of the core with its arguments, a `NativePolicy`, or an object with ``get_action``.
+        policy: The name of a policy of the core with its arguments, a `NativePolicy`, a function of the infos, or an object
+            with ``get_action``.
         out: A folder for ``receipt.json``; there an interrupted evaluation goes on where it stopped.
         policy_seed: Seed of the policy's own noise, for repetitions on the same pairs.
         references: Which of ``"random"``, ``"no_op"`` and ``"oracle"`` (the same planner on the true dynamics) to run.
@@ -219,7 +220,7 @@ def evaluate(
             live.set_policy(policy)
             act = live._driver(None)  # pyright: ignore[reportPrivateUsage]
             foreign = (live._native(), act)  # pyright: ignore[reportPrivateUsage]
-            return Receipt(json.loads(_swm.evaluate_manifest(text, describe(policy), foreign, **common)))
+            return Receipt(json.loads(_swm.evaluate_manifest(text, describe(live.policy), foreign, **common)))
 
 
 def _world_for(manifest: Manifest, num_envs: int, threads: int | None, given: Mapping[str, Any]) -> World:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import json
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, cast
 
@@ -21,6 +23,21 @@ Infos = dict[str, Any]
 
 # Seeds of runs that nobody chose are sampled below this.
 _SEEDS = 2**32
+
+
+def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
+    """The environments of a World, or behind an `Env`.
+
+    A setting that the environment does not know and that is near an argument of ``of`` is one that the user meant.
+    """
+    try:
+        return _swm.World(**given)
+    except _swm.EnvError as error:
+        for name in json.loads(given["settings"]):
+            near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.7)
+            if near and f"`{name}`" in str(error):
+                raise _swm.EnvError(f"{error}; did you mean {near[0]}=?") from None
+        raise
 
 
 class NativePool:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +38,38 @@ class NativePolicy:
 
     def __repr__(self) -> str:
         return f"NativePolicy({self.text!r})"
+
+
+class FunctionPolicy:
+    """A function of the infos as a policy.
+
+    Args:
+        function: Takes the infos, arrays ``(N, 1, …)``, and returns actions ``(N, *A)``.
+    """
+
+    def __init__(self, function: Callable[[dict[str, Any]], Any]) -> None:
+        self.get_action = function
+
+    def describe(self) -> str:
+        """The function's name."""
+        return str(getattr(self.get_action, "__name__", "function"))
+
+
+def as_policy(policy: Any) -> Any:
+    """An object with ``get_action``: the policy, or a function as one.
+
+    Raises:
+        TypeError: It is neither.
+    """
+    if isinstance(policy, type):
+        raise TypeError(f"a policy is an object, and {policy.__name__} is its class; make one: {policy.__name__}()")
+    if callable(getattr(policy, "get_action", None)):
+        return policy
+    if inspect.isroutine(policy) or isinstance(policy, partial):
+        return FunctionPolicy(policy)
+    raise TypeError(
+        f"a policy is a name such as 'expert', a function of the infos, or an object with get_action(infos), found {policy!r}"
+    )
 
 
 def describe(policy: Any) -> str:

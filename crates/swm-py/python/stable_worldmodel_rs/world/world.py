@@ -15,8 +15,8 @@ import numpy.typing as npt
 from .. import _swm
 from . import foreign
 from .ids import native_id
-from .native import NativePool
-from .policies import NativePolicy, describe
+from .native import NativePool, make_native
+from .policies import NativePolicy, as_policy, describe
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
@@ -41,7 +41,8 @@ class World(Runs):
     environments, runs in Python in an `EnvPool`.
 
     Args:
-        env_name: ``"swm/PushT-v1"``, ``"swm_rs/TwoRoom-v1"``, an id of gymnasium, or a list of functions.
+        env_name: ``"swm/PushT-v1"``, ``"swm_rs/TwoRoom-v1"``, an id of gymnasium, or a list of functions, one for each
+            environment.
         num_envs: Environments side by side. Results do not depend on it.
         image_shape: (height, width) of the images; needed unless ``add_pixels=False``.
         max_episode_steps: Steps after which an episode is truncated; None: never.
@@ -147,7 +148,7 @@ class World(Runs):
             "unrecorded": list(unrecorded),
             "checkpoints": checkpoints,
         }
-        self._core = _swm.World(**self._built)
+        self._core = make_native(World, **self._built)
         if distractors:
             self._core.set_distractors(list(distractors))
         self._distractors = list(distractors)
@@ -199,23 +200,30 @@ class World(Runs):
 
         Args:
             policy: The name of a policy of the core with its arguments (``"expert"``, ``"cem:samples=300"``), a
-                `NativePolicy`, or any object with ``get_action(infos)`` that returns actions ``(N, *A)``. Its
-                ``set_env(envs)`` is called, if it has one.
+                `NativePolicy`, a function of the infos that returns actions ``(N, *A)``, or an object with such a
+                function as ``get_action(infos)``. Its ``set_env(envs)`` is called, if it has one. Environments of
+                gymnasium take ``"random"``, functions and objects.
             seed: For policies of the core: seed of their own noise.
         """
         if isinstance(policy, str):
             policy = NativePolicy(policy, seed=seed)
+        if isinstance(policy, NativePolicy) and self._core is None:
+            if policy.text != "random":
+                raise TypeError(
+                    f"the policy `{policy.text}` acts on environments of this package, not on those of gymnasium; give "
+                    "'random', a function of the infos, or an object with get_action(infos)"
+                )
+            from ..policy import RandomPolicy
+
+            policy = RandomPolicy(policy.seed)
         if isinstance(policy, NativePolicy):
-            if self._core is None:
-                raise TypeError(f"the policy `{policy.text}` acts on environments of this package, not on those of gymnasium")
+            assert self._core is not None
             self._core.set_policy(policy.text)
             self._core.set_policy_seed(policy.seed)
             self.policy = policy
             self.envs.renew()
             return
-        if not callable(getattr(policy, "get_action", None)):
-            raise TypeError(f"a policy has a method get_action(infos), and {type(policy).__name__} has none")
-        self.policy = policy
+        self.policy = policy = as_policy(policy)
         if hasattr(policy, "set_env"):
             policy.set_env(self.envs)
         if hasattr(policy, "_set_seed") and getattr(policy, "seed", None) is not None:

@@ -32,28 +32,51 @@ def make_pool(
     image_resample: str | int | None,
     settings: dict[str, Any],
 ) -> EnvPool:
-    """Make the environments of a World: of an id by ``gymnasium.make``, or by given functions, as they are."""
-    if not isinstance(env_name, str):
-        return EnvPool(list(env_name))
+    """Make the environments of a World, of an id by ``gymnasium.make`` or by given functions, with complete infos.
 
-    def make() -> Any:
-        given = dict(settings)
-        if image_shape is not None:
-            given.setdefault("render_mode", "rgb_array")
-        env = gym.make(env_name, max_episode_steps=max_episode_steps, **given)
-        inner = partial(
-            InfoWrapper,
-            image_shape=image_shape,
-            image_transform=image_transform,
-            goal_transform=goal_transform,
-            goal_conditioned=goal_conditioned,
-            resample=image_resample,
-        )
+    An environment that a function made keeps its own limit of steps, and one with an `InfoWrapper` stays as it is.
+    """
+    inner = partial(
+        InfoWrapper,
+        image_shape=image_shape,
+        image_transform=image_transform,
+        goal_transform=goal_transform,
+        goal_conditioned=goal_conditioned,
+        resample=image_resample,
+    )
+
+    def complete(env: Any) -> Any:
         for wrapper in (*pre_wrappers, inner, *extra_wrappers):
             env = wrapper(env)
         return env
 
-    return EnvPool([make] * num_envs)
+    def of_id() -> Any:
+        given = dict(settings)
+        if image_shape is not None:
+            given.setdefault("render_mode", "rgb_array")
+        return complete(gym.make(env_name, max_episode_steps=max_episode_steps, **given))
+
+    def of_function(make: Callable[[], Any]) -> Any:
+        env = make()
+        if not isinstance(env, gym.Env) or _is_complete(env):
+            return env
+        has_limit = env.spec is not None and env.spec.max_episode_steps is not None
+        if max_episode_steps is not None and not has_limit:
+            env = gym.wrappers.TimeLimit(env, max_episode_steps)
+        return complete(env)
+
+    if isinstance(env_name, str):
+        return EnvPool([of_id] * num_envs)
+    return EnvPool([partial(of_function, make) for make in env_name])
+
+
+def _is_complete(env: Any) -> bool:
+    """Whether one of the wrappers around an environment completes its infos."""
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, InfoWrapper):
+            return True
+        env = env.env
+    return False
 
 
 class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
@@ -124,7 +147,13 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
                 space = space[part]
             told[f"variation.{name}"] = space.value
         if self._image_shape is not None:
-            told["pixels"] = self._image("pixels", self.env.render())
+            image = self.env.render()
+            if image is None:
+                raise ValueError(
+                    f"{self.env.unwrapped} renders no image; make it with render_mode='rgb_array', or the World with "
+                    "add_pixels=False"
+                )
+            told["pixels"] = self._image("pixels", image)
             if "goal" in told:
                 told["goal"] = self._image("goal", told["goal"])
         if not self._goal_conditioned:
