@@ -94,6 +94,9 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Json, Failure> {
+        if let Some(format) = &self.format {
+            swm_data::format::by_name(registry, format)?;
+        }
         create_parent(to)?;
         let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
         let started = Instant::now();

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use swm_core::{Cancel, Manifest, Registry};
+use swm_core::{Cancel, FactorSpec, Manifest, Registry, Space};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::eval_manifest::{p_value, rate};
@@ -44,7 +44,7 @@ pub(super) struct SweepCommand {
     /// Which values they get.
     #[arg(long, value_enum, default_value_t)]
     values: ValuesArg,
-    /// With --values grid: how many. Default: 5.
+    /// With --values grid: how many. Default: 5, or every value where the factors are choices of up to 16.
     #[arg(long)]
     points: Option<usize>,
     #[command(flatten)]
@@ -69,6 +69,10 @@ enum ValuesArg {
     /// Evenly from the smallest to the largest.
     Grid,
 }
+
+/// Points of a grid, and the most values of a choice that are all taken unless a number is given.
+const POINTS: usize = 5;
+const MOST_CHOICES: usize = 16;
 
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -148,16 +152,26 @@ impl SweepCommand {
         if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
             return Err(usage("--points is for --values grid; give both"));
         }
+        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
+        let factors = entry.make(&config)?.spec().factors.clone();
         let values = match self.values {
             ValuesArg::Sampled => Values::Sampled,
             ValuesArg::Extremes => Values::Extremes,
-            ValuesArg::Grid => Values::Grid(self.points.unwrap_or(5)),
+            ValuesArg::Grid => Values::Grid(self.points.unwrap_or_else(|| self.default_points(&factors))),
         };
         candidate.make(registry, entry, &manifest)?;
-        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
-        let factors = entry.make(&config)?.spec().factors.clone();
         let changes = changes(&factors, &self.factors, values).map_err(usage)?;
         Ok((manifest, candidate, values, changes))
+    }
+
+    /// Points of a grid: as many as the choices have values, where all factors are choices.
+    fn default_points(&self, factors: &[FactorSpec]) -> usize {
+        let asked = |factor: &&FactorSpec| self.factors.iter().any(|name| factor.is_selected_by(name));
+        let values = factors.iter().filter(asked).map(|factor| match factor.space {
+            Space::Discrete { n, .. } => usize::try_from(n).ok().filter(|n| (2..=MOST_CHOICES).contains(n)),
+            _ => None,
+        });
+        values.collect::<Option<Vec<_>>>().and_then(|values| values.into_iter().max()).unwrap_or(POINTS)
     }
 
     /// What a job needs to know before it is submitted.

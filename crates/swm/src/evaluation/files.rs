@@ -59,12 +59,18 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let is_folder = path.is_dir();
     if is_folder && !path.join("receipt.json").exists() {
         let advice = "`swm eval --manifest TASK --out DIR` writes one";
+        let below = results_below(path);
+        let advice =
+            if below.is_empty() { advice.to_owned() } else { format!("but these do: {}", below.join(", ")) };
         return Err(format!("{} holds no receipt: {advice}", path.display()).into());
     }
     let path = if is_folder { path.join("receipt.json") } else { path.to_owned() };
     let text = read(&path, "receipt")?;
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
-    let json: Json = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    let no_json = |error: serde_json::Error| {
+        wrong(format!("is no receipt, which is JSON that `swm eval --manifest … --out DIR` writes: {error}"))
+    };
+    let json: Json = serde_json::from_str(&text).map_err(no_json)?;
     match json.get("receipt").and_then(Json::as_u64) {
         Some(version) if (1..=u64::from(RECEIPT_VERSION)).contains(&version) => {}
         Some(version) => {
@@ -78,6 +84,17 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
         }
     }
     Ok(serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?)
+}
+
+/// Folders right below `dir` that hold receipts.
+fn results_below(dir: &Path) -> Vec<String> {
+    let entries = fs::read_dir(dir).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut found: Vec<String> = entries
+        .filter(|path| path.join("receipt.json").exists())
+        .map(|path| path.display().to_string())
+        .collect();
+    found.sort();
+    found
 }
 
 /// Writes a receipt into the folder `dir`, and returns its path. An existing one is replaced.
