@@ -11,6 +11,7 @@ pub mod piecewise;
 #[cfg(feature = "rapier")]
 pub mod point_maze;
 pub mod pusht;
+mod random_actions;
 #[cfg(feature = "rapier")]
 mod rigid;
 mod settings;

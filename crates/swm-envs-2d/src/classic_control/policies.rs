@@ -2,13 +2,13 @@
 
 use swm_core::policy::write_action;
 use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
-    SliceMut, SlotView,
+    Actor, EnvState, PerEpisode, Policy, PolicyContext, PolicyEntry, PolicyError, SliceMut, SlotView,
 };
 
 use super::env::{SIMULATOR_STATE_COLUMN, saved_task};
 use super::settings::Settings;
-use super::task::{Task, factors, uniform};
+use super::task::{Task, factors};
+use crate::random_actions::{acts_at_random, description_and_share, noisy_expert};
 
 /// The policies of one environment.
 pub(super) const fn policies<T: Task>() -> &'static [PolicyEntry] {
@@ -22,30 +22,12 @@ pub(super) const fn policies<T: Task>() -> &'static [PolicyEntry] {
                     make::<T>(context, "expert".to_owned(), 0.0)
                 },
             ),
-            PolicyEntry::new(
-                "noisy-expert",
-                "the expert, with a random action in a share of the steps (`noisy-expert:SHARE`)",
-                |context, args| noisy::<T>(context, args),
-            )
-            .settings(Noise::SETTINGS),
+            noisy_expert(|context, args| {
+                let (description, share) = description_and_share(args)?;
+                make::<T>(context, description, share)
+            }),
         ]
     }
-}
-
-swm_core::settings! {
-    /// Arguments of the noisy expert.
-    struct Noise {
-        /// Share of the steps with a uniformly random action, 0 to 1.
-        share: f64 = 0.3,
-    }
-}
-
-fn noisy<T: Task>(context: &PolicyContext<'_>, args: &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError> {
-    let Noise { share } = args.parse_with("share")?;
-    if !(0.0..=1.0).contains(&share) {
-        return Err(args.wrong(format!("share {share} must be 0 to 1")));
-    }
-    make::<T>(context, format!("{}:share={share}", args.name), share)
 }
 
 fn make<T: Task>(
@@ -70,12 +52,8 @@ struct Expert<T> {
 
 impl<T: Task> Actor for Expert<T> {
     fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
-        if self.share > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy classic noise", [view.episode.step, 0]);
-            if uniform(&mut stream, 0.0, 1.0) < self.share {
-                view.spec.action.sample_into(&mut stream, action);
-                return Ok(());
-            }
+        if acts_at_random(view, "policy classic noise", self.share, &mut action) {
+            return Ok(());
         }
         let state: &[f64] = view.row.get(SIMULATOR_STATE_COLUMN)?;
         let state = T::State::try_from(state).map_err(|_| PolicyError::Unsupported {

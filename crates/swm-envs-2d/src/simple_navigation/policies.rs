@@ -1,12 +1,10 @@
 //! The expert of SimpleNavigation: takes the shortest way through the maze, with random actions in between if asked.
 
-use rand_distr::{Distribution as _, StandardUniform};
-use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyEntry, PolicyError, Settings as _, SliceMut, SlotView,
-};
+use swm_core::{Actor, EnvState, PerEpisode, Policy, PolicyEntry, PolicyError, SliceMut, SlotView};
 
 use super::env::{FORWARD, LEFT, RIGHT, saved_distances};
 use super::maze::Distances;
+use crate::random_actions::{acts_at_random, description_and_share, noisy_expert};
 
 /// A planner on the true dynamics that finds the goal.
 pub(super) const PLANNER: &str =
@@ -20,26 +18,10 @@ pub(super) const EXPERT: PolicyEntry =
     });
 
 /// `noisy-expert`.
-pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
-    "noisy-expert",
-    "the expert, with a random action in a share of the steps (`noisy-expert:SHARE`)",
-    |_, args| {
-        let Noise { share } = args.parse_with("share")?;
-        if !(0.0..=1.0).contains(&share) {
-            return Err(args.wrong(format!("share {share} must be 0 to 1")));
-        }
-        Ok(make(format!("{}:share={share}", args.name), share))
-    },
-)
-.settings(Noise::SETTINGS);
-
-swm_core::settings! {
-    /// Arguments of the noisy expert. Unknown names are refused.
-    struct Noise {
-        /// Share of the steps with a uniformly random action, 0 to 1.
-        share: f64 = 0.3,
-    }
-}
+pub(super) const NOISY_EXPERT: PolicyEntry = noisy_expert(|_, args| {
+    let (description, share) = description_and_share(args)?;
+    Ok(make(description, share))
+});
 
 fn make(description: String, share: f64) -> Box<dyn Policy> {
     Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
@@ -57,13 +39,8 @@ struct Expert {
 
 impl Actor for Expert {
     fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
-        if self.share > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy expert noise", [view.episode.step, 0]);
-            let random: f64 = StandardUniform.sample(&mut stream);
-            if random < self.share {
-                view.spec.action.sample_into(&mut stream, action);
-                return Ok(());
-            }
+        if acts_at_random(view, "policy expert noise", self.share, &mut action) {
+            return Ok(());
         }
         let state: &[i64] = view.row.get("state")?;
         let chosen = match self.distances.direction([state[0], state[1]]) {
