@@ -20,9 +20,11 @@
 //! ```
 
 mod assignment;
+mod colors;
 mod describe;
 mod factor;
 
 pub use assignment::{Fov, FovError, SavedFov};
+pub use colors::{ColorValues, color_values};
 pub use describe::markdown;
 pub use factor::{Constraint, Factor, FovSpace};

@@ -6,6 +6,7 @@ use numpy::{PyArrayDyn, PyArrayMethods as _, PyUntypedArray, PyUntypedArrayMetho
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use swm::core::{Column, Dtype, EnvSpec, ResetOptions, Value};
+use swm::fov::color_values;
 
 use crate::errors::{OrRaise as _, SwmError};
 
@@ -110,11 +111,15 @@ pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTre
         if let Some(factor) = spec.factors.iter().find(|factor| factor.name == *name)
             && let Some(dtype) = factor.space.dtype()
         {
-            if let Column::Str(text) = &value.data
-                && let [text] = text.as_slice()
-                && let Some(choice) = factor.choice(text)
-            {
-                *value = Value::scalar(choice);
+            if let Column::Str(texts) = &value.data {
+                let text = texts.join(",");
+                if let Some(choice) = factor.choice(&text) {
+                    *value = Value::scalar(choice);
+                } else if let Some(color) = color_values(&factor.space, name, &text)
+                    .map_err(|reason| SwmError::new_err(format!("{name}={text:?}: {reason}")))?
+                {
+                    *value = Value::vector(&color.values);
+                }
             }
             *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
         }

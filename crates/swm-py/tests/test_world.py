@@ -119,6 +119,11 @@ def test_factors_are_sampled_set_and_shown() -> None:
     np.testing.assert_array_equal(space["agent"]["color"].value, sampled[1])
     world.reset(seed=1, options={"variation": [], "variation_values": {"agent.color": [255, 0, 0]}})
     np.testing.assert_array_equal(world.infos["variation.agent.color"][:, 0], [[255, 0, 0]] * 2)
+    for red in ("red", "#ff0000"):
+        world.reset(seed=1, options={"variation": [], "variation_values": {"agent.color": red}})
+        np.testing.assert_array_equal(world.infos["variation.agent.color"][:, 0], [[255, 0, 0]] * 2)
+    with pytest.raises(swm.SwmError, match="`reddish` is no color"):
+        world.reset(seed=1, options={"variation": [], "variation_values": {"agent.color": "reddish"}})
     world.reset(seed=1, options={"variation": "all"})
     assert "variation.block.color" in world.infos
 

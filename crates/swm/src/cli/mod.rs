@@ -7,7 +7,6 @@
 mod args;
 mod bench;
 mod collect;
-mod colors;
 mod compare;
 mod conflicts;
 mod convert;

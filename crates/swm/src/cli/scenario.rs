@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use clap::Args;
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{FactorSpec, ResetOptions, Value};
+use swm_fov::color_values;
 
 use super::args::assignment;
-use super::colors::color_values;
 use super::{Failure, Output, usage};
 
 /// Which factors vary, which are set.

@@ -2,8 +2,6 @@
 
 use swm_core::Space;
 
-use super::scenario::numbers;
-
 /// Names of colors (those of CSS), and their values.
 const NAMES: &[(&str, [u8; 3])] = &[
     ("black", [0, 0, 0]),
@@ -26,11 +24,11 @@ const NAMES: &[(&str, [u8; 3])] = &[
 
 /// The values of a color factor.
 #[derive(Debug, PartialEq)]
-pub(super) struct ColorValues {
-    /// As the factor takes them.
-    pub(super) values: Vec<f64>,
+pub struct ColorValues {
+    /// As the factor takes them, `[3 C]` for C colors: 0–255 or 0–1.
+    pub values: Vec<f64>,
     /// How the text was read, where it could have been read otherwise.
-    pub(super) read_as: Option<String>,
+    pub read_as: Option<String>,
 }
 
 /// Reads `text` for the factor `name`, if that is a color: one or several hexadecimal or named colors, or numbers of the
@@ -39,11 +37,18 @@ pub(super) struct ColorValues {
 /// # Errors
 ///
 /// A sentence: no such color.
-pub(super) fn color_values(space: &Space, name: &str, text: &str) -> Result<Option<ColorValues>, String> {
+pub fn color_values(space: &Space, name: &str, text: &str) -> Result<Option<ColorValues>, String> {
     let Some(is_bytes) = is_byte_color(space, name) else { return Ok(None) };
-    let Some(given) = numbers(text) else {
+    let given: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let Some(given) = given else {
         let colors: Vec<[u8; 3]> =
             text.split(',').map(|part| named(part.trim())).collect::<Result<_, _>>()?;
+        let wanted = space.shape().iter().product::<usize>() / 3;
+        if colors.len() != wanted {
+            let example = ["red", "blue"].iter().cycle().take(wanted).copied().collect::<Vec<_>>().join(",");
+            let colors = if wanted == 1 { "color" } else { "colors" };
+            return Err(format!("the factor holds {wanted} {colors}, such as {example}"));
+        }
         let scale = if is_bytes { 1.0 } else { 1.0 / 255.0 };
         let values = colors.iter().flatten().map(|&value| f64::from(value) * scale).collect();
         return Ok(Some(ColorValues { values, read_as: None }));
@@ -117,6 +122,8 @@ mod tests {
         assert_eq!(read(&unit, "0.2,0,0").read_as, None);
         let checker = Space::uniform_box(Dtype::F64, &[2, 3], 0.0, 1.0);
         assert_eq!(values(&checker, "red,#0000ff"), [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        let message = color_values(&checker, "floor.color", "red").unwrap_err();
+        assert_eq!(message, "the factor holds 2 colors, such as red,blue");
         assert_eq!(color_values(&unit, "agent.position", "51,0,0"), Ok(None), "not every triple is a color");
         assert!(color_values(&unit, "agent.color", "reddish").unwrap_err().contains("teal"));
         assert!(color_values(&unit, "agent.color", "#ff00").unwrap_err().contains("#rrggbb"));
