@@ -151,7 +151,7 @@ fn unusable_files_are_named_with_the_reason() {
         &["/proc/nowhere/folder"],
     );
     says(
-        1,
+        2,
         &["collect", PUSHT, "--episodes", "1", "--image-size", "none", "--out", &good],
         &["good.h5", "append", "overwrite"],
     );

@@ -100,6 +100,15 @@ fn images_are_recorded_in_the_quality_that_is_asked_for() {
     }
     let message = swm_fails(2, &["collect", PUSHT, "--quality", "0", "--out", &folder.path("a.folder")]);
     assert!(message.contains("quality"), "{message}");
+    let exact = folder.path("a.h5");
+    let collect =
+        ["collect", PUSHT, "--policy", "random", "--episodes", "1", "--max-steps", "2", "--out", &exact];
+    let message = swm_fails(2, &[&collect[..], &["--quality", "50"]].concat());
+    assert!(message.contains("`hdf5` keeps images without loss"), "{message}");
+    swm_ok(&collect);
+    assert!(swm_fails(2, &collect).contains("--mode append"));
+    let message = swm_fails(2, &["convert", &exact, &folder.path("b.folder"), "--key-frames", "5"]);
+    assert!(message.contains("`folder` has no videos"), "{message}");
 }
 
 /// Bytes of all images and videos below a folder.
@@ -197,7 +206,7 @@ fn statistics_are_shown_and_kept_next_to_the_dataset() {
         // The last action of each episode does not count.
         assert_eq!(found["columns"]["action"]["not_finite"], 2);
         assert!(Path::new(&format!("{source}.stats.json")).exists());
-        assert!(swm_fails(1, &["stats", &source, "--columns", "actoin"]).contains("`action`"));
+        assert!(swm_fails(2, &["stats", &source, "--columns", "actoin"]).contains("`action`"));
     }
 }
 

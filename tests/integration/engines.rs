@@ -204,6 +204,14 @@ fn a_task_without_progress_is_given_up() {
 #[test]
 fn a_scheduler_that_refuses_or_hangs_is_named() {
     let cluster = slurm(1001);
+    // What is known before leaves no folder behind.
+    let message = fails(2, &cluster.submit(&["--on", "slurm:time=soon"], "2", &collect("4")));
+    assert!(message.contains("time=soon is no time limit"), "{message}");
+    cluster.program("squeue", "echo 'squeue: error: no controller' >&2; exit 1");
+    let message = fails(1, &cluster.submit(&["--on", "slurm"], "2", &collect("4")));
+    assert!(message.contains("squeue: error: no controller"), "{message}");
+    assert!(!Path::new(&cluster.path("job")).exists());
+    cluster.program("squeue", "cat $ROOT/queue 2>/dev/null; exit 0");
     cluster.program("sbatch", "cat > /dev/null; echo 'sbatch: error: invalid account' >&2; exit 1");
     let message = fails(1, &cluster.submit(&["--on", "slurm"], "2", &collect("4")));
     assert!(message.contains("sbatch refused the job: sbatch: error: invalid account"), "{message}");

@@ -86,7 +86,7 @@ fn a_sweep_counts_the_pairs_that_can_have_a_value() {
 
     let again = ["sweep", "--manifest", &task, "--policy", "random", "--factors", "door.size"];
     let message = swm_fails(2, &[&again[..], &["--out", &folder.path("doors")]].concat());
-    assert!(message.contains("another sweep") && message.contains("--again"), "{message}");
+    assert!(message.contains("a sweep with another policy") && message.contains("--again"), "{message}");
 }
 
 #[test]

@@ -123,7 +123,7 @@ pub enum PolicyError {
 #[non_exhaustive]
 pub enum WorldError {
     /// An option is out of range.
-    #[error("world option `{option}`: {reason}")]
+    #[error("`{option}`: {reason}")]
     Option {
         /// Its name.
         option: &'static str,

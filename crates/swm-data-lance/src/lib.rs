@@ -21,7 +21,7 @@ mod table;
 mod videos;
 mod writer;
 
-use swm_data::Format;
+use swm_data::format::{Format, StoredImages};
 use swm_data::recording::BackendWriter;
 
 use crate::reader::LanceDataset;
@@ -36,6 +36,7 @@ pub const LANCE: Format = Format::new(
     |path| Ok(Box::new(LanceDataset::open(path, IMAGES)?)),
 )
 .extensions(&["lance"])
+.images(StoredImages::Lossy)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend { has_videos: false })?)))
 .repairer(|path, apply| writer::repair(path, IMAGES, apply));
 
@@ -47,6 +48,7 @@ pub const LANCE_VIDEO: Format = Format::new(
     |path| Ok(Box::new(LanceDataset::open(path, VIDEOS)?)),
 )
 .extensions(&["lance-video"])
+.images(StoredImages::Video)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend { has_videos: true })?)))
 .repairer(|path, apply| writer::repair(path, VIDEOS, apply));
 

@@ -20,6 +20,17 @@ pub type Create = fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>;
 /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
 pub type Repair = fn(&Path, bool) -> Result<Vec<String>, DataError>;
 
+/// How a format keeps images, which says what of [`WriteOptions`] acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StoredImages {
+    /// Every pixel as it was.
+    Exact,
+    /// Each by itself, with loss: `quality` acts.
+    Lossy,
+    /// As a video, with loss: `quality` and `key_frame_period` act. Such a format is of little use without images.
+    Video,
+}
+
 /// One way of storing a dataset.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -30,6 +41,8 @@ pub struct Format {
     pub about: &'static str,
     /// File extensions without the dot, the preferred one first.
     pub extensions: &'static [&'static str],
+    /// How it keeps images.
+    pub images: StoredImages,
     detect: Detect,
     open: Open,
     create: Create,
@@ -37,17 +50,25 @@ pub struct Format {
 }
 
 impl Format {
-    /// A format that is read and not written, without file extensions.
+    /// A format that is read and not written, without file extensions, with exact images.
     pub const fn new(name: &'static str, about: &'static str, detect: Detect, open: Open) -> Self {
         let create: Create =
             |path, _| Err(DataError::request(path, "datasets of this format are read, not written"));
-        Self { name, about, extensions: &[], detect, open, create, repair: |_, _| Ok(Vec::new()) }
+        let (extensions, images): (&[&str], _) = (&[], StoredImages::Exact);
+        Self { name, about, extensions, images, detect, open, create, repair: |_, _| Ok(Vec::new()) }
     }
 
     /// Its file extensions without the dot, the preferred one first.
     #[must_use]
     pub const fn extensions(mut self, extensions: &'static [&'static str]) -> Self {
         self.extensions = extensions;
+        self
+    }
+
+    /// How it keeps images.
+    #[must_use]
+    pub const fn images(mut self, images: StoredImages) -> Self {
+        self.images = images;
         self
     }
 
@@ -84,9 +105,29 @@ impl Format {
     ///
     /// # Errors
     ///
-    /// Something is there that the mode does not allow for, another writer has it, or the place cannot be written to.
+    /// An option does not act in this format; something is there that the mode does not allow for, another writer has it, or
+    /// the place cannot be written to.
     pub fn create(&self, path: &Path, options: &WriteOptions) -> Opened<dyn DatasetWriter> {
+        self.check(options)?;
         (self.create)(path, options)
+    }
+
+    /// Refuses options that would not act.
+    fn check(&self, options: &WriteOptions) -> Result<(), DataError> {
+        let refuse = |option, reason: &str| {
+            let reason =
+                format!("the format `{}` {reason}; leave it out, or choose another format", self.name);
+            Err(DataError::Option { option, reason })
+        };
+        match self.images {
+            StoredImages::Exact if options.quality.is_some() => {
+                refuse("quality", "keeps images without loss")
+            }
+            StoredImages::Exact | StoredImages::Lossy if options.key_frame_period.is_some() => {
+                refuse("key_frames", "has no videos")
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to

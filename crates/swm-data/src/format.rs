@@ -18,7 +18,7 @@ use crate::error::DataError;
 use crate::formats::{self, disk};
 use crate::tools::part_folder;
 
-pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair};
+pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair, StoredImages};
 
 /// Every format of this crate.
 pub const FORMATS: &[Format] = &[
@@ -234,6 +234,25 @@ mod tests {
             &[Format::new("else", "", |_| false, |path| Err(DataError::request(path, "")))
                 .extensions(&["h5"])];
         let _ = Registry::new().with(FORMATS).with(SAME);
+    }
+
+    #[test]
+    fn options_that_would_not_act_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |file: &str, options: &WriteOptions| {
+            create_with(&folder.path().join(file), options, None).err().map(|error| error.to_string())
+        };
+        let (quality, period) =
+            (WriteOptions::default().quality(Some(50)), WriteOptions::default().key_frame_period(Some(5)));
+        for file in ["a.h5", "a.mcap"] {
+            assert!(message(file, &quality).unwrap().contains("`quality`: the format `"), "{file}");
+            assert!(message(file, &period).unwrap().contains("has no videos"), "{file}");
+        }
+        assert_eq!(message("a.folder", &quality), None);
+        assert!(message("a.folder", &period).is_some());
+        #[cfg(feature = "video")]
+        assert_eq!((message("a.video", &quality), message("b.video", &period)), (None, None));
+        assert!(!folder.path().join("a.h5").exists(), "nothing is left behind");
     }
 
     #[test]

@@ -372,6 +372,8 @@ def test_recordings_without_images_are_rendered(tmp_path: Path) -> None:
     full = swm.data.load_dataset(tmp_path / "full.h5", num_steps=3)
     drawn = swm.data.load_dataset(tmp_path / "blind.h5", num_steps=3, render=(32, 32))
     assert "pixels" not in swm.data.load_dataset(tmp_path / "blind.h5").column_names
+    with pytest.raises(KeyError, match=r"no column 'pixels'; render=\(64, 64\) renders"):
+        swm.data.load_dataset(tmp_path / "blind.h5", keys_to_load=["pixels"])
     for index in (0, 5, len(full) - 1):
         np.testing.assert_array_equal(array(drawn[index]["pixels"]), array(full[index]["pixels"]))
     assert full.metadata is not None and full.metadata["env"] == "swm/PushT-v1" and full.metadata["seed"] == 3

@@ -49,6 +49,14 @@ def test_results_have_the_references_keys() -> None:
     assert result["setup"]["env"] == "swm/PushT-v1" and result["setup"]["policy"].startswith("expert")
 
 
+@pytest.mark.parametrize("episodes", [0, -1])
+def test_no_episodes_are_refused(episodes: int) -> None:
+    world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)
+    world.set_policy("expert")
+    with pytest.raises(ValueError, match="ask for 1 or more"):
+        world.evaluate(episodes=episodes, progress=False)
+
+
 def test_an_evaluation_is_the_commands() -> None:
     world = make(max_episode_steps=30)
     world.set_policy("weak")

@@ -127,8 +127,16 @@ pub enum DataError {
         /// What failed or differs.
         reason: String,
     },
+    /// An option of writing does not fit the format.
+    #[error("`{option}`: {reason}")]
+    Option {
+        /// Its name.
+        option: &'static str,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
     /// The settings of a loader are unusable.
-    #[error("loader setting `{setting}`: {reason}")]
+    #[error("`{setting}`: {reason}")]
     Loader {
         /// Its name.
         setting: &'static str,

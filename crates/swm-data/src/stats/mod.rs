@@ -104,7 +104,7 @@ impl Statistics {
                 .iter()
                 .map(|key| schema.require(key))
                 .collect::<Result<_, _>>()
-                .map_err(|error| DataError::request(dataset.path(), error.to_string()))?,
+                .map_err(|error| DataError::request(dataset.path(), error))?,
         };
         let fields: Vec<&Field> = chosen.iter().map(|&column| &schema.fields()[column]).collect();
         if let Some(text) = fields.iter().find(|field| field.dtype == Dtype::Str) {

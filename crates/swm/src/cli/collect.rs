@@ -99,7 +99,7 @@ impl Collect {
         }
         let options = self.scenario.options(&world.spec().factors, output)?;
         if self.mode == WriteMode::Error && self.out.exists() {
-            return Err(self.exists().into());
+            return Err(usage(self.exists()));
         }
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         // What the file holds of factors that this run does not vary is recorded, too.
@@ -193,8 +193,9 @@ impl Collect {
         let wanted = self.wanted();
         let rest = match (self.shard, self.episodes) {
             (None, Some(_)) => format!(
-                "to complete it to {wanted} episodes, add `--mode append --total {wanted}` in place of --episodes; to record {wanted} \
-                 more, `--mode append`"
+                "to complete it to {}, add `--mode append --total {wanted}` in place of --episodes; to record {wanted} more, `--mode \
+                 append`",
+                counted(wanted, "episode")
             ),
             _ => "to complete it, add `--mode append`".to_owned(),
         };

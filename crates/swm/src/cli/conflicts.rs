@@ -1,4 +1,4 @@
-//! Options that exclude each other: what to do instead.
+//! Options that exclude each other, are missing or do not exist: what to do instead.
 
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
@@ -30,20 +30,44 @@ const REMEDIES: &[(&str, &str)] = &[
     ("--total", "--total counts the episodes that are there, --episodes only the new ones; give one of them"),
 ];
 
-/// The error with a remedy, where it is about options that exclude each other.
+/// An option that is required, and what else there is.
+const REQUIRED: &[(&str, &str)] = &[(
+    "--episodes",
+    "--episodes N records N new episodes; --total N with --mode append records what is missing of N",
+)];
+
+/// An option that some commands do not have, and where it is.
+const ELSEWHERE: &[(&str, &str)] = &[
+    ("--set", "factors are set where episodes are made: `swm manifest make --set`, `swm collect --set`"),
+    ("--vary", "factors vary where episodes are made: `swm manifest make --vary`, `swm collect --vary`"),
+    ("--key-frames", "`swm convert --key-frames` sets the period of key frames of a video"),
+];
+
+/// The error with a tip, where there is one for the options that it is about.
 pub(super) fn explained(mut error: Error) -> Error {
-    if error.kind() == ErrorKind::ArgumentConflict {
-        let named = |kind| match error.get(kind) {
-            Some(ContextValue::String(name)) => name.clone(),
-            Some(ContextValue::Strings(names)) => names.join(" "),
-            _ => String::new(),
-        };
-        let names = named(ContextKind::InvalidArg) + " " + &named(ContextKind::PriorArg);
+    let named = |kind| match error.get(kind) {
+        Some(ContextValue::String(name)) => name.clone(),
+        Some(ContextValue::Strings(names)) => names.join(" "),
+        _ => String::new(),
+    };
+    let names = named(ContextKind::InvalidArg) + " " + &named(ContextKind::PriorArg);
+    let of = |tips: &'static [(&str, &str)]| {
         let is_named = |(option, _): &&(&str, &str)| names.split(' ').any(|word| word == *option);
-        if let Some((_, remedy)) = REMEDIES.iter().find(is_named) {
-            let tip = ContextValue::StyledStrs(vec![StyledStr::from(*remedy)]);
-            error.insert(ContextKind::Suggested, tip);
+        tips.iter().find(is_named).map(|(_, tip)| *tip)
+    };
+    let tip = match error.kind() {
+        ErrorKind::ArgumentConflict => of(REMEDIES),
+        ErrorKind::MissingRequiredArgument => of(REQUIRED),
+        // Where an argument of another name is near, that is said already.
+        ErrorKind::UnknownArgument if error.get(ContextKind::SuggestedArg).is_some() => None,
+        ErrorKind::UnknownArgument if names.trim().parse::<f64>().is_ok() => {
+            Some("a number below 0 is allowed where the option says so, and is then written --option=-3")
         }
+        ErrorKind::UnknownArgument => of(ELSEWHERE),
+        _ => None,
+    };
+    if let Some(tip) = tip {
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(tip)]));
     }
     error
 }
@@ -74,6 +98,22 @@ mod tests {
             assert!(message.contains("cannot be used with") && message.contains("tip: "), "{message}");
             assert!(message.contains(words), "{message}");
         }
+    }
+
+    #[test]
+    fn what_is_missing_or_elsewhere_is_said() {
+        for (line, words) in [
+            ("swm collect swm/PushT-v1 --policy weak --out a.h5", "--total N"),
+            (
+                "swm sweep --manifest a.toml --policy weak --out b --set agent.color=red",
+                "swm manifest make --set",
+            ),
+            ("swm eval swm/PushT-v1 --policy weak --episodes -3", "--option=-3"),
+        ] {
+            let message = message(line);
+            assert!(message.contains("tip: ") && message.contains(words), "{message}");
+        }
+        assert!(!message("swm eval swm/PushT-v1 --epsodes 3").contains("--option="));
     }
 
     #[test]

@@ -7,6 +7,7 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Registry};
 use swm_data::adapt::{fill_factors, split_episodes};
+use swm_data::format::StoredImages;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::arrange;
@@ -16,9 +17,7 @@ use super::args::ImageArg;
 use super::output::{counted, create_parent};
 use super::{Failure, Output, images, interrupt, usage};
 
-/// Formats that are for images: a recording without images is rendered for them.
-const OF_IMAGES: [&str; 3] = ["video", "lance-video", "lerobot"];
-/// The size of images then.
+/// The size of images where a recording without images is copied to a format that is for them.
 const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
 
 /// How a copy is written.
@@ -61,7 +60,7 @@ impl TargetArgs {
         let is_of_images = || {
             let extension = to.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
             let format = swm_data::format::by_name(registry, self.format.as_deref().unwrap_or(extension));
-            format.is_ok_and(|format| OF_IMAGES.contains(&format.name))
+            format.is_ok_and(|format| format.images == StoredImages::Video)
         };
         let size = match self.image_size {
             Some(size) => size.0,

@@ -20,6 +20,10 @@ const FILES: [(&str, &str); 5] = [
 /// The crates that the template depends on.
 const CRATES: [&str; 3] = ["swm", "swm-core", "swm-fov"];
 
+/// Names that cargo refuses, or that would hide a crate that the template uses.
+const TAKEN: [&str; 11] =
+    ["alloc", "core", "proc_macro", "std", "test", "build", "deps", "examples", "swm", "swm-core", "swm-fov"];
+
 /// Make a crate with a small environment, its conformance test and a command, to be changed into your own.
 #[derive(Args)]
 #[command(after_help = "\
@@ -46,6 +50,9 @@ impl NewEnv {
         if !self.name.starts_with(|c: char| c.is_ascii_lowercase()) || !self.name.chars().all(is_name) {
             let reason = "a name begins with a letter, and has lower-case letters, digits, `-` and `_` only";
             return Err(usage(format!("`{}` is no name of a crate: {reason}", self.name)));
+        }
+        if TAKEN.contains(&self.name.as_str()) {
+            return Err(usage(format!("`{0}` is the name of another crate; use `my-{0}`", self.name)));
         }
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         if fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {

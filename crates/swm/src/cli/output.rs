@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use swm_core::error::BoxError;
+use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
 
@@ -107,8 +107,10 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
         };
     }
     if let Some(error) = error.downcast_ref::<DataError>() {
-        return matches!(error, DataError::UnknownFormat { .. })
-            || std::error::Error::source(error).is_some_and(is_usage);
+        return matches!(
+            error,
+            DataError::UnknownFormat { .. } | DataError::Option { .. } | DataError::Loader { .. }
+        ) || std::error::Error::source(error).is_some_and(is_usage);
     }
     if let Some(error) = error.downcast_ref::<std::io::Error>() {
         return error.kind() == std::io::ErrorKind::PermissionDenied;
@@ -116,7 +118,10 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
     let wrong_env = |e: &EnvError| {
         matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. } | EnvError::Constraint { .. })
     };
-    error.downcast_ref::<EnvError>().is_some_and(wrong_env) || error.is::<UnknownName>()
+    let unknown_field = |e: &BatchError| matches!(e, BatchError::UnknownField { .. });
+    error.downcast_ref::<EnvError>().is_some_and(wrong_env)
+        || error.downcast_ref::<BatchError>().is_some_and(unknown_field)
+        || error.is::<UnknownName>()
 }
 
 /// `error: …`, then each cause that says more.

@@ -99,7 +99,8 @@ pub(super) fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, 
             let first = if first.is_empty() { 0 } else { number(first)? };
             let end = if end.is_empty() { count } else { number(end)? };
             if end > count {
-                return Err(wrong(&format!("there is no episode {}; the dataset holds {count}", end - 1)));
+                let missing = first.max(count);
+                return Err(wrong(&format!("there is no episode {missing}; the dataset holds {count}")));
             }
             (first..end).collect()
         }

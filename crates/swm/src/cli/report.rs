@@ -48,6 +48,13 @@ impl ReportCommand {
                 ));
             }
         };
+        if self.out.extension().is_none_or(|extension| extension != "html" && extension != "htm") {
+            let out = self.out.display();
+            return Err(usage(format!(
+                "--out {out}: the report is a page; write --out {}",
+                self.out.with_extension("html").display()
+            )));
+        }
         let items: Vec<Item> =
             self.results.iter().map(|path| Item::read(path).map_err(usage)).collect::<Result<_, _>>()?;
         let bar = output.bar(items.len() as u64, "results");

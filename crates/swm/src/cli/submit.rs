@@ -88,10 +88,15 @@ const PARTS_AND_RESULT: u64 = 2;
 
 impl Submit {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        if let Some(on) = &self.on {
-            engine(on).map_err(usage)?;
-        }
+        let on = self.on.as_deref().map(engine).transpose().map_err(usage)?;
         let asked = if self.command.is_empty() { None } else { Some(self.job(registry, output)?) };
+        if let (Some((engine, _)), Some(job)) = (&on, &asked)
+            && !self.dry_run
+            && !self.job.exists()
+        {
+            // A scheduler that does not answer is said before there is a folder.
+            engine.driver.queued(&JobFolder::planned(&self.job, job.clone())?)?;
+        }
         let _lock = if self.dry_run { None } else { Some(JobFolder::lock(&self.job)?) };
         let folder = match (JobFolder::open(&self.job).map_err(usage)?, asked) {
             (Some(held), Some(asked)) => {

@@ -86,16 +86,18 @@ impl SweepCommand {
             if !self.again
                 && let Some(held) = held::sweep(dir)?
             {
-                let is_same = held.manifest_hash == manifest.hash()
-                    && (&held.candidate, held.values) == (&candidate, values)
-                    && held
-                        .cells
-                        .iter()
-                        .skip(1)
-                        .map(|cell| cell.name.as_str())
-                        .eq(changes.iter().map(Change::name));
-                if !is_same {
-                    return Err(held::refusal(dir, "the result of another sweep"));
+                let held_changes = held.cells.iter().skip(1).map(|cell| cell.name.as_str());
+                let difference = if held.manifest_hash != manifest.hash() {
+                    Some("another manifest")
+                } else if held.candidate != candidate {
+                    Some("another policy or seed")
+                } else if held.values != values || !held_changes.eq(changes.iter().map(Change::name)) {
+                    Some("other factors or values")
+                } else {
+                    None
+                };
+                if let Some(difference) = difference {
+                    return Err(held::refusal(dir, &format!("the result of a sweep with {difference}")));
                 }
                 output.note(format!("{}: already done; --again repeats it", dir.display()));
                 return output.result(&held, || text(&held, Some(dir)));

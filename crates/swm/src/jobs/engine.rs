@@ -59,6 +59,15 @@ pub(crate) trait Driver: Sync {
     /// A setting is wrong.
     fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, BoxError>;
 
+    /// Checks what can be known of the settings before anything is written.
+    ///
+    /// # Errors
+    ///
+    /// A setting is wrong.
+    fn check(&self, _settings: &Settings) -> Result<(), BoxError> {
+        Ok(())
+    }
+
     /// What the engine is given.
     ///
     /// # Errors
@@ -220,7 +229,9 @@ pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError
         }
         settings.insert(key.to_owned(), value.to_owned());
     }
-    Ok((engine, Settings(settings)))
+    let settings = Settings(settings);
+    engine.driver.check(&settings)?;
+    Ok((engine, settings))
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ mod writer;
 
 use std::path::Path;
 
-use crate::entry::Format;
+use crate::entry::{Format, StoredImages};
 use crate::recording::BackendWriter;
 use images::Store;
 use writer::FolderBackend;
@@ -24,6 +24,7 @@ pub(crate) const FOLDER: Format = Format::new(
     |path| Ok(Box::new(reader::FolderDataset::open(path, FOLDER.name, Store::Jpeg)?)),
 )
 .extensions(&["folder"])
+.images(StoredImages::Lossy)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&FOLDER, Store::Jpeg))?)))
 .repairer(|path, apply| repair::repair(path, FOLDER.name, Store::Jpeg, apply));
 
@@ -36,6 +37,7 @@ pub(crate) const VIDEO: Format = Format::new(
     |path| Ok(Box::new(reader::FolderDataset::open(path, VIDEO.name, Store::Video)?)),
 )
 .extensions(&["video"])
+.images(StoredImages::Video)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&VIDEO, Store::Video))?)))
 .repairer(|path, apply| repair::repair(path, VIDEO.name, Store::Video, apply));
 

@@ -15,7 +15,7 @@ mod statistics;
 mod table;
 mod writer;
 
-use crate::entry::Format;
+use crate::entry::{Format, StoredImages};
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
@@ -26,5 +26,6 @@ pub(crate) const FORMAT: Format = Format::new(
     |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
 )
 .extensions(&["lerobot"])
+.images(StoredImages::Video)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)))
 .repairer(writer::repair);

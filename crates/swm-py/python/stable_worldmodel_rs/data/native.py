@@ -142,7 +142,9 @@ class NativeDataset(Dataset):
     def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
         missing = [key for key in keys if key not in stored and key not in INDICES]
         if missing:
-            raise KeyError(f"{self.path} has no column {missing[0]!r}; the columns are {list(stored)}")
+            can_render = missing[0] == "pixels" and self._render is None and self._reader.runs != "[]"
+            hint = "; render=(64, 64) renders the images of a recording without them" if can_render else ""
+            raise KeyError(f"{self.path} has no column {missing[0]!r}{hint}; the columns are {list(stored)}")
 
     def _open(self) -> _swm.Reader:
         reader = _swm.Reader.open(self.path, self.native_format)

@@ -82,6 +82,8 @@ class Runs:
             )
         if episodes is None:
             raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
+        if episodes < 1:
+            raise ValueError(f"World.evaluate: episodes={episodes}; ask for 1 or more")
         if self._core is None:
             return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
         return self._evaluate_native(episodes, self.envs.run_seed(seed), options, None, None, video, progress)

@@ -48,6 +48,9 @@ const OPTIONS: &[(&str, &str)] = &[
 /// Options that the task that joins the shards needs, too.
 const FINISH_OPTIONS: &[&str] = &["partition", "account", "qos", "time", "mem"];
 
+/// Time limits that are none.
+const UNLIMITED: [&str; 2] = ["UNLIMITED", "INFINITE"];
+
 struct Slurm;
 
 impl Driver for Slurm {
@@ -61,6 +64,16 @@ impl Driver for Slurm {
         // The limit is on the index, not on the number of entries.
         let limit = size.unwrap_or(MAX_ARRAY_SIZE).saturating_sub(1).max(1);
         Ok(shards.min(limit).min(settings.number("max")?.unwrap_or(u64::MAX)))
+    }
+
+    fn check(&self, settings: &Settings) -> Result<(), BoxError> {
+        match settings.get("time") {
+            Some(time) if time_limit(time).is_none() && !UNLIMITED.contains(&time) => Err(format!(
+                "--on slurm: time={time} is no time limit; write H:M:S, such as 2:00:00, or D-H:M:S"
+            )
+            .into()),
+            _ => Ok(()),
+        }
     }
 
     fn script(&self, request: &Request<'_>) -> Result<String, BoxError> {
