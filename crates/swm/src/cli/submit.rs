@@ -95,7 +95,10 @@ impl Submit {
             && !self.job.exists()
         {
             // A scheduler that does not answer is said before there is a folder.
-            engine.driver.queued(&JobFolder::planned(&self.job, job.clone())?)?;
+            let planned = JobFolder::planned(&self.job, job.clone())?;
+            engine.driver.queued(&planned).map_err(|error| {
+                format!("--on {}: {error}; --dry-run shows the script without asking it", engine.name)
+            })?;
         }
         let _lock = if self.dry_run { None } else { Some(JobFolder::lock(&self.job)?) };
         let folder = match (JobFolder::open(&self.job).map_err(usage)?, asked) {
