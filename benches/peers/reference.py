@@ -11,7 +11,6 @@ import os
 import sys
 import tempfile
 import time
-import types
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLOSC_NTHREADS"):
     os.environ[variable] = "1"
@@ -19,42 +18,7 @@ os.environ.update(SDL_VIDEODRIVER="dummy", PYGAME_HIDE_SUPPORT_PROMPT="1", TQDM_
 
 EPISODE_STEPS = 100
 
-
-def stand_in_for_torch():
-    """Lets the package be imported without torch, for whose absence README.md gives the reasons.
-
-    The measured code asks torch one question, `is_tensor`, of values that are numpy arrays. Everything else is a
-    name in an annotation or a base class of a model that is never made.
-    """
-
-    class Names(type):
-        """Any attribute is one more empty class."""
-
-        def __getattr__(cls, name):
-            if name.startswith("__"):
-                raise AttributeError(name)
-            return Names(name, (Absent,), {})
-
-    class Absent(metaclass=Names):
-        def __init__(self, *args, **kwargs):
-            pass
-
-        def __call__(self, decorated):
-            return decorated
-
-    class Module(types.ModuleType):
-        def __getattr__(self, name):
-            return getattr(Absent, name)
-
-    def module(name):
-        made = sys.modules[name] = Module(name)
-        made.__path__ = []
-        return made
-
-    torch, nn, vision = module("torch"), module("torch.nn"), module("torchvision")
-    torch.nn, nn.functional, vision.tv_tensors = nn, module("torch.nn.functional"), module("torchvision.tv_tensors")
-    torch.is_tensor = lambda value: False
-
+from without_torch import stand_in_for_torch  # noqa: E402
 
 has_torch = importlib.util.find_spec("torch") is not None
 if not has_torch:

@@ -1,6 +1,5 @@
 //! `env-rates ENV [SECONDS]`: steps and resets per second of any environment in a world of one, without images and with
-//! images of 64 × 64 px, as JSON. For `peers/two_room_v2.py`, `peers/classic_control.py`, `peers/rocket.py` and
-//! `peers/fetch.py`; PushT has `step-rates`.
+//! images of 64 × 64 px, as JSON. For the comparisons of environments in `peers`; PushT has `step-rates`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Image, Measurement, print, seconds, world_of};

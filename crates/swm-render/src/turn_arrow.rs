@@ -1,8 +1,9 @@
 //! The arrow by which Gymnasium's pendulum shows its torque: three quarters of an ellipse, clockwise from the top, and an
 //! arrow head with a notch. It is described by geometry, fitted to Gymnasium's image, in pixels of that image.
 //!
-//! Like the image, it is sampled by 15 lines per pixel, with exact lengths along them, and composed of three layers: the arc,
-//! the head, and a thin line about the head.
+//! That image shows the marks of its rasterizer, so the same rules are followed here: curves are 32 straight pieces each, a
+//! stroke is what a 16-sided pen sweeps, a pixel is sampled at 17 points along each of 15 lines, and three layers are composed:
+//! the arc, the head, and a thin line about the head. All but a few of the image's pixels come out equal.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
@@ -10,125 +11,185 @@ use std::sync::LazyLock;
 /// Height and width of Gymnasium's image.
 pub(crate) const SIZE: [usize; 2] = [312, 329];
 
-/// The middle of the arc: an ellipse, its half width, and how that and the radii vary along each quarter of the arc: cosines
-/// of whole multiples.
-const CENTER: [f64; 2] = [173.0602, 156.0164];
-const RADII: [f64; 2] = [151.4641, 151.0054];
-const HALF_WIDTH: f64 = 4.9831;
-const WIDTHS: [f64; 8] = [0.0143, 0.0131, -0.0247, 0.0097, 0.0068, -0.0017, 0.003, 0.001];
-const OFFSETS: [f64; 4] = [0.0014, -0.0028, -0.0017, 0.0004];
-/// Sideways per upwards of the cut, left of the top, where the arc begins.
-const CUT: f64 = 0.01718;
-/// Above this the left half of the ellipse is missing: the head covers its end.
-const END_Y: f64 = 150.0;
-/// The arc's angle, and that of each quarter.
-const ANGLE: f64 = 1.5 * PI;
-const QUARTER: f64 = ANGLE / 4.0;
-/// The head: tip, right end, notch, left end.
-const HEAD: [[f64; 2]; 4] =
-    [[21.3749, 111.3609], [44.5254, 169.3552], [22.0981, 152.8183], [0.2214, 169.671]];
-/// How far the line about the head reaches outwards and inwards.
-const LINE: [f64; 2] = [0.2505, 0.2403];
+type Point = [f64; 2];
 
-/// Lines per pixel.
-const LINES: usize = 15;
+/// The middle line of the arc: an ellipse by its center and radii, four cubic curves from `START`, each over the angle `SPAN`.
+/// Angles are in radians, clockwise from the top.
+const CENTER: Point = [173.06111, 156.01816];
+const RADII: [f64; 2] = [151.47823, 151.01791];
+const START: f64 = -0.017124;
+const SPAN: f64 = 1.19299;
+const CURVES: usize = 4;
+/// Half the arc's width, and the angle of one corner of the pen that drew it.
+const HALF_WIDTH: f64 = 5.0076;
+const PEN_ANGLE: f64 = 0.1723;
+/// The head: tip, right end, notch, left end.
+const HEAD: [Point; 4] =
+    [[21.37462, 111.38027], [44.49284, 169.2958], [22.10426, 152.85105], [0.25014, 169.60673]];
+/// Half the width of the line about the head.
+const LINE: f64 = 0.2506;
+
+/// Sides of the pen, and straight pieces of a curve.
+const PEN_SIDES: usize = 16;
+const CURVE_PIECES: usize = 32;
+/// Lines per pixel, and samples along each: 255 together, the levels of coverage.
+const LINES: i32 = 15;
+const SAMPLES: i32 = 17;
 /// Straight pieces of the arc in the fast style.
 const PIECES: usize = 40;
 
 /// The share of every pixel of Gymnasium's image that the arrow covers, of 255, `[312, 329]`.
 pub(crate) fn coverage() -> &'static [u8] {
     static COVERAGE: LazyLock<Vec<u8>> = LazyLock::new(|| {
-        let [outside, inside] = [offset(LINE[0]), offset(-LINE[1])];
-        let [height, width] = SIZE;
-        let share = |index: usize| {
-            let pixel = [(index % width) as f64, (index / width) as f64];
-            let line = (of_polygon(&outside, pixel) - of_polygon(&inside, pixel)).clamp(0.0, 1.0);
-            let rest = (1.0 - of_arc(pixel)) * (1.0 - of_polygon(&HEAD, pixel)) * (1.0 - line);
-            (255.0 * (1.0 - rest)).round() as u8
-        };
-        (0..height * width).map(share).collect()
+        let arc = layer((0..CURVES).map(stroke_of_curve));
+        let head = layer([HEAD.to_vec()]);
+        let line = layer(stroke_of_head());
+        arc.iter()
+            .zip(&head)
+            .zip(&line)
+            .map(|((&arc, &head), &line)| over(over(arc, head), line) as u8)
+            .collect()
     });
     &COVERAGE
 }
 
-/// The mean of a length over the lines of the pixel with the upper left corner `y`.
-fn mean_over_lines(y: f64, length: impl Fn(f64) -> f64) -> f64 {
-    (0..LINES).map(|line| length(y + (line as f64 + 0.5) / LINES as f64)).sum::<f64>() / LINES as f64
+/// The coverage of two layers, of 255.
+fn over(below: i32, above: i32) -> i32 {
+    (255 * (below + above) - below * above + 127) / 255
 }
 
-/// The length of `from..to` within the pixel that begins at `x`.
-fn within(x: f64, from: f64, to: f64) -> f64 {
-    (to.min(x + 1.0) - from.max(x)).clamp(0.0, 1.0)
-}
-
-/// The share of a pixel that the arc covers: that of an outer ellipse less that of an inner one.
-fn of_arc([x, y]: [f64; 2]) -> f64 {
-    let to_middle = [x + 0.5 - CENTER[0], y + 0.5 - CENTER[1]];
-    let distance = to_middle[0].hypot(to_middle[1]);
-    if (distance - RADII[1]).abs() > HALF_WIDTH + 3.0 {
-        return 0.0;
-    }
-    let angle = to_middle[0].atan2(-to_middle[1]).rem_euclid(TAU);
-    let waves = |sizes: &[f64]| -> f64 {
-        if angle > ANGLE + 0.1 {
-            return 0.0;
+/// How many of each pixel's 255 samples are in the polygons; where polygons overlap, samples count twice.
+fn layer(polygons: impl IntoIterator<Item = Vec<Point>>) -> Vec<i32> {
+    let [height, width] = SIZE;
+    let mut total = vec![0; height * width];
+    // Two more columns: an edge may be the image's own, and what it changes ends one later.
+    let mut changes = vec![0; height * (width + 2)];
+    for polygon in polygons {
+        changes.fill(0);
+        for (i, &from) in polygon.iter().enumerate() {
+            add_edge(&mut changes, from, polygon[(i + 1) % polygon.len()]);
         }
-        let wave = |(k, size): (usize, &f64)| size * ((k + 1) as f64 * angle * TAU / QUARTER).cos();
-        sizes.iter().enumerate().map(wave).sum()
-    };
-    let (half, shift) = (HALF_WIDTH + waves(&WIDTHS), waves(&OFFSETS));
-    mean_over_lines(y, |y| {
-        let chord = |grown: f64| {
-            let [a, b] = RADII.map(|radius| radius + grown);
-            let height = (y - CENTER[1]) / b;
-            let reach = a * (1.0 - height * height).max(0.0).sqrt();
-            let left = CENTER[0] - reach;
-            let cut = CENTER[0] - CUT * (CENTER[1] - y);
-            let left = if y < END_Y { left.max(cut) } else { left };
-            if reach == 0.0 { 0.0 } else { within(x, left, CENTER[0] + reach) }
-        };
-        chord(shift + half) - chord(shift - half)
-    })
-}
-
-/// The share of a pixel that a polygon covers: the lengths to the right of its edges, with their signs.
-fn of_polygon(corners: &[[f64; 2]; 4], [x, y]: [f64; 2]) -> f64 {
-    let right_of_edges = |y: f64| -> f64 {
-        let edges = (0..4).map(|i| (corners[i], corners[(i + 1) % 4]));
-        let length = |(a, b): ([f64; 2], [f64; 2])| {
-            if !(a[1].min(b[1]) <= y && y < a[1].max(b[1])) {
-                return 0.0;
+        for (changes, total) in changes.chunks_exact(width + 2).zip(total.chunks_exact_mut(width)) {
+            let mut inside = 0;
+            for (change, total) in changes.iter().zip(total) {
+                inside += change;
+                *total = (*total + inside.abs()).min(255);
             }
-            let crossing = a[0] + (y - a[1]) * (b[0] - a[0]) / (b[1] - a[1]);
-            (x + 1.0 - crossing).clamp(0.0, 1.0) * (b[1] - a[1]).signum()
-        };
-        edges.map(length).sum()
-    };
-    mean_over_lines(y, right_of_edges).abs().min(1.0)
+        }
+    }
+    total
 }
 
-/// The head with its edges moved outwards by a distance.
-fn offset(distance: f64) -> [[f64; 2]; 4] {
-    // Points and directions of the moved edges. Corners go clockwise, y down: outwards is to the left.
+/// Adds what an edge changes in the count of samples inside, from each pixel to the next on its right.
+fn add_edge(changes: &mut [i32], from: Point, to: Point) {
+    let [height, width] = SIZE.map(|side| side as i32);
+    let line_of = |y: f64| ((y * f64::from(LINES) - 0.5).ceil() as i32).clamp(0, height * LINES);
+    let (first, last) = (line_of(from[1]), line_of(to[1]));
+    for line in first.min(last)..first.max(last) {
+        let y = (f64::from(line) + 0.5) / f64::from(LINES);
+        let x = from[0] + (y - from[1]) * (to[0] - from[0]) / (to[1] - from[1]);
+        let sample = ((x * f64::from(SAMPLES)).round() as i32).clamp(0, width * SAMPLES);
+        let (column, skipped) = (sample / SAMPLES, sample % SAMPLES);
+        let index = (line / LINES * (width + 2) + column) as usize;
+        let sign = (last - first).signum();
+        changes[index] += sign * (SAMPLES - skipped);
+        changes[index + 1] += sign * skipped;
+    }
+}
+
+/// The point of the unit circle at an angle, clockwise from the top.
+fn unit(angle: f64) -> Point {
+    [angle.sin(), -angle.cos()]
+}
+
+/// What the pen sweeps along one curve of the arc.
+fn stroke_of_curve(curve: usize) -> Vec<Point> {
+    let ends = [curve, curve + 1].map(|end| START + end as f64 * SPAN);
+    let [a, d] = ends.map(unit);
+    let slopes = ends.map(|angle| unit(angle + PI / 2.0));
+    let reach = 4.0 / 3.0 * (SPAN / 4.0).tan();
+    let b: Point = std::array::from_fn(|i| a[i] + reach * slopes[0][i]);
+    let c: Point = std::array::from_fn(|i| d[i] - reach * slopes[1][i]);
+    let point = |piece: usize| -> Point {
+        let t = piece as f64 / CURVE_PIECES as f64;
+        let s = 1.0 - t;
+        std::array::from_fn(|i| {
+            let on_circle =
+                s * s * s * a[i] + 3.0 * s * s * t * b[i] + 3.0 * s * t * t * c[i] + t * t * t * d[i];
+            CENTER[i] + RADII[i] * on_circle
+        })
+    };
+    let mut points: Vec<Point> = (0..=CURVE_PIECES).map(point).collect();
+    // Ends are cut across the curve: there the pen has corners of its own.
+    let corners = (0..PEN_SIDES).map(|i| PEN_ANGLE + TAU * i as f64 / PEN_SIDES as f64);
+    let mut angles: Vec<f64> =
+        corners.chain(ends).chain(ends.map(|angle| angle + PI)).map(|angle| angle.rem_euclid(TAU)).collect();
+    angles.sort_by(f64::total_cmp);
+    let scale = HALF_WIDTH / ((RADII[0] + RADII[1]) / 2.0);
+    let pen: Vec<Point> =
+        angles.iter().map(|&angle| std::array::from_fn(|i| scale * RADII[i] * unit(angle)[i])).collect();
+    let [first, last] = slopes.map(|slope| [RADII[0] * slope[0], RADII[1] * slope[1]]);
+    let mut outline = left_side(&points, &pen, first, last);
+    points.reverse();
+    outline.extend(left_side(&points, &pen, last.map(|x| -x), first.map(|x| -x)));
+    outline
+}
+
+/// What the pen reaches to the left of a line of `points` that begins and ends with these slopes; `pen` is convex and clockwise.
+fn left_side(points: &[Point], pen: &[Point], first: Point, last: Point) -> Vec<Point> {
+    let to_left = |corner: Point, slope: Point| corner[0] * slope[1] - corner[1] * slope[0];
+    let slope_from =
+        |i: usize| points.get(i + 1).map_or(last, |next| [next[0] - points[i][0], next[1] - points[i][1]]);
+    let farthest =
+        |slope| (0..pen.len()).max_by(|&a, &b| to_left(pen[a], slope).total_cmp(&to_left(pen[b], slope)));
+    let mut active = farthest(first).unwrap_or(0);
+    let mut side = Vec::new();
+    for (i, point) in points.iter().enumerate() {
+        let slope = slope_from(i);
+        loop {
+            side.push([point[0] + pen[active][0], point[1] + pen[active][1]]);
+            let now = to_left(pen[active], slope) + 1e-9;
+            let neighbors = [active + 1, active + pen.len() - 1].map(|corner| corner % pen.len());
+            let Some(next) = neighbors.into_iter().find(|&corner| to_left(pen[corner], slope) > now) else {
+                break;
+            };
+            active = next;
+        }
+    }
+    side
+}
+
+/// The line about the head: a rectangle along each edge, which all reach to the corners, and outside of each corner what
+/// extends both edges until they meet.
+fn stroke_of_head() -> Vec<Vec<Point>> {
     let edge = |i: usize| {
-        let (a, b) = (HEAD[i], HEAD[(i + 1) % 4]);
+        let (a, b) = (HEAD[i % 4], HEAD[(i + 1) % 4]);
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
         let length = dx.hypot(dy);
-        ([a[0] + distance * dy / length, a[1] - distance * dx / length], [dx, dy])
+        ([dx / length, dy / length], [LINE * dy / length, -LINE * dx / length])
     };
-    std::array::from_fn(|i| {
-        let ((p, u), (q, v)) = (edge((i + 3) % 4), edge(i));
-        let along = ((q[0] - p[0]) * v[1] - (q[1] - p[1]) * v[0]) / (u[0] * v[1] - u[1] * v[0]);
-        [p[0] + along * u[0], p[1] + along * u[1]]
-    })
+    let plus = |p: Point, sign: f64, q: Point| [p[0] + sign * q[0], p[1] + sign * q[1]];
+    let along = |i: usize| {
+        let (from, to, (_, out)) = (HEAD[i], HEAD[(i + 1) % 4], edge(i));
+        vec![plus(from, 1.0, out), plus(to, 1.0, out), plus(to, -1.0, out), plus(from, -1.0, out)]
+    };
+    let corner = |i: usize| {
+        let (corner, (u, out), (v, next_out)) = (HEAD[i], edge(i + 3), edge(i));
+        let turn = u[0] * v[1] - u[1] * v[0];
+        let sign = turn.signum();
+        let (from, to) = (plus(corner, sign, out), plus(corner, sign, next_out));
+        let reach = ((to[0] - from[0]) * v[1] - (to[1] - from[1]) * v[0]) / turn;
+        vec![corner, from, plus(from, reach, u), to]
+    };
+    (0..4).map(along).chain((0..4).map(corner)).collect()
 }
 
 /// The arrow in a square of side 1 about the origin, y down: pieces of its arc with half their width, and its head.
-pub(crate) fn outline() -> (impl Iterator<Item = [[f64; 2]; 2]>, f64, [[f64; 2]; 4]) {
-    let place = |[x, y]: [f64; 2]| [x / SIZE[1] as f64 - 0.5, y / SIZE[0] as f64 - 0.5];
+pub(crate) fn outline() -> (impl Iterator<Item = [Point; 2]>, f64, [Point; 4]) {
+    let place = |[x, y]: Point| [x / SIZE[1] as f64 - 0.5, y / SIZE[0] as f64 - 0.5];
     let on_arc = move |i: usize| {
-        let angle = ANGLE * i as f64 / PIECES as f64;
-        place([CENTER[0] + RADII[0] * angle.sin(), CENTER[1] - RADII[1] * angle.cos()])
+        let [x, y] = unit(START + SPAN * (CURVES * i) as f64 / PIECES as f64);
+        place([CENTER[0] + RADII[0] * x, CENTER[1] + RADII[1] * y])
     };
     let pieces = (0..PIECES).map(move |i| [on_arc(i), on_arc(i + 1)]);
     (pieces, HALF_WIDTH / SIZE[1] as f64, HEAD.map(place))

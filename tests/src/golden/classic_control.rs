@@ -36,9 +36,9 @@ macro_rules! classic {
     };
 }
 
-/// The pendulum's arrow is fitted geometry: at most 400 of 250,000 pixels differ, by few levels; by more where the hub's
+/// The pendulum's arrow is fitted geometry: at most 50 of 250,000 pixels differ, by 1 level; one by more where the hub's
 /// color is replaced and a pixel is black on one side only.
-const ARROW: ImageTolerance = ImageTolerance { equal_pixels: 0.9984, largest_difference: 255 };
+const ARROW: ImageTolerance = ImageTolerance { equal_pixels: 0.9998, largest_difference: 255 };
 
 classic!(CART_POLE, "swm/CartPoleControl", "swm/CartPoleControl-v1", 4, 4, CLASSIC.images);
 classic!(MOUNTAIN_CAR, "swm/MountainCarControl", "swm/MountainCarControl-v0", 2, 2, CLASSIC.images);
