@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from . import _swm
+from ._core import core as _swm
 
 _LIB = Path(__file__).parent / "_lib"
 _FIX = (

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stable_worldmodel_rs import _swm
-
+from .._core import core as _swm
 from . import _show
 from ._tensors import converter, may_use_threads, to_numpy
 from .dataset import ACTION, Dataset, Transform
@@ -114,7 +113,7 @@ class NativeDataset(Dataset):
         self.path: Any = Path(path)
         self.image = image
         self._render = render
-        self.episodes = None if episodes is None else [int(episode) for episode in episodes]
+        self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []
         self._pid = os.getpid()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm
+from .._core import core as _swm
 from . import foreign
 from .native import plain_options
 from .policies import NativePolicy
