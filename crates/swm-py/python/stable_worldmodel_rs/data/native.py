@@ -7,6 +7,7 @@ tensors where torch is installed, else NumPy arrays; both lie on memory that is 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 INDICES = ("ep_idx", "episode_idx", "step_idx")
 """Columns that every dataset has: the episode and the step of a row. Computed where they are not stored."""
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 _LAYOUT = ("ep_len", "ep_offset")
 _abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
 
@@ -118,6 +120,8 @@ class NativeDataset(Dataset):
         self.cached_columns: list[str] = []
         self._pid = os.getpid()
         self._reader: _swm.Reader | None = self._open()
+        for column, reason in self._reader.skipped:
+            logger.warning("%s: the column `%s` is left out: %s", self.path, column, reason)
         self._clips: _swm.ClipReader | None = None
         self._table: dict[str, tuple[int, str, list[int], str]] | None = None
         lengths = self._reader.lengths
