@@ -17,7 +17,7 @@ import stable_worldmodel_rs as swm
 
 PACKAGE = Path(swm.__file__).parent
 LOGGER = "stable_worldmodel_rs"
-SESSION = """
+PROGRAM = """
 import logging
 import numpy as np
 import stable_worldmodel_rs as swm
@@ -67,13 +67,13 @@ def test_a_recording_is_a_note(tmp_path: Path, caplog: pytest.LogCaptureFixture)
 
 
 def test_nothing_is_printed(tmp_path: Path, run_python: Callable[..., Any]) -> None:
-    done = run_python(f"import os; os.chdir({str(tmp_path)!r})\n{SESSION}")
+    done = run_python(f"import os; os.chdir({str(tmp_path)!r})\n{PROGRAM}")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_a_program_chooses_where_events_go(tmp_path: Path, run_python: Callable[..., Any]) -> None:
     begun = f"import logging, os; os.chdir({str(tmp_path)!r}); logging.basicConfig(level='INFO', format='%(name)s %(levelname)s')\n"
-    done = run_python(begun + SESSION)
+    done = run_python(begun + PROGRAM)
     assert done.returncode == 0 and done.stdout == "", done.stderr
     lines = done.stderr.splitlines()
     assert f"{LOGGER} INFO" in lines and f"{LOGGER}.spaces WARNING" in lines
