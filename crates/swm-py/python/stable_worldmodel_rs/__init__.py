@@ -3,6 +3,7 @@
 Names are loaded when they are first used, so that `import stable_worldmodel_rs` is quick and needs no torch.
 """
 
+import logging as _logging
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
@@ -110,6 +111,8 @@ _MODULES = frozenset(
     {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"}
 )
 
+# Without a handler of the program, Python would write warnings to stderr.
+_logging.getLogger(__name__).addHandler(_logging.NullHandler())
 _files.choose()
 _gym.register_when_imported()
 

@@ -13,7 +13,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: What stands behind the command's name; None: this process's.
     """
-    from . import _swm
+    from ._core import core as _swm
     from ._files import offer_ogbench
 
     given = list(sys.argv[1:] if arguments is None else arguments)

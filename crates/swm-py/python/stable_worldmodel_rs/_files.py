@@ -7,6 +7,7 @@ Models of OGBench come with the package ``ogbench``; part of them has no license
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import shutil
 import sys
@@ -14,8 +15,9 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from . import _swm
+from ._core import core as _swm
 
+logger = logging.getLogger("stable_worldmodel_rs")
 _LIB = Path(__file__).parent / "_lib"
 _FIX = (
     "reinstall the package from a wheel (`pip install --force-reinstall stable-worldmodel-rs`); models of OGBench need "
@@ -70,6 +72,7 @@ def offer_ogbench() -> None:
     if (suite := folder / "dm_control" / dm_control).is_dir():
         _link(suite, home / "dm_control" / dm_control)
     _swm.set_files(folder=str(home))
+    logger.debug("the models of OGBench are those of %s", home)
 
 
 def _package(wanted: str) -> Path | None:

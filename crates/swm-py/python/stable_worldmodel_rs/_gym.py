@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import ModuleType
+from typing import Any
 
 _ENTRY_POINT = "stable_worldmodel_rs.envs:Env"
 _VECTOR_ENTRY_POINT = "stable_worldmodel_rs.vector:VectorEnv"
@@ -31,11 +33,12 @@ def gym_ids() -> dict[str, str]:
 
 def register_all() -> None:
     """Register every id that is free. An installed reference keeps its ``swm/…`` if it was imported first."""
-    from gymnasium.envs.registration import register, registry
+    # By name: its functions have types that are partly unknown.
+    registration: Any = import_module("gymnasium.envs.registration")
 
     for name, native in gym_ids().items():
-        if name not in registry:
-            register(
+        if name not in registration.registry:
+            registration.register(
                 id=name,
                 entry_point=_ENTRY_POINT,
                 vector_entry_point=_VECTOR_ENTRY_POINT,

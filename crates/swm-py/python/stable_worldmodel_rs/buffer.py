@@ -45,7 +45,7 @@ class HistoryBuffer:
         self.n_envs = n_envs
         self.max_len = max_len
         self.action_block = action_block
-        self.block_keys = frozenset(block_keys)
+        self.block_keys: frozenset[str] = frozenset(block_keys)
         self._buffers: list[deque[dict[str, Any]]] = [deque(maxlen=max_len) for _ in range(n_envs)]
 
     def append(self, info_dict: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ._arrays import require_torch
 
@@ -78,9 +78,7 @@ def export_onnx(
     if dim % action_block:
         raise ValueError(f"dim {dim} is not a multiple of action_block {action_block}")
     with torch.no_grad():
-        encoded: Any = encode(**fields)
-    if not isinstance(encoded, dict):
-        raise TypeError("encode must return a dict of tensors, by the names under which cost takes them")
+        encoded = _named(encode(**fields))
     actions = torch.zeros(samples, horizon, dim)
     with torch.no_grad():
         costs: torch.Tensor = cost(actions, **encoded)
@@ -106,13 +104,20 @@ def export_onnx(
     (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
 
 
+def _named(outputs: Any) -> dict[str, torch.Tensor]:
+    """The outputs of ``encode``, which have to be a dict."""
+    if not isinstance(outputs, dict):
+        raise TypeError("encode must return a dict of tensors, by the names under which cost takes them")
+    return cast("dict[str, torch.Tensor]", outputs)
+
+
 def _by_position(module: torch.nn.Module, names: Sequence[str], outputs: Sequence[str] | None = None) -> torch.nn.Module:
     """``module`` with its last inputs, ``names``, given by position; of a dict, the values of ``outputs`` in order."""
     torch = require_torch(_NEED)
 
     class ByPosition(torch.nn.Module):
         def __init__(self) -> None:
-            super().__init__()
+            super().__init__()  # pyright: ignore[reportUnknownMemberType]  torch's
             self.module = module
 
         def forward(self, *values: torch.Tensor) -> Any:
@@ -139,7 +144,8 @@ def _with_gradient(cost: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> t
         return costs, gradient
 
     with sdpa_kernel(SDPBackend.MATH):
-        return make_fx(both, decomposition_table=core_aten_decompositions())(*inputs)
+        table: Any = core_aten_decompositions()  # A dict, which torch's types do not say.
+        return make_fx(both, decomposition_table=table)(*inputs)
 
 
 def _write(

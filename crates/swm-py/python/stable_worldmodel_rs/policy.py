@@ -197,8 +197,8 @@ class FeedForwardPolicy(BasePolicy):
         super().__init__(**kwargs)
         self.type = "feed_forward"
         self.model: Any = model.eval()  # type: ignore[attr-defined]
-        self.process = process or {}
-        self.transform = transform or {}
+        self.process: dict[str, Transformable] = process or {}
+        self.transform: dict[str, Callable[[Any], Any]] = transform or {}
 
     def get_action(self, info_dict: Infos, **kwargs: Any) -> Any:
         if "goal" not in info_dict:
@@ -255,9 +255,9 @@ class WorldModelPolicy(BasePolicy):
         self.type = "world_model"
         self.cfg = config
         self.solver: Any = solver
-        self.process = process or {}
-        self.transform = transform or {}
-        self.history_keys = tuple(history_keys)
+        self.process: dict[str, Transformable] = process or {}
+        self.transform: dict[str, Callable[[Any], Any]] = transform or {}
+        self.history_keys: tuple[str, ...] = tuple(history_keys)
         self._action_buffer: list[deque[Array]] | None = None
         self._next_init: Any = None
         self._history_buffer: HistoryBuffer | None = None

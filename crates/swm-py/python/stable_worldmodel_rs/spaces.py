@@ -18,7 +18,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from gymnasium import spaces
 
 __all__ = ["Box", "Dict", "Discrete", "MultiDiscrete", "RGBBox", "reset_variation_space"]
 
-logger = logging.getLogger("stable_worldmodel_rs.spaces")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs.spaces")
 
 Constraint = Callable[[Any], bool]
 
@@ -177,6 +177,11 @@ def _inner(space: spaces.Dict) -> dict[str, Any]:
     return cast("dict[str, Any]", space.spaces)
 
 
+def _is_dict(space: object) -> TypeGuard[spaces.Dict]:
+    """Whether there are spaces within the space."""
+    return isinstance(space, spaces.Dict)
+
+
 class Dict(spaces.Dict):
     """Named spaces, which may be dictionaries themselves. Dotted names reach into them: ``agent.color``."""
 
@@ -194,7 +199,7 @@ class Dict(spaces.Dict):
         constrain_fn: A rule between the values, called with the dict of them.
         sampling_order: The order in which the entries are sampled. Names that it lacks are appended.
         """
-        super().__init__(dict(spaces_dict or {}), **kwargs)
+        super().__init__(dict(spaces_dict or {}), **kwargs)  # pyright: ignore[reportUnknownMemberType]  gymnasium's `seed`
         self.constrain_fn: Constraint = constrain_fn or _always
         self._sampling_order = list(self.spaces if sampling_order is None else sampling_order)
         unknown = [name for name in self._sampling_order if name not in self.spaces]
@@ -241,7 +246,7 @@ class Dict(spaces.Dict):
             space = _inner(self)[name]
             if isinstance(space, Dict):
                 yield from space._get_sampling_order(path)
-            elif isinstance(space, spaces.Dict):
+            elif _is_dict(space):
                 yield from (".".join((*path, inner)) for inner in _inner(space))
 
     @property
@@ -311,7 +316,7 @@ class Dict(spaces.Dict):
         """The space with this dotted name."""
         space: Any = self
         for part in name.split("."):
-            inner = _inner(space) if isinstance(space, spaces.Dict) else {}
+            inner = _inner(space) if _is_dict(space) else {}
             if part not in inner:
                 raise ValueError(f"the key {name} was not found in the Dict space; it has {', '.join(self.names())}")
             space = inner[part]
@@ -345,7 +350,7 @@ class Dict(spaces.Dict):
 
         def lines(space: spaces.Dict, depth: int) -> Iterator[str]:
             for name, inner in _inner(space).items():
-                if isinstance(inner, spaces.Dict):
+                if _is_dict(inner):
                     yield f"{'    ' * depth}{name}:"
                     yield from lines(inner, depth + 1)
                 else:
@@ -357,7 +362,7 @@ class Dict(spaces.Dict):
 def _leaves(space: spaces.Dict, prefix: str = "") -> Iterator[tuple[str, spaces.Space[Any]]]:
     """Dotted names and spaces of the leaves."""
     for name, inner in _inner(space).items():
-        if isinstance(inner, spaces.Dict):
+        if _is_dict(inner):
             yield from _leaves(inner, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", inner
@@ -383,7 +388,7 @@ def reset_variation_space(
     names: Any = given.get("variation", default_variations or ())
     if not isinstance(names, Sequence):
         raise ValueError(f"the variation option must be a Sequence of names, found {type(names).__name__}")
-    variation_space.update([names] if isinstance(names, str) else names)
+    variation_space.update([names] if isinstance(names, str) else cast("Sequence[str]", names))
     variation_space.set_value(given.get("variation_values", {}))
     assert variation_space.check(debug=True), "the values of variation_values do not go together"
 
@@ -399,7 +404,9 @@ def variation_space(spec: Mapping[str, Any]) -> Dict:
         inner[name] = _leaf(factor["space"], factor["default"])
 
     def build(tree: dict[str, Any]) -> Dict:
-        return Dict({name: build(inner) if isinstance(inner, dict) else inner for name, inner in tree.items()})
+        return Dict(
+            {name: build(cast("dict[str, Any]", inner)) if isinstance(inner, dict) else inner for name, inner in tree.items()}
+        )
 
     return build(root)
 

@@ -10,8 +10,10 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from . import _swm, spaces
+from . import spaces
+from ._core import core as _swm
 from .envs.env import make_core, without_image
+from .world.native import NativePool
 
 __all__ = ["VectorEnv"]
 
@@ -66,20 +68,21 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         render: str = "exact",
         **settings: Any,
     ) -> None:
-        self.pool = make_core(
+        self.pool: NativePool = make_core(
             type(self), env_name, num_envs, image_shape, render_mode, max_episode_steps, frame_skip, threads, render, settings
         )
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode: AutoresetMode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self._copy = copy
         self._hides_image = image_shape is None
-        self.single_action_space = self.pool.single_action_space
-        self.action_space = self.pool.action_space
-        self.single_observation_space = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._observed = tuple(self.single_observation_space.spaces)
+        self.single_action_space: gym.Space[Any] = self.pool.single_action_space
+        self.action_space: gym.Space[Any] = self.pool.action_space
+        observed = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
+        self.single_observation_space: gym.Space[Any] = observed
+        self.observation_space: gym.Space[Any] = batch_space(observed, num_envs)
+        self._observed = tuple(observed.spaces)
         self._over: Flags = np.zeros(num_envs, np.bool_)
 
     @property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stable_worldmodel_rs import _swm
+from .._core import core as _swm
 
 if TYPE_CHECKING:
     from .native import NativeDataset
@@ -53,6 +53,8 @@ def samples(dataset: NativeDataset) -> NDArray[np.uint8] | None:
     if not images or not len(dataset.lengths):
         return None
     key = "pixels" if "pixels" in images else images[0]
-    spans = zip(dataset.lengths[:EPISODES].tolist(), dataset.offsets[:EPISODES].tolist(), strict=True)
-    rows = [offset + int(row) for length, offset in spans for row in np.linspace(0, length - 1, FRAMES)]
+    lengths: list[int] = dataset.lengths[:EPISODES].tolist()
+    offsets: list[int] = dataset.offsets[:EPISODES].tolist()
+    spans = zip(lengths, offsets, strict=True)
+    rows = [offset + int(row) for length, offset in spans for row in np.linspace(0, length - 1, FRAMES).tolist()]
     return dataset._rows(np.asarray(rows, dtype=np.int64), [key])[key]  # pyright: ignore[reportPrivateUsage]

@@ -17,6 +17,8 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import is_array
+
 Output = Literal["torch", "numpy"] | None
 """What items and batches are made of; ``None``: torch if it is installed."""
 
@@ -47,7 +49,7 @@ def converter(output: Output = None) -> Callable[[Any], Any]:
     from_numpy = torch.from_numpy
 
     def convert(value: Any) -> Any:
-        return from_numpy(value) if isinstance(value, np.ndarray) and value.dtype != object else value
+        return from_numpy(value) if is_array(value) and value.dtype != object else value
 
     return convert
 

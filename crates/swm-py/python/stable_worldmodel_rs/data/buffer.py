@@ -21,7 +21,7 @@ from .format import EPISODE_DATA_KEY, get_format, split_episode_data
 
 __all__ = ["ReplayBuffer", "classic_filter"]
 
-logger = logging.getLogger("stable_worldmodel_rs")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 CLASSIC = ("pixels", "action", "reward", "terminated", "truncated")
 Sampler = Callable[[int, "ReplayBuffer", int, int], Any]
 
@@ -59,13 +59,14 @@ class ReplayBuffer(Dataset):
         for name, value in (("max_steps", max_steps), ("history_len", history_len), ("frameskip", frameskip)):
             if value <= 0:
                 raise ValueError(f"{name} must be positive, not {value}")
-        self.max_steps = int(max_steps)
-        self.history_len = self.num_steps = int(history_len)
-        self.frameskip = int(frameskip)
-        self.span = self.num_steps * self.frameskip
+        self.max_steps: int = int(max_steps)
+        self.history_len: int = int(history_len)
+        self.num_steps: int = self.history_len
+        self.frameskip: int = int(frameskip)
+        self.span: int = self.num_steps * self.frameskip
         self.transform = transform
         self.key_filter = key_filter
-        self.rng = np.random.default_rng(seed)
+        self.rng: np.random.Generator = np.random.default_rng(seed)
         self.sampler: Sampler = sampler or _uniform
         self._cols: dict[str, NDArray[Any]] = {}
         self._head = 0

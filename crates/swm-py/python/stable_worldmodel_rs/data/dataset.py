@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,8 @@ class ClipIndices(Sequence[tuple[int, int]]):
             return np.array_equal(self._ends, other._ends)
         return isinstance(other, Sequence) and list(self) == list(other)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
 
-    __hash__ = None  # pyright: ignore[reportAssignmentType]
+    # Equal to lists, which have no hash either.
+    __hash__: ClassVar[None]  # type: ignore[assignment]  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def __repr__(self) -> str:
         return f"ClipIndices({len(self)} clips of {len(self._ends)} episodes)"
@@ -110,9 +111,9 @@ class Dataset:
             raise ValueError(f"frameskip {frameskip} and num_steps {num_steps} must be 1 or more")
         self.lengths = lengths
         self.offsets = offsets
-        self.frameskip = int(frameskip)
-        self.num_steps = int(num_steps)
-        self.span = self.num_steps * self.frameskip
+        self.frameskip: int = int(frameskip)
+        self.num_steps: int = int(num_steps)
+        self.span: int = self.num_steps * self.frameskip
         self.transform = transform
         self.clip_indices: Sequence[tuple[int, int]] = ClipIndices(lengths, self.span)
 

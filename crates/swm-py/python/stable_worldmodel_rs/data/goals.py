@@ -43,13 +43,13 @@ class GoalDataset:
         if not np.isclose(sum(goal_probabilities), 1.0):
             raise ValueError(f"goal_probabilities must sum to 1.0, {goal_probabilities} sum to {sum(goal_probabilities)}")
         self.dataset = dataset
-        self.current_goal_offset = dataset.num_steps if current_goal_offset is None else current_goal_offset
+        self.current_goal_offset: int = dataset.num_steps if current_goal_offset is None else current_goal_offset
         self.goal_probabilities = goal_probabilities
         self.gamma = gamma
         self.seed = seed
-        self.rng = np.random.default_rng(seed)
-        self.episode_lengths = dataset.lengths
-        self.episode_offsets = dataset.offsets
+        self.rng: np.random.Generator = np.random.default_rng(seed)
+        self.episode_lengths: NDArray[Any] = dataset.lengths
+        self.episode_offsets: NDArray[Any] = dataset.offsets
         self._ends = np.cumsum(self.episode_lengths)
         if goal_keys is None:
             names = dataset.column_names

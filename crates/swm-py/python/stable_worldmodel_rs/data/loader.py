@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stable_worldmodel_rs import _swm
-
+from .._core import core as _swm
 from ._tensors import Output, converter, require_torch, stack, torch_or_none
 from .concat import ConcatDataset
 from .dataset import ACTION
@@ -139,8 +138,8 @@ class Loader:
         reader, names = native_reader(dataset)
         wanted = list(keys) if keys is not None else names
         self._goal_names: dict[str, str] = {}
-        self.num_steps = num_steps or first.num_steps
-        self.frameskip = frameskip or first.frameskip
+        self.num_steps: int = num_steps or first.num_steps
+        self.frameskip: int = frameskip or first.frameskip
         self._clips = _swm.ClipReader(
             reader,
             num_steps=self.num_steps,
@@ -164,7 +163,7 @@ class Loader:
         self.device = device
         torch = torch_or_none() if output != "numpy" else None
         on_gpu = torch is not None and device is not None and torch.device(device).type == "cuda"
-        self.pin_memory = on_gpu if pin_memory is None else pin_memory
+        self.pin_memory: bool = on_gpu if pin_memory is None else pin_memory
         if device is not None or self.pin_memory:
             require_torch("device= and pin_memory=")
         self._convert = converter(output)

@@ -33,7 +33,7 @@ class MergeDataset:
         else:
             names = [list(dataset.column_names) for dataset in datasets]
             taken = [set(union(names[:at])) for at in range(len(names))]
-            self.keys_map = [[key for key in own if key not in before] for own, before in zip(names, taken, strict=True)]
+            self.keys_map: list[list[str]] = [[key for key in own if key not in before] for own, before in zip(names, taken, strict=True)]
 
     @property
     def column_names(self) -> list[str]:

@@ -7,6 +7,7 @@ tensors where torch is installed, else NumPy arrays; both lie on memory that is 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,8 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stable_worldmodel_rs import _swm
-
+from .._core import core as _swm
 from . import _show
 from ._tensors import converter, may_use_threads, to_numpy
 from .dataset import ACTION, Dataset, Transform
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 INDICES = ("ep_idx", "episode_idx", "step_idx")
 """Columns that every dataset has: the episode and the step of a row. Computed where they are not stored."""
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 _LAYOUT = ("ep_len", "ep_offset")
 _abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
 
@@ -114,11 +115,13 @@ class NativeDataset(Dataset):
         self.path: Any = Path(path)
         self.image = image
         self._render = render
-        self.episodes = None if episodes is None else [int(episode) for episode in episodes]
+        self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []
         self._pid = os.getpid()
         self._reader: _swm.Reader | None = self._open()
+        for column, reason in self._reader.skipped:
+            logger.warning("%s: the column `%s` is left out: %s", self.path, column, reason)
         self._clips: _swm.ClipReader | None = None
         self._table: dict[str, tuple[int, str, list[int], str]] | None = None
         lengths = self._reader.lengths

@@ -78,7 +78,9 @@ class ZScoreScaler(_FittedScaler):
     """
 
     def __init__(self, mean: ArrayLike | None = None, std: ArrayLike | None = None, eps: float = 1e-8) -> None:
-        self.mean, self.std, self.eps = _optional(mean), _optional(std), eps
+        self.mean: NDArray[Any] | None = _optional(mean)
+        self.std: NDArray[Any] | None = _optional(std)
+        self.eps: float = eps
 
     def fit(self, X: Any) -> Self:
         """Finds mean and standard deviation of ``(…, D)`` values; rows with a NaN do not count."""
@@ -110,8 +112,11 @@ class PercentileScaler(_FittedScaler):
         q_high: ArrayLike | None = None,
         eps: float = 1e-8,
     ) -> None:
-        self.low, self.high, self.eps = low, high, eps
-        self.q_low, self.q_high = _optional(q_low), _optional(q_high)
+        self.low: float = low
+        self.high: float = high
+        self.eps: float = eps
+        self.q_low: NDArray[Any] | None = _optional(q_low)
+        self.q_high: NDArray[Any] | None = _optional(q_high)
 
     def fit(self, X: Any) -> Self:
         """Finds the percentiles of ``(…, D)`` values; rows with a NaN do not count."""

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stable_worldmodel_rs import _swm
-
+from .._core import core as _swm
 from ._paths import DEFAULT_CACHE_DIR, ensure_dir_exists, get_cache_dir
 from ._tensors import to_numpy
 from .format import EPISODE_DATA_KEY, FORMATS, detect_format, get_format
@@ -38,7 +37,7 @@ __all__ = [
     "split_held_out",
 ]
 
-logger = logging.getLogger("stable_worldmodel_rs")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: str | None = None, **kwargs: Any) -> Any:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stable_worldmodel_rs import _swm
-
+from .._core import core as _swm
 from ._tensors import to_numpy
 from .format import validate_write_mode
 
@@ -67,8 +66,8 @@ class NativeWriter:
         quality: int | None = None,
         metadata: dict[str, Any] | None = None,
     ) -> None:
-        self.mode = validate_write_mode(mode)
-        self.path = Path(path)
+        self.mode: str = validate_write_mode(mode)
+        self.path: Path = Path(path)
         self.quality = quality
         self.fps: float | None = None
         self.key_frame_period: int | None = None

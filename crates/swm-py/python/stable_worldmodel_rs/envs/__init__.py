@@ -7,9 +7,10 @@ Ids ``swm/…`` mean what the reference calls so, ``swm_rs/…`` this package's 
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from typing import Any
 
-from .. import _swm
+from .._core import core as _swm
 from .._gym import gym_ids, register_all
 from .env import Env
 
@@ -30,9 +31,9 @@ def register(id: str, entry_point: Any, discrete: bool = False, **kwargs: Any) -
         discrete: Whether its actions are integers.
         **kwargs: As of ``gymnasium.register``.
     """
-    from gymnasium.envs.registration import register as add
-
-    add(id=id, entry_point=entry_point, **kwargs)
+    # By name: its functions have types that are partly unknown.
+    registration: Any = import_module("gymnasium.envs.registration")
+    registration.register(id=id, entry_point=entry_point, **kwargs)
     WORLDS.add(id)
     if discrete:
         DISCRETE_WORLDS.add(id)

@@ -10,7 +10,8 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm, spaces
+from .. import spaces
+from .._core import core as _swm
 from ..world.ids import native_id
 from ..world.native import NativePool, make_native
 
@@ -100,14 +101,16 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        self.pool = make_core(type(self), env_name, 1, image_shape, render_mode, None, frame_skip, 1, render, settings)
+        self.pool: NativePool = make_core(
+            type(self), env_name, 1, image_shape, render_mode, None, frame_skip, 1, render, settings
+        )
         self.render_mode = render_mode
         self._hides_image = image_shape is None
         self._copy = copy
         self._over = False
-        self.action_space = self.pool.single_action_space
+        self.action_space: gym.Space[npt.NDArray[Any]] = self.pool.single_action_space
         observed = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
-        self.observation_space = cast("gym.Space[Observation]", observed)
+        self.observation_space: gym.Space[Observation] = cast("gym.Space[Observation]", observed)
         self._observed = tuple(observed.spaces)
         self.metadata = {**self.metadata, "render_fps": round(1 / (self.pool.spec_data["time_step_s"] * frame_skip))}
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 try:
     import torch
-except ImportError as error:
+except ImportError as _error:
     raise ImportError(
         "ShootingCostEvaluator is a torch module, and torch is not installed; `pip install torch`"
-    ) from error
+    ) from _error
 
 if TYPE_CHECKING:
     from ..protocols import Dynamics, Objective
@@ -95,10 +95,10 @@ class ShootingCostEvaluator(torch.nn.Module):
         super().__init__()  # pyright: ignore[reportUnknownMemberType]
         self.model: Any = model
         self.objective: Any = objective
-        self.constraints = list(constraints) if constraints else None
+        self.constraints: list[Objective] | None = list(constraints) if constraints else None
         self.encode_goal = encode_goal
         if self.constraints:
-            self.get_constraints = self._get_constraints
+            self.get_constraints: Callable[[dict[str, Any], torch.Tensor], torch.Tensor] = self._get_constraints
 
     def _rollout(self, info_dict: dict[str, Any], action_candidates: torch.Tensor) -> dict[str, Any]:
         if self.encode_goal is not None and "goal_emb" not in info_dict:

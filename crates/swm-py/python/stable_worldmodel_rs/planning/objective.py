@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 try:
     import torch
-except ImportError as error:
-    raise ImportError("objectives are torch modules, and torch is not installed; `pip install torch`") from error
+except ImportError as _error:
+    raise ImportError("objectives are torch modules, and torch is not installed; `pip install torch`") from _error
 
 if TYPE_CHECKING:
     from ..protocols import Objective
@@ -64,10 +64,12 @@ class WeightedSum(torch.nn.Module):
         super().__init__()  # pyright: ignore[reportUnknownMemberType]
         if not terms:
             raise ValueError("WeightedSum needs one term or more: [(weight, objective), ...]")
-        self.weights = [float(weight) for weight, _ in terms]
+        self.weights: list[float] = [float(weight) for weight, _ in terms]
         modules = [term for _, term in terms if isinstance(term, torch.nn.Module)]
         # Only modules can be registered; other objectives are kept beside them.
-        self.objectives = torch.nn.ModuleList(modules) if len(modules) == len(terms) else [term for _, term in terms]
+        self.objectives: torch.nn.ModuleList | list[Objective] = (
+            torch.nn.ModuleList(modules) if len(modules) == len(terms) else [term for _, term in terms]
+        )
 
     def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
         values = [weight * term(info_dict) for weight, term in zip(self.weights, self.objectives, strict=True)]

@@ -41,7 +41,7 @@ def evaluate_from_dataset(
         seed: Of the choice of rows and of the run.
         progress: Whether to show a bar.
     """
-    from .. import _swm
+    from .._core import core as _swm
 
     offset = goal_offset if goal_offset_steps is None else goal_offset_steps
     if (episodes_idx is None) != (start_steps is None):

@@ -139,7 +139,8 @@ def _broadcast_arg(arg: Any, n: int, increment: bool = False) -> list[Any]:
     if isinstance(arg, (tuple, np.ndarray)):
         return list(arg)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
     if increment and isinstance(arg, (int, np.integer)):
-        return [int(arg) + row for row in range(n)]
+        first = int(arg)  # pyright: ignore[reportUnknownArgumentType]  of any width
+        return [first + row for row in range(n)]
     return [arg] * n
 
 

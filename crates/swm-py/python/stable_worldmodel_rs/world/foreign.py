@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     from .world import World
 
 Mask = npt.NDArray[np.bool_]
-OnStep = Callable[["World", Mask], None]
+
+
+class OnStep(Protocol):
+    """Called after every reset and step, with the environments that took part, ``(N,)``."""
+
+    def __call__(self, world: World, *, mask: Mask) -> None: ...
+
+
 # Where datasets take values that belong to an episode, not to a step.
 EPISODE_DATA_KEY = "_episode_data"
 _FRAMES_PER_SECOND = 30
@@ -49,7 +56,7 @@ def run_iter(
     if seed is not None or options is not None:
         world.reset(seed=seed, options=options)
         if on_step:
-            on_step(world, mask=np.ones(count, dtype=bool))  # type: ignore[call-arg]
+            on_step(world, mask=np.ones(count, dtype=bool))
     alive = np.ones(count, dtype=bool)
     finished = 0
     steps = 0
@@ -59,11 +66,13 @@ def run_iter(
         if isinstance(world.policy, NativePolicy):
             world.step()
         else:
-            actions = world._get_actions()
+            actions = world._get_actions()  # pyright: ignore[reportPrivateUsage]
             _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
         if on_step:
-            on_step(world, mask=alive if mask is None else mask)  # type: ignore[call-arg]
-        done = alive & (world.terminateds | world.truncateds)
+            on_step(world, mask=alive if mask is None else mask)
+        terminateds, truncateds = world.terminateds, world.truncateds
+        assert terminateds is not None and truncateds is not None, "a step gives both"
+        done = alive & (terminateds | truncateds)
         if not done.any():
             continue
         ended = [int(row) for row in np.flatnonzero(done)]
@@ -82,11 +91,11 @@ def run_iter(
                 for rank, row in enumerate(ended):
                     seeds[row] = seed + count + begun + rank
             _, world.infos = world.envs.reset(seed=seeds, options=options, mask=done)
-            world.terminateds[done] = False
-            world.truncateds[done] = False
+            terminateds[done] = False
+            truncateds[done] = False
             world.infos["_needs_flush"] = done
             if on_step:
-                on_step(world, mask=done)  # type: ignore[call-arg]
+                on_step(world, mask=done)
         else:
             alive[done] = False
         if is_last or not alive.any():
@@ -101,13 +110,13 @@ def evaluate(
     seeds = np.zeros(episodes, dtype=np.int64)
     frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
 
-    def on_step(world: World, mask: Mask) -> None:
+    def on_step(world: World, *, mask: Mask) -> None:
         if video is not None:
             for row in np.flatnonzero(mask):
                 frames[int(row)].append(_frame(world.infos["pixels"][row]))
 
     with Progress("Evaluating", episodes, progress) as bar:
-        for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):
+        for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):  # pyright: ignore[reportPrivateUsage]
             assert world.terminateds is not None
             successes[episode] = world.terminateds[row]
             seeds[episode] = world.envs.seeds[row]
@@ -149,7 +158,7 @@ def evaluate_from_dataset(
     successes = np.zeros(count, dtype=bool)
     frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
 
-    def on_step(world: World, mask: Mask) -> None:
+    def on_step(world: World, *, mask: Mask) -> None:
         nonlocal successes
         world.infos.update(deepcopy(goals))
         assert world.terminateds is not None
@@ -158,7 +167,7 @@ def evaluate_from_dataset(
             for row in range(count):
                 frames[row].append(_frame(world.infos["pixels"][row]))
 
-    world._run(max_steps=eval_budget, mode=mode, on_step=on_step)
+    world._run(max_steps=eval_budget, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
     for row, shown in frames.items():
         goal = lasts[row].get("goal")
         panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
@@ -186,7 +195,7 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
     """Run episodes and hand each to a writer, as a dict of lists with one value per step."""
     buffers: list[dict[str, list[Any]]] = [defaultdict(list) for _ in range(world.num_envs)]
 
-    def on_step(world: World, mask: Mask) -> None:
+    def on_step(world: World, *, mask: Mask) -> None:
         for column, values in world.infos.items():
             if column.startswith("_") or not hasattr(values, "shape"):
                 continue
@@ -198,7 +207,7 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
                 buffers[row][column].append(np.array(values[row]))
 
     def finished(bar: Progress) -> Iterator[dict[str, Any]]:
-        runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)
+        runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
         for row, number in runs:
             episode: dict[str, Any] = {column: list(values) for column, values in buffers[row].items()}
             buffers[row].clear()
@@ -218,7 +227,7 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
 
 def save_video(path: Path, frames: Sequence[npt.NDArray[Any]]) -> None:
     """Write frames ``(H, W, 3)`` u8 as a video."""
-    from .. import _swm
+    from .._core import core as _swm
 
     if frames:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -239,7 +248,7 @@ def _side_by_side(panels: Sequence[Any]) -> list[npt.NDArray[Any]]:
 
 
 def _result(successes: Mask, seeds: Any) -> EvaluationResult:
-    from .. import _swm
+    from .._core import core as _swm
 
     won, count = int(successes.sum()), len(successes)
     return EvaluationResult(

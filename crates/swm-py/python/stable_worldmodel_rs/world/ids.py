@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from .. import _swm
+from .._core import core as _swm
 from .._files import offer_ogbench
 
 # Ids under which the reference has what this package numbers otherwise.

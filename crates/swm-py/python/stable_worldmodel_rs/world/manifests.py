@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm
+from .._core import core as _swm
 from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import html_table

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
-from .. import _swm, spaces
+from .. import spaces
+from .._core import core as _swm
 from .rows import reset_options
 
 Options = Mapping[str, Any]
@@ -33,7 +34,8 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
     try:
         return _swm.World(**given)
     except _swm.EnvError as error:
-        for name in json.loads(given["settings"]):
+        names: list[str] = list(json.loads(given["settings"]))
+        for name in names:
             near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.7)
             if near and f"`{name}`" in str(error):
                 raise _swm.EnvError(f"{error}; did you mean {near[0]}=?") from None
@@ -251,8 +253,8 @@ class EnvHandle:
         """Its factors of variation as a nested space; ``["agent"]["color"].value`` is that of its episode."""
         if self._variation is None:
             self._variation = spaces.variation_space(self._pool.spec_data)
-        if self._pool._run is not None:
-            spaces.show_values(self._variation, self._pool._arrays, self._row)
+        if self._pool._run is not None:  # pyright: ignore[reportPrivateUsage]
+            spaces.show_values(self._variation, self._pool._arrays, self._row)  # pyright: ignore[reportPrivateUsage]
         return self._variation
 
     def reset_options_from_dataset(self, init_row: Mapping[str, Any], goal_row: Mapping[str, Any]) -> dict[str, Any]:

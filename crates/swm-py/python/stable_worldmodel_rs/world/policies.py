@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 
 class NativePolicy:
@@ -33,7 +33,7 @@ class NativePolicy:
         else:
             given = settings
         parts += [f"{key}={_literal(value)}" for key, value in given.items()]
-        self.text = name + (":" + ",".join(parts) if parts else "")
+        self.text: str = name + (":" + ",".join(parts) if parts else "")
         self.seed = seed
 
     def __repr__(self) -> str:
@@ -55,6 +55,11 @@ class FunctionPolicy:
         return str(getattr(self.get_action, "__name__", "function"))
 
 
+def _is_function(policy: object) -> TypeGuard[Callable[[dict[str, Any]], Any]]:
+    """Whether it is a function or a method; what it takes shows in its first call."""
+    return inspect.isroutine(policy) or isinstance(policy, partial)
+
+
 def as_policy(policy: Any) -> Any:
     """An object with ``get_action``: the policy, or a function as one.
 
@@ -65,7 +70,7 @@ def as_policy(policy: Any) -> Any:
         raise TypeError(f"a policy is an object, and {policy.__name__} is its class; make one: {policy.__name__}()")
     if callable(getattr(policy, "get_action", None)):
         return policy
-    if inspect.isroutine(policy) or isinstance(policy, partial):
+    if _is_function(policy):
         return FunctionPolicy(policy)
     raise TypeError(
         f"a policy is a name such as 'expert', a function of the infos, or an object with get_action(infos), found {policy!r}"

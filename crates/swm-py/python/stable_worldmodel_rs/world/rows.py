@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm
+from .._core import core as _swm
 
 Row = dict[str, Any]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm
+from .._core import core as _swm
 from . import foreign
 from .native import plain_options
 from .policies import NativePolicy
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from .world import World
 
 Flags = npt.NDArray[np.bool_]
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 # Episodes that begin at recorded rows have this seed unless another is given, as in the command.
 _DATASET_SEED = 42
 
@@ -206,7 +208,9 @@ class Runs:
                 tick=bar.tick,
             )
         self._stale = True
-        return dict(json.loads(text))
+        written: dict[str, Any] = dict(json.loads(text))
+        logger.info("%s: %d episodes recorded, it has %d", target, episodes, written["total_episodes"])
+        return written
 
     def _collect_into(
         self, writer: Any, core: _swm.World, act: Any, episodes: int, seed: int, options: Any, bar: Progress

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .. import _swm
+from .._core import core as _swm
 from . import foreign
 from .ids import native_id
 from .native import NativePool, make_native
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["World", "_apply_callables", "_extract_init_goal"]
 
-logger = logging.getLogger("stable_worldmodel_rs")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 Flags = npt.NDArray[np.bool_]
 # The first this many environments are shown in notebooks.
@@ -100,8 +100,8 @@ class World(Runs):
         checkpoints: int | None = None,
         **kwargs: Any,
     ) -> None:
-        self.policy = None
-        self.infos = {}
+        self.policy: Any = None
+        self.infos: dict[str, Any] = {}
         if isinstance(env_name, str):
             if add_pixels and image_shape is None:
                 raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
@@ -111,7 +111,7 @@ class World(Runs):
         if native is None:
             from .wrap import make_pool
 
-            self.envs = make_pool(
+            self.envs: Any = make_pool(
                 env_name,
                 num_envs,
                 image_shape=image_shape if add_pixels else None,

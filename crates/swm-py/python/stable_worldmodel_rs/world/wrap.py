@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any, TypeGuard, cast
 
 import gymnasium as gym
 import numpy as np
@@ -50,15 +50,15 @@ def make_pool(
             env = wrapper(env)
         return env
 
-    def of_id() -> Any:
+    def of_id(name: str) -> Any:
         given = dict(settings)
         if image_shape is not None:
             given.setdefault("render_mode", "rgb_array")
-        return complete(gym.make(env_name, max_episode_steps=max_episode_steps, **given))
+        return complete(gym.make(name, max_episode_steps=max_episode_steps, **given))
 
     def of_function(make: Callable[[], Any]) -> Any:
-        env = make()
-        if not isinstance(env, gym.Env) or _is_complete(env):
+        env: Any = make()
+        if not _is_env(env) or _is_complete(env):
             return env
         has_limit = env.spec is not None and env.spec.max_episode_steps is not None
         if max_episode_steps is not None and not has_limit:
@@ -66,13 +66,23 @@ def make_pool(
         return complete(env)
 
     if isinstance(env_name, str):
-        return EnvPool([of_id] * num_envs)
+        return EnvPool([partial(of_id, env_name)] * num_envs)
     return EnvPool([partial(of_function, make) for make in env_name])
+
+
+def _is_env(env: object) -> TypeGuard[gym.Env[Any, Any]]:
+    """Whether gymnasium knows this kind of environment."""
+    return isinstance(env, gym.Env)
+
+
+def _is_wrapper(env: object) -> TypeGuard[gym.Wrapper[Any, Any, Any, Any]]:
+    """Whether there is another environment within this one."""
+    return isinstance(env, gym.Wrapper)
 
 
 def _is_complete(env: Any) -> bool:
     """Whether one of the wrappers around an environment completes its infos."""
-    while isinstance(env, gym.Wrapper):
+    while _is_wrapper(env):
         if isinstance(env, InfoWrapper):
             return True
         env = env.env

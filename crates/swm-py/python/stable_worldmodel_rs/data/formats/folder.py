@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class FolderDataset(NativeDataset):
         if not folder.is_dir():
             raise FileNotFoundError(f"{folder} does not exist; pass path=, or cache_dir= for another folder of datasets")
         subfolders = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
-        self.folder_keys = subfolders if folder_keys is None else list(folder_keys)
+        self.folder_keys: list[str] = subfolders if folder_keys is None else list(folder_keys)
         super().__init__(
             folder, frameskip=frameskip, num_steps=num_steps, transform=transform, keys_to_load=keys_to_load, **options
         )
@@ -83,7 +83,7 @@ class ImageDataset(FolderDataset):
 class FolderWriter(NativeWriter):
     """Appends episodes to a folder; uint8 columns ``(T, H, W, 1 or 3)`` become JPEG files."""
 
-    native_format = "folder"
+    native_format: ClassVar[str] = "folder"
     _marker = LENGTHS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from .._paths import get_cache_dir, resolve
 from ..dataset import Transform
@@ -22,7 +22,7 @@ class HDF5Dataset(NativeDataset):
     The other arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`.
     """
 
-    native_format = "hdf5"
+    native_format: ClassVar[str | None] = "hdf5"
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class HDF5Dataset(NativeDataset):
 class HDF5Writer(NativeWriter):
     """Appends episodes to an HDF5 file; see :class:`~stable_worldmodel_rs.data.writers.NativeWriter`."""
 
-    native_format = "hdf5"
+    native_format: ClassVar[str] = "hdf5"
 
 
 @register_format

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from .._paths import get_cache_dir
 from ..dataset import Transform
@@ -29,7 +29,7 @@ class LeRobotAdapter(NativeDataset):
     The other arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`.
     """
 
-    native_format = "lerobot"
+    native_format: ClassVar[str | None] = "lerobot"
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class LeRobotAdapter(NativeDataset):
     ) -> None:
         if primary_camera_key or key_aliases:
             raise ValueError("primary_camera_key and key_aliases are not supported: rename columns in transform=")
-        self.repo_id = str(repo_id)
+        self.repo_id: str = str(repo_id)
         super().__init__(
             locate(self.repo_id, root),
             frameskip=frameskip,
@@ -72,7 +72,7 @@ def locate(repo_id: str, root: str | Path | None) -> Path:
 class LeRobotWriter(NativeWriter):
     """Appends episodes to a LeRobot v3.0 dataset; images become videos."""
 
-    native_format = "lerobot"
+    native_format: ClassVar[str] = "lerobot"
     _marker = "meta/info.json"
 
 

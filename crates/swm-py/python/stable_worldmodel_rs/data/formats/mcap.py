@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..format import Format, register_format
 from ..native import NativeDataset
@@ -15,13 +15,13 @@ __all__ = ["Mcap", "McapDataset", "McapWriter"]
 class McapDataset(NativeDataset):
     """Clips of an MCAP file; the arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`."""
 
-    native_format = "mcap"
+    native_format: ClassVar[str | None] = "mcap"
 
 
 class McapWriter(NativeWriter):
     """Appends episodes to an MCAP file."""
 
-    native_format = "mcap"
+    native_format: ClassVar[str] = "mcap"
 
 
 @register_format

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from stable_worldmodel_rs import _swm
-
+from ..._core import core as _swm
 from .._paths import get_cache_dir, resolve
 from ..format import Format, register_format
 from ..native import NativeDataset
@@ -35,7 +34,7 @@ class LanceDataset(NativeDataset):
     The other arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`.
     """
 
-    native_format = "lance"
+    native_format: ClassVar[str | None] = "lance"
 
     def __init__(
         self,
@@ -60,7 +59,7 @@ class LanceDataset(NativeDataset):
 class LanceWriter(NativeWriter):
     """Appends episodes to a Lance table."""
 
-    native_format = "lance"
+    native_format: ClassVar[str] = "lance"
 
     def __init__(self, path: str | Path, **options: Any) -> None:
         _require("LanceWriter")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..format import Format, register_format
 from ..writers import NativeWriter
@@ -36,7 +36,7 @@ class VideoWriter(NativeWriter):
         key_frame_period: Frames from one key frame to the next; more is smaller, and slower to read at random.
     """
 
-    native_format = "video"
+    native_format: ClassVar[str] = "video"
     _marker = LENGTHS
 
     def __init__(
@@ -53,9 +53,9 @@ class VideoWriter(NativeWriter):
         if codec not in ("libx264", "h264"):
             raise ValueError(f"codec {codec!r} is not written; use 'libx264', or the reference's VideoWriter")
         super().__init__(path, mode=mode, quality=quality, metadata=metadata)
-        self.fps = float(fps)
+        self.fps: float | None = float(fps)
         self.codec = codec
-        self.key_frame_period = key_frame_period
+        self.key_frame_period: int | None = key_frame_period
 
 
 @register_format

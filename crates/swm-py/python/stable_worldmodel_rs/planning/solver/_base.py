@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BaseSolver", "PlanKeys"]
 
-logger = logging.getLogger("stable_worldmodel_rs")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 _KEYWORDS = {

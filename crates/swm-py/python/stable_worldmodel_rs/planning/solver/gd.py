@@ -67,7 +67,7 @@ class GradientSolver(DescentSolver):
     ) -> None:
         super().__init__(cost, n_steps, batch_size, var_scale, num_samples, action_noise, device, seed, callbacks)
         self.optimizer_cls = optimizer_cls
-        self.optimizer_kwargs = {"lr": 1.0} if optimizer_kwargs is None else dict(optimizer_kwargs)
+        self.optimizer_kwargs: dict[str, Any] = {"lr": 1.0} if optimizer_kwargs is None else dict(optimizer_kwargs)
         self.grad_clip = grad_clip
         self.grad_clip_mode = grad_clip_mode
         self.clip = clip
@@ -97,4 +97,4 @@ class GradientSolver(DescentSolver):
 
         ``actions``, ``(n_envs, t, D)``, are the beginning of the first sequence; zeros follow.
         """
-        self.init = self._starts(n_envs, actions, iterations=0)
+        self.init: torch.Tensor = self._starts(n_envs, actions, iterations=0)

@@ -87,7 +87,7 @@ class ICEMSolver(SamplingSolver):
 
     @return_mean.setter
     def return_mean(self, value: bool) -> None:
-        self.return_best = not value
+        self.return_best: bool = not value
 
     def configure(self, *, action_space: gym.Space[Any], n_envs: int, config: Any) -> None:
         super().configure(action_space=action_space, n_envs=n_envs, config=config)

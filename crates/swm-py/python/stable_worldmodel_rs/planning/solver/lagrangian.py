@@ -82,7 +82,7 @@ class LagrangianSolver(DescentSolver):
         self.rho_scale = rho_scale
         self.persist_multipliers = persist_multipliers
         self.optimizer_cls = optimizer_cls
-        self.optimizer_kwargs = {"lr": 1.0} if optimizer_kwargs is None else dict(optimizer_kwargs)
+        self.optimizer_kwargs: dict[str, Any] = {"lr": 1.0} if optimizer_kwargs is None else dict(optimizer_kwargs)
         self.form = form
         self.clip = clip
         self.tolerance = tolerance
@@ -119,7 +119,7 @@ class LagrangianSolver(DescentSolver):
 
         ``actions``, ``(n_envs, t, D)``, are the beginning of the first sequence; zeros follow.
         """
-        self.init = self._starts(self.n_envs, actions, iterations=1, rounds=1)
+        self.init: torch.Tensor = self._starts(self.n_envs, actions, iterations=1, rounds=1)
 
     def solve(self, info_dict: dict[str, Any], init_action: Any = None, **kwargs: Any) -> dict[str, Any]:
         if not self.persist_multipliers:

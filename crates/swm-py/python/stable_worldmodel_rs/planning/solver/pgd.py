@@ -111,7 +111,7 @@ class PGDSolver(DescentSolver):
         """
         self._from_scalar = from_scalar
         try:
-            self.init = self._starts(self.n_envs, actions, iterations=0)
+            self.init: torch.Tensor = self._starts(self.n_envs, actions, iterations=0)
         finally:
             self._from_scalar = False
 
