@@ -132,7 +132,7 @@ class NativeDataset(Dataset):
             self._require([key for key in self._keys if key not in (keys_to_merge or {})], stored)
         else:
             # Files of this package always have the episode's number; it is no part of a clip.
-            own = self._reader.runs != "[]"
+            own = self._recorded_here()
             self._keys = [key for key in stored if not (own and key == "ep_idx")]
         for target, source in (keys_to_merge or {}).items():
             self.merge_col(source, target)
@@ -145,9 +145,13 @@ class NativeDataset(Dataset):
     def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
         missing = [key for key in keys if key not in stored and key not in INDICES]
         if missing:
-            can_render = missing[0] == "pixels" and self._render is None and self._reader.runs != "[]"
+            can_render = missing[0] == "pixels" and self._render is None and self._recorded_here()
             hint = "; render=(64, 64) renders the images of a recording without them" if can_render else ""
             raise KeyError(f"{self.path} has no column {missing[0]!r}{hint}; the columns are {list(stored)}")
+
+    def _recorded_here(self) -> bool:
+        """Whether this package recorded the file, which then names its runs."""
+        return self._reader is not None and self._reader.runs != "[]"
 
     def _open(self) -> _swm.Reader:
         reader = _swm.Reader.open(self.path, self.native_format)
