@@ -84,6 +84,15 @@ fn probes_tell_the_state_from_latents_of_recorded_rows() {
         let correlation = images["probes"][0][*probe]["correlation"][0].as_f64();
         assert!(correlation > Some(0.5), "{probe}: {images}");
     }
+    // The images of a recording without them are rendered.
+    let blind = folder.path("blind.h5");
+    swm_ok(
+        &[&collect[..collect.len() - 1], &[&blind, "--replayable", "--max-steps", "20", "--quiet"]].concat(),
+    );
+    let rendered =
+        ["quality", "swm/TwoRoom-v2", "--dataset", &blind, "--model", "pixels=4", "--probe", "state"];
+    let small = ["--image-size", "32", "--plans", "2", "--episodes", "15", "--rows", "20", "--horizon", "2"];
+    assert_eq!(swm_json(&[&rendered[..], &small].concat()), images);
     let message = swm_fails(2, &["quality", "swm/TwoRoom-v2", "--model", "pixels=8"]);
     assert!(message.contains("--image-size"), "{message}");
     let message = swm_fails(2, &["quality", "swm/PushT-v1", "--dataset", &data]);

@@ -119,7 +119,7 @@ fn images_do_not_depend_on_the_thread_or_on_other_environments() {
 }
 
 #[test]
-fn a_image_needs_a_camera_of_the_model() {
+fn an_image_needs_a_camera_of_the_model() {
     for renderer in ["software", "gl"] {
         if renderer == "gl" && !has_gl() {
             continue;

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use swm_core::ImageSize;
 use swm_core::env::PIXELS;
 use swm_core::evaluate::is_held_out;
+use swm_core::{ImageSize, Registry};
 use swm_data::adapt::{Subset, split_episodes};
 use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
-use swm_data::{ClipOptions, Dataset, Loader};
+use swm_data::{ClipOptions, DataError, Dataset, Loader, RenderOptions, Rendered};
 
 use crate::baseline::{InputSpec, Phase, PhaseGoals};
 use crate::data::DataDims;
@@ -129,12 +129,39 @@ impl PhaseClips {
 ///
 /// # Errors
 ///
-/// A column that training needs is missing, or of another shape.
+/// It has no actions.
 pub fn data_dims(dataset: &dyn Dataset, baseline: &str) -> Result<DataDims, BaselineError> {
-    let action_dim = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
+    let action_dim = check_columns(dataset, baseline, &[ACTION])?;
     let schema = dataset.schema();
     let proprio_dim = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].dim());
     Ok(DataDims { action_dim, proprio_dim })
+}
+
+/// The dataset with images to train on: its own, or else images of side `image` (pixels) that are rendered when they are read.
+/// `baseline` is the name of what is trained, for messages.
+///
+/// # Errors
+///
+/// It has no images, and does not say how it was recorded, or its environment is not in `registry`.
+pub fn with_images(
+    dataset: &dyn Dataset,
+    registry: &Registry,
+    baseline: &str,
+    image: usize,
+) -> Result<Box<dyn Dataset>, BaselineError> {
+    if dataset.schema().index(PIXELS).is_some() {
+        return Ok(dataset.share());
+    }
+    let size = ImageSize { height: image, width: image };
+    let rendered = Rendered::new(dataset.share(), registry, &RenderOptions::default().image(size));
+    let refuse = |error: DataError| {
+        let reason = format!(
+            "it has no column `{PIXELS}`, and its images cannot be rendered: {error}; record it with `swm collect … \
+             --image-size {image}x{image}`"
+        );
+        columns_error(dataset, baseline, reason)
+    };
+    Ok(Box::new(rendered.map_err(refuse)?))
 }
 
 impl TrainData {
@@ -199,25 +226,23 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     let missing: Vec<&str> = needed.iter().copied().filter(|name| schema.index(name).is_none()).collect();
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-        let fix = match missing.contains(&PIXELS) {
-            true => "record it with `swm collect … --image-size 64x64`, or render images with `swm render`",
-            false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
-        };
+        let fix = "record it with `swm collect`, or choose another baseline (`swm train --list`)";
         return refuse(format!(
             "it has no column `{}`, only `{}`; {fix}",
             missing.join("`, `"),
             known.join("`, `")
         ));
     }
-    let field = |name: &str| &schema.fields()[schema.index(name).expect("checked above")];
-    let shape = &field(PIXELS).shape;
-    match shape[..] {
-        [height, width, 3] if height == width => Ok(field(ACTION).dim()),
-        [height, width, 3] => refuse(format!(
+    let field = |name: &str| schema.index(name).map(|index| &schema.fields()[index]);
+    let action = field(ACTION).expect("checked above").dim();
+    match field(PIXELS).map(|field| &field.shape[..]) {
+        None => Ok(action),
+        Some([height, width, 3]) if height == width => Ok(action),
+        Some([height, width, 3]) => refuse(format!(
             "its images are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
              --image-size 64x64`"
         )),
-        _ => refuse(format!("its images are {shape:?}, and color images [H, W, 3] are needed")),
+        Some(shape) => refuse(format!("its images are {shape:?}, and color images [H, W, 3] are needed")),
     }
 }
 

@@ -26,6 +26,7 @@ mod tests;
 
 pub use data::{
     ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims, validation_episodes,
+    with_images,
 };
 pub use diagnosis::Diagnosis;
 pub use events::EventWriter;

@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use swm_core::{Cancel, Registry};
 use swm_data::{Dataset, Loader};
 
-use super::data::{Split, TrainData, data_dims};
+use super::data::{Split, TrainData, data_dims, with_images};
 use super::diagnosis::Diagnosis;
 use super::fit::{State, fit};
 use super::folder::{RunFolder, RunLock};
@@ -54,12 +54,13 @@ pub struct Training {
 }
 
 impl PreparedRun {
-    /// Makes the model and opens its clips.
+    /// Makes the model and opens its clips. Images that the dataset does not hold are rendered when they are read, in the model's
+    /// size, by the environment that it was recorded in, which `registry` knows.
     ///
     /// # Errors
     ///
     /// Settings that do not go together, a dataset that lacks what the model needs, or an encoder that cannot be read.
-    pub fn new(dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+    pub fn new(registry: &Registry, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
         let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
         fit.check()?;
         let dims = data_dims(dataset, baseline)?;
@@ -78,7 +79,9 @@ impl PreparedRun {
             }
             None => {}
         }
-        let data = TrainData::new(dataset, baseline, model.input_spec(), model.phases(), split, fit.seed)?;
+        let dataset = with_images(dataset, registry, baseline, model.input_spec().image)?;
+        let data =
+            TrainData::new(dataset.as_ref(), baseline, model.input_spec(), model.phases(), split, fit.seed)?;
         let mut fit = fit.clone();
         if fit.batch == 0 {
             fit.batch = model.input_spec().batch;
@@ -116,8 +119,13 @@ impl Training {
     /// # Errors
     ///
     /// As of [`PreparedRun::new`] and [`PreparedRun::create`].
-    pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
-        PreparedRun::new(dataset, new)?.create(folder)
+    pub fn create(
+        registry: &Registry,
+        folder: &Path,
+        dataset: &dyn Dataset,
+        new: &NewRun<'_>,
+    ) -> Result<Self, BaselineError> {
+        PreparedRun::new(registry, dataset, new)?.create(folder)
     }
 
     /// Resumes the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place and is of a format of `registry`. `change`
@@ -156,6 +164,7 @@ impl Training {
         })?;
         let model = restore(&config.model_config, device)?;
         let name = model.name();
+        let dataset = with_images(dataset.as_ref(), registry, name, model.input_spec().image)?;
         let data = TrainData::new(
             dataset.as_ref(),
             name,

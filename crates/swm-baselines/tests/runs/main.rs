@@ -74,7 +74,7 @@ fn new_run(baseline: &str) -> NewRun<'_> {
 /// Trains in the folder `name`.
 fn trained(folder: &Path, baseline: &str, name: &str) -> State {
     let dataset = swm_data::open(&folder.join("data.h5")).expect("sound in this test");
-    let mut training = Training::create(&folder.join(name), dataset.as_ref(), &new_run(baseline))
+    let mut training = Training::create(built_in(), &folder.join(name), dataset.as_ref(), &new_run(baseline))
         .expect("sound in this test");
     training.run(Vec::new()).expect("sound in this test")
 }
@@ -155,7 +155,7 @@ fn averages_and_estimated_statistics_go_on_to_the_same_bits() {
         new.changes["optim"] = json!({ "ema": ema });
         new.fit.norm_batches = norm_batches;
         let path = folder.path().join(name);
-        let mut training = Training::create(&path, dataset.as_ref(), &new).unwrap();
+        let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
         if let Some(step) = break_at {
             training.run(vec![Box::new(BreakAt(step))]).unwrap_err();
             drop(training);
@@ -178,7 +178,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let dataset = record(folder.path());
     let whole = trained(folder.path(), "lewm", "whole");
     let path = folder.path().join("broken");
-    let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new_run("lewm")).unwrap();
     assert!(
         Training::resume(built_in(), &path, Device::Cpu, None, |_| ())
             .err()
@@ -199,7 +199,8 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
         std::fs::read(run.weights(9)).unwrap()
     };
     assert!(weights("whole") == weights("broken"), "the weights differ");
-    let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
+    let error =
+        Training::create(built_in(), &path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
     assert!(error.contains("--resume"), "{error}");
     let error =
         Training::resume(built_in(), &path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
@@ -267,7 +268,7 @@ fn models_are_measured_while_they_train() {
     let dataset = record(folder.path());
     let whole = trained(folder.path(), "lewm", "whole");
     let path = folder.path().join("measured");
-    let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new_run("lewm")).unwrap();
     let mut diagnosis = LatentSize(4, 0);
     assert_eq!(
         training.run_with(Vec::new(), Some(&mut diagnosis), &Cancel::new()).unwrap(),
@@ -284,7 +285,8 @@ fn models_are_measured_while_they_train() {
     assert_eq!(measured, [4, 8, 9]);
 
     let mut training =
-        Training::create(&folder.path().join("policy"), dataset.as_ref(), &new_run("gcbc")).unwrap();
+        Training::create(built_in(), &folder.path().join("policy"), dataset.as_ref(), &new_run("gcbc"))
+            .unwrap();
     let error =
         training.run_with(Vec::new(), Some(&mut LatentSize(4, 0)), &Cancel::new()).unwrap_err().to_string();
     assert!(error.contains("cannot measure the model at step 4: it predicts nothing"), "{error}");

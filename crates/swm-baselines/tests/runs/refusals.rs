@@ -17,7 +17,7 @@ use super::{made, made_for, new_run, paths_in, record, record_as, trained};
 /// Why a training cannot be made.
 fn refused(folder: &Path, dataset: &dyn swm_data::Dataset, new: &NewRun<'_>) -> String {
     let run = folder.join("refused");
-    let error = Training::create(&run, dataset, new).err().expect("it is refused").to_string();
+    let error = Training::create(built_in(), &run, dataset, new).err().expect("it is refused").to_string();
     assert!(!run.exists(), "nothing is left behind");
     error
 }
@@ -62,7 +62,15 @@ fn datasets_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let blind = record_as(&folder.path().join("blind.h5"), None, 1);
     let message = refused(folder.path(), blind.as_ref(), &new_run("lewm"));
-    says(&message, &["blind.h5 cannot train lewm: it has no column `pixels`", "--image-size"]);
+    says(
+        &message,
+        &[
+            "blind.h5 cannot train lewm: it has no column `pixels`",
+            "cannot be rendered",
+            "unknown environment `swm/Dot-v0`",
+            "--image-size",
+        ],
+    );
     let oblong = record_as(&folder.path().join("oblong.h5"), Some(ImageSize { height: 16, width: 8 }), 1);
     let message = refused(folder.path(), oblong.as_ref(), &new_run("lewm"));
     says(&message, &["oblong.h5 cannot train lewm: its images are 16 × 8", "--image-size"]);
@@ -98,7 +106,7 @@ fn encoders_that_do_not_fit_are_refused() {
     let cut = folder.path().join("cut.pt");
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
     says(&fails(NewRun { encoder: Some(&cut), ..on_frozen_encoder(12) }), &["cut.pt", "cut off"]);
-    assert!(Training::create(&folder.path().join("run"), dataset.as_ref(), &frozen(12)).is_ok());
+    assert!(Training::create(built_in(), &folder.path().join("run"), dataset.as_ref(), &frozen(12)).is_ok());
 }
 
 #[test]

@@ -141,7 +141,7 @@ fn damage_is_not_copied() {
 }
 
 #[test]
-fn a_flipped_bit_in_a_image_is_found() {
+fn a_flipped_bit_in_an_image_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let [path, bad] = ["data.h5", "bad.h5"].map(|name| folder.path().join(name));
     record(&path, WriteMode::Append, 0..3).unwrap();

@@ -31,7 +31,7 @@ fn hash(bytes: &[u8]) -> u64 {
 /// Every shape, light, mapping and pass is in this image. Its bytes are the same on every CPU: where this fails on
 /// one and nowhere else, something depends on the machine. Where images are meant to change, so does this number.
 #[test]
-fn a_image_has_the_same_bytes_on_every_machine() {
+fn an_image_has_the_same_bytes_on_every_machine() {
     let mut stage = Stage::new();
     let mut video = Vec::new();
     let mut first = renderer(Quality::default());

@@ -74,7 +74,7 @@ impl TargetArgs {
                 None
             }
             None => {
-                output.note(images::note(source, RENDERED));
+                output.note(images::note(source, RENDERED, images::BY_DEFAULT));
                 Some(RENDERED)
             }
         };

@@ -27,11 +27,11 @@ pub(super) fn rendered(
     Ok(Box::new(Rendered::new(dataset, registry, &options).map_err(usage)?))
 }
 
-/// What is said where images are rendered unasked.
-pub(super) fn note(path: &Path, size: ImageSize) -> String {
+/// What is said where images are rendered unasked; `why` they are of this size.
+pub(super) fn note(path: &Path, size: ImageSize, why: &str) -> String {
     let ImageSize { height, width } = size;
-    format!(
-        "note: {} holds no images; they are rendered at {height}x{width} (--image-size changes that)",
-        path.display()
-    )
+    format!("note: {} holds no images; they are rendered at {height}x{width} ({why})", path.display())
 }
+
+/// Of a size that a flag changes.
+pub(super) const BY_DEFAULT: &str = "--image-size changes that";

@@ -62,7 +62,7 @@ impl Preview {
         let size = match self.image_size {
             Some(size) => size.0,
             None if missing && dataset.metadata().is_some() => {
-                output.note(images::note(&self.file, RENDERED));
+                output.note(images::note(&self.file, RENDERED, images::BY_DEFAULT));
                 Some(RENDERED)
             }
             None => None,

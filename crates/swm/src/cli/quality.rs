@@ -10,7 +10,7 @@ use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, R
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::table;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, images, usage};
 use crate::evaluation::{
     GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, quality, recorded_episodes,
     task_probes,
@@ -87,8 +87,7 @@ impl QualityCommand {
             return Err(usage(format!("--rows {rows}: use more than --horizon, which is {horizon}")));
         }
         let entry = self.env.entry(registry)?;
-        let mut dataset =
-            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
+        let dataset = self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
         let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         if !metadata.env.is_empty() && metadata.env != entry.id {
             return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
@@ -98,6 +97,12 @@ impl QualityCommand {
         let image = self.image_size.map_or_else(|| of_model().or(metadata.image), |size| size.0);
         let config =
             self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
+        let mut dataset = match (dataset, image) {
+            (Some(blind), Some(size)) if !images::holds_images(blind.as_ref()) => {
+                Some(images::rendered(blind, registry, size)?)
+            }
+            (dataset, _) => dataset,
+        };
         let violations: Vec<(String, Violation)> = self
             .violations
             .iter()

@@ -7,17 +7,17 @@ use serde_json::{Map, Value as Json, json};
 use swm_baselines::online::{AGENTS, is_online};
 use swm_baselines::train::{
     Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, PreparedRun, Record, RunConfig,
-    RunFolder, Split, State, Training,
+    RunFolder, Split, State, Training, with_images,
 };
 use swm_baselines::{BASELINES, Baseline, BaselineError};
-use swm_core::{Registry, WorldError};
+use swm_core::{ImageSize, Registry, WorldError};
 
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
 use crate::cli::work::Plan;
-use crate::cli::{Failure, Output, interrupt, usage};
+use crate::cli::{Failure, Output, images, interrupt, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
 pub(super) const SAVING: Duration = Duration::from_secs(25);
@@ -53,8 +53,13 @@ impl Train {
             let first = of_baseline.map_or("", |entry| entry.presets[0]);
             let preset = self.preset.as_deref().unwrap_or(first);
             let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
-            let prepared =
-                PreparedRun::new(swm_data::open_in(registry, data)?.as_ref(), &new).map_err(failure)?;
+            let dataset = swm_data::open_in(registry, data)?;
+            let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failure)?;
+            if !images::holds_images(dataset.as_ref()) {
+                let image = prepared.config().data.image;
+                let size = ImageSize { height: image, width: image };
+                output.note(images::note(data, size, "the model's size"));
+            }
             // What cannot be measured is refused before anything is written.
             let measured = measured(prepared.model(), prepared.config())?;
             (prepared.create(out).map_err(failure)?, measured)
@@ -135,6 +140,8 @@ fn on_the_way(
         )));
     }
     let dataset = swm_data::open_in(registry, &data.path)?;
+    let dataset =
+        with_images(dataset.as_ref(), registry, model.name(), model.input_spec().image).map_err(failure)?;
     OnTheWay::new(registry, every, dataset.as_ref(), data.split, model.input_spec(), fit.seed)
 }
 
@@ -319,66 +326,5 @@ impl Checkpoints {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::ffi::OsString;
-
-    use super::*;
-
-    #[test]
-    fn numbers_keep_their_digits() {
-        let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 12345.6, 2e9, f64::NAN].map(short);
-        assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "12346", "2.000e9", "NaN"]);
-    }
-
-    #[derive(clap::Parser)]
-    struct TrainAlone {
-        #[command(flatten)]
-        train: Train,
-    }
-
-    #[test]
-    fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
-        let registry = crate::registry();
-        let folder = std::env::temp_dir().join(format!("swm-train-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let [data, run] = ["a.h5", "run"].map(|name| folder.join(name));
-        let words = "swm -q collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 --image-size 64x64 --out";
-        let _ = crate::cli::run(&registry, words.split(' ').map(Into::into).chain([data.clone().into()]));
-        let train = |baseline: &str, more: &str| {
-            let words = format!("swm {baseline} --steps 1 --batch 2 {more}");
-            let paths = [OsString::from("--data"), data.clone().into(), "--out".into(), run.clone().into()];
-            let words = words.split_whitespace().map(OsString::from).chain(paths);
-            let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
-            train.run(&registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
-        };
-        for (baseline, more, reason) in [
-            (
-                "gcbc",
-                "--quality-every 1",
-                "--quality-every measures world models, and gcbc is a policy; leave it out",
-            ),
-            ("lewm", "--quality-every 0", "--quality-every 0: use 1 or more"),
-            ("lewm", "--quality-every 1 --split 0.8", "needs 2 or more"),
-            ("conv-jepa", "--preset paper", "it has: small"),
-        ] {
-            let more = if more.starts_with("--preset") { more } else { &format!("{more} --preset small") };
-            let message = train(baseline, more).unwrap_err();
-            assert!(message.contains(reason), "{message}");
-            assert!(!run.exists(), "{baseline} {more} left a run behind");
-        }
-        train("gcbc", "--preset small").unwrap();
-        assert!(run.exists());
-        std::fs::remove_dir_all(folder).unwrap();
-    }
-
-    #[test]
-    fn settings_nest_at_their_dots() {
-        let set =
-            |options: &[&str]| changes(&options.iter().map(|&option| option.to_owned()).collect::<Vec<_>>());
-        let nested = set(&["model.width=64", "model.encoder.kind=cnn", "optim.lr=1e-3"]).ok();
-        let wanted =
-            json!({ "model": { "width": 64, "encoder": { "kind": "cnn" } }, "optim": { "lr": 1e-3 } });
-        assert_eq!(nested, Some(wanted));
-        assert!(set(&["model=1", "model.width=2"]).is_err() && set(&["width"]).is_err());
-    }
-}
+#[path = "train_tests.rs"]
+mod tests;

@@ -49,6 +49,8 @@ struct Functions {
     create_context: Symbol<unsafe extern "C" fn(Handle, Handle, Handle, *const c_int) -> Handle>,
     destroy_context: Symbol<unsafe extern "C" fn(Handle, Handle) -> Bool>,
     make_current: Symbol<unsafe extern "C" fn(Handle, Handle, Handle, Handle) -> Bool>,
+    current_context: Symbol<unsafe extern "C" fn() -> Handle>,
+    release_thread: Symbol<unsafe extern "C" fn() -> Bool>,
 }
 
 impl Egl {
@@ -65,6 +67,8 @@ impl Egl {
                 create_context: symbol(&library, b"eglCreateContext\0")?,
                 destroy_context: symbol(&library, b"eglDestroyContext\0")?,
                 make_current: symbol(&library, b"eglMakeCurrent\0")?,
+                current_context: symbol(&library, b"eglGetCurrentContext\0")?,
+                release_thread: symbol(&library, b"eglReleaseThread\0")?,
             }
         };
         let (display, config) = display(&library)?;
@@ -90,6 +94,17 @@ impl Egl {
         let code = unsafe { (self.functions.get_error)() };
         format!("{call} failed with EGL error 0x{code:04X}")
     }
+
+    /// Gives up what EGL keeps for this thread, unless a context is current here, ours or another library's. A thread that
+    /// ended with it while the process ends would free it twice: itself, and the library.
+    fn release_thread(&self) {
+        // SAFETY: the functions take nothing, and no context is current.
+        unsafe {
+            if (self.functions.current_context)().is_null() {
+                (self.functions.release_thread)();
+            }
+        }
+    }
 }
 
 // SAFETY: contexts come from EGL itself.
@@ -104,7 +119,9 @@ unsafe impl Driver for Egl {
             (self.functions.bind_api)(OPENGL_API);
             (self.functions.create_context)(self.display, self.config, null_mut(), null())
         };
-        NonNull::new(context).ok_or_else(|| self.error("eglCreateContext"))
+        let created = NonNull::new(context).ok_or_else(|| self.error("eglCreateContext"));
+        self.release_thread();
+        created
     }
 
     unsafe fn make_current(&self, context: Option<NonNull<c_void>>) -> Result<(), String> {
@@ -115,12 +132,17 @@ unsafe impl Driver for Egl {
             (self.functions.bind_api)(OPENGL_API);
             (self.functions.make_current)(self.display, null_mut(), null_mut(), context)
         };
-        if done == 0 { Err(self.error("eglMakeCurrent")) } else { Ok(()) }
+        let made = if done == 0 { Err(self.error("eglMakeCurrent")) } else { Ok(()) };
+        if context.is_null() {
+            self.release_thread();
+        }
+        made
     }
 
     unsafe fn destroy(&self, context: NonNull<c_void>) {
         // SAFETY: the caller's promise.
         unsafe { (self.functions.destroy_context)(self.display, context.as_ptr()) };
+        self.release_thread();
     }
 }
 
@@ -193,4 +215,38 @@ fn display(library: &Library) -> Result<(Handle, Handle), String> {
 unsafe fn symbol<T>(library: &Library, name: &[u8]) -> Result<Symbol<T>, String> {
     // SAFETY: the caller's promise.
     unsafe { library.get(name) }.map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPENGL_ES_API: c_uint = 0x30A0;
+
+    #[test]
+    fn a_thread_keeps_nothing_of_egl_between_two_images() {
+        let Ok(egl) = Egl::load() else {
+            return;
+        };
+        // SAFETY: this is the signature of EGL 1.2.
+        let bound =
+            unsafe { symbol::<unsafe extern "C" fn() -> c_uint>(&egl._library, b"eglQueryAPI\0") }.unwrap();
+        // A thread that EGL knows nothing of is bound to OpenGL ES, one that made or used a context to OpenGL.
+        // SAFETY: the function takes nothing.
+        let knows_thread = || unsafe { bound() } != OPENGL_ES_API;
+        assert!(!knows_thread(), "after loading");
+        let context = egl.create().unwrap();
+        assert!(!knows_thread(), "after making a context");
+        // SAFETY: the context was made here, is used on this thread only, and is not used after its end.
+        unsafe {
+            egl.make_current(Some(context)).unwrap();
+            assert!(knows_thread(), "while the context is current");
+            egl.release_thread();
+            assert!(knows_thread(), "a current context is not given up");
+            egl.make_current(None).unwrap();
+            assert!(!knows_thread(), "after an image");
+            egl.destroy(context);
+        }
+        assert!(!knows_thread(), "after the end of the context");
+    }
 }

@@ -1,0 +1,96 @@
+//! Trainings by the command: what is refused, and on what is learned.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use super::*;
+
+#[test]
+fn numbers_keep_their_digits() {
+    let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 12345.6, 2e9, f64::NAN].map(short);
+    assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "12346", "2.000e9", "NaN"]);
+}
+
+#[derive(clap::Parser)]
+struct TrainAlone {
+    #[command(flatten)]
+    train: Train,
+}
+
+/// Runs of the command in a folder of their own, which is removed at the end.
+struct Bench {
+    registry: Registry,
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self { registry: crate::registry(), folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn collect(&self, how: &str, file: &str) {
+        let words =
+            format!("swm -q collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 {how} --out");
+        let words = words.split_whitespace().map(OsString::from);
+        let _ = crate::cli::run(&self.registry, words.chain([self.path(file).into()]));
+    }
+
+    fn train(&self, words: &str, data: &str, run: &str) -> Result<(), String> {
+        let words = format!("swm {words} --steps 1 --batch 2");
+        let [data, run] = [data, run].map(|name| OsString::from(self.path(name)));
+        let paths = [OsString::from("--data"), data, "--out".into(), run];
+        let words = words.split_whitespace().map(OsString::from).chain(paths);
+        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
+        train.run(&self.registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
+    }
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    for (words, reason) in [
+        (
+            "gcbc --preset small --quality-every 1",
+            "--quality-every measures world models, and gcbc is a policy; leave it out",
+        ),
+        ("lewm --preset small --quality-every 0", "--quality-every 0: use 1 or more"),
+        ("lewm --preset small --quality-every 1 --split 0.8", "needs 2 or more"),
+        ("conv-jepa --preset paper", "it has: small"),
+    ] {
+        let message = bench.train(words, "a.h5", "run").unwrap_err();
+        assert!(message.contains(reason), "{message}");
+        assert!(!bench.path("run").exists(), "{words} left a run behind");
+    }
+    bench.train("gcbc --preset small", "a.h5", "run").unwrap();
+    assert!(bench.path("run").exists());
+}
+
+#[test]
+fn a_recording_without_images_trains_the_same_weights() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "seen.h5");
+    bench.collect("--replayable", "replayable.h5");
+    bench.collect("--image-size none", "plain.h5");
+    let weights = |data: &str, run: &str| {
+        bench.train("lewm --preset small", data, run).unwrap();
+        std::fs::read(RunFolder::open(&bench.path(run)).unwrap().weights(1)).unwrap()
+    };
+    let seen = weights("seen.h5", "on-seen");
+    assert!(weights("replayable.h5", "on-replayable") == seen, "rendered by replay from checkpoints");
+    assert!(weights("plain.h5", "on-plain") == seen, "rendered by replay from the reset");
+}
+
+#[test]
+fn settings_nest_at_their_dots() {
+    let set =
+        |options: &[&str]| changes(&options.iter().map(|&option| option.to_owned()).collect::<Vec<_>>());
+    let nested = set(&["model.width=64", "model.encoder.kind=cnn", "optim.lr=1e-3"]).ok();
+    let wanted = json!({ "model": { "width": 64, "encoder": { "kind": "cnn" } }, "optim": { "lr": 1e-3 } });
+    assert_eq!(nested, Some(wanted));
+    assert!(set(&["model=1", "model.width=2"]).is_err() && set(&["width"]).is_err());
+}
