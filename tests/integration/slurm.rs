@@ -133,9 +133,30 @@ impl Slurm {
         let started = Instant::now();
         while !is_there() {
             let is_in_time = started.elapsed() < Duration::from_secs(120);
-            assert!(is_in_time, "waited too long: {what}\n{}", self.slurm("squeue", &["-r"]));
+            assert!(
+                is_in_time,
+                "waited too long: {what}\n{}{}",
+                self.slurm("squeue", &["-r"]),
+                self.ends_of_logs()
+            );
             sleep(Duration::from_millis(50));
         }
+    }
+
+    /// The ends of what the jobs and the daemons wrote, and the locks.
+    fn ends_of_logs(&self) -> String {
+        let files = |folder: &str| fs::read_dir(self.folder.path(folder)).into_iter().flatten().flatten();
+        let of_jobs = files("").flat_map(|job| {
+            let job = job.file_name().to_string_lossy().into_owned();
+            [format!("{job}/logs"), format!("{job}/done")]
+        });
+        let folders: Vec<_> = of_jobs.chain(["slurm/log".to_owned()]).collect();
+        let end = |path: PathBuf| {
+            let text = fs::read(&path).unwrap_or_default();
+            let text = String::from_utf8_lossy(&text[text.len().saturating_sub(2000)..]);
+            format!("\n=== {}\n{text}", path.display())
+        };
+        folders.iter().flat_map(|folder| files(folder)).map(|file| end(file.path())).collect()
     }
 }
 
