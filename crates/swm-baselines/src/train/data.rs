@@ -226,7 +226,10 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     let missing: Vec<&str> = needed.iter().copied().filter(|name| schema.index(name).is_none()).collect();
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-        let fix = "record it with `swm collect`, or choose another baseline (`swm train --list`)";
+        let fix = match missing.contains(&PIXELS) {
+            true => "record it with `swm collect … --image-size 64x64`",
+            false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
+        };
         return refuse(format!(
             "it has no column `{}`, only `{}`; {fix}",
             missing.join("`, `"),
