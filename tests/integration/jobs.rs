@@ -138,8 +138,19 @@ fn a_job_by_hand_is_the_undivided_recording() {
     // No engine knows of a shard that runs by hand; its log does.
     fs::write(format!("{job}/logs/0001.log"), "swm task: attempt 1 on n7 by nothing: 0 committed\n").unwrap();
     let page = swm_ok(&["jobs", &job]);
-    assert!(page.contains("1 started, not queued, 2 not submitted"), "{page}");
-    assert!(page.contains("started on n7, not queued"), "{page}");
+    assert!(page.contains("1 interrupted, 2 not started"), "{page}");
+    assert!(page.contains("interrupted: last on n7"), "{page}");
+    // A lock tells that a shard is at work here, and by whom.
+    let (lock, us) = (format!("{job}/done/0001.lock"), std::process::id());
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
+    fs::write(&lock, format!("process {us} on {host}")).unwrap();
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains("1 running, 2 not started"), "{page}");
+    assert!(
+        page.contains(&format!("running: process {us} on ")) && page.contains("missing         2,4"),
+        "{page}"
+    );
+    fs::remove_file(lock).unwrap();
     fs::remove_file(format!("{job}/logs/0001.log")).unwrap();
     // What is done is a dataset already.
     assert!(swm_ok(&["inspect", &job]).contains("episodes"));

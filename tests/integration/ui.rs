@@ -177,7 +177,7 @@ fn jobs_are_shown_as_the_command_shows_them() {
     let first = show();
     assert_eq!(first, swm_json(&["jobs", &job]));
     let state = |shown: &Json, shard: usize| shown["each"][shard - 1]["state"].as_str().unwrap().to_owned();
-    assert_eq!([1, 2, 3].map(|shard| state(&first, shard)), ["not submitted", "done", "not submitted"]);
+    assert_eq!([1, 2, 3].map(|shard| state(&first, shard)), ["not started", "done", "not started"]);
     assert_eq!([&first["each"][0]["of"], &first["each"][1]["episodes"]], [&Json::from(2), &2.into()]);
     swm_ok(&["task", &job, "--index", "1"]);
     let next = show();

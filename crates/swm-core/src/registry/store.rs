@@ -6,6 +6,7 @@ use std::iter;
 
 use super::{Absent, BASIC_POLICIES, Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry};
 use crate::error::{PolicyError, UnknownName, nearest};
+use crate::evaluate::ModelEntry;
 use crate::policy::Policy;
 
 /// Environments, policies and other entries of several crates, merged.
@@ -115,7 +116,10 @@ impl Registry {
         let found = self.policies(env).find(|entry| entry.name == name);
         found.ok_or_else(|| {
             let unknown = self.unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name));
-            UnknownName { command: format!("{} {}", unknown.command, env.id), ..unknown }
+            let is_model = self.all::<ModelEntry>().any(|entry| entry.name == name);
+            let plan = || "it is a model; to plan with a trained one, use `mpc:RUN`".to_owned();
+            let fix = unknown.fix.or_else(|| is_model.then(plan));
+            UnknownName { command: format!("{} {}", unknown.command, env.id), fix, ..unknown }
         })
     }
 

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::{Value as Json, json};
 
+use swm_data::recording::WriterLock;
+
 use super::output::{counted, key_values, print, table};
 use super::{Failure, Output, usage};
 use crate::jobs::JobFolder;
@@ -207,7 +209,9 @@ struct Status<'a> {
     missing: Vec<u64>,
     /// Episodes of shards that are not done, as their logs say.
     begun: BTreeMap<u64, u64>,
-    /// The node of the last start of shards that have neither ended nor are with an engine: run by hand, or lost.
+    /// Who runs shards without an engine, on this machine.
+    by_hand: BTreeMap<u64, String>,
+    /// The node of the last start of other shards that have neither ended nor are with an engine: lost, or at work on another machine.
     started: BTreeMap<u64, String>,
     finished: Option<Finished>,
 }
@@ -228,13 +232,21 @@ impl<'a> Status<'a> {
         let begun = begun.collect();
         let held: BTreeMap<u64, Queued> =
             left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
-        let missing: Vec<u64> = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
+        let is_at_work = |shard: u64| Some((shard, WriterLock::holder_here(&folder.shard_lock(shard))?));
+        let unheld = left.into_iter().filter(|shard| !held.contains_key(shard));
+        let (mut missing, mut by_hand) = (Vec::new(), BTreeMap::new());
+        for shard in unheld {
+            match is_at_work(shard) {
+                Some((shard, who)) => drop(by_hand.insert(shard, who)),
+                None => missing.push(shard),
+            }
+        }
         let unexplained = missing.iter().filter(|shard| !failed.contains_key(shard));
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
         let finished = read_json(&folder.finished())?;
-        Ok(Self { folder, done, failed, held, missing, begun, started, finished })
+        Ok(Self { folder, done, failed, held, missing, begun, by_hand, started, finished })
     }
 
     fn episodes(&self) -> u64 {
@@ -242,7 +254,19 @@ impl<'a> Status<'a> {
     }
 
     fn running(&self) -> usize {
-        self.held.values().filter(|task| task.is_running).count()
+        self.held.values().filter(|task| task.is_running).count() + self.by_hand.len()
+    }
+
+    /// What shards are called that nobody began, and those that were begun by who is not known to be at work.
+    fn words(&self) -> [&'static str; 2] {
+        match self.folder.is_with_an_engine() {
+            true => ["not submitted", "started, not queued"],
+            false => ["not started", "interrupted"],
+        }
+    }
+
+    fn waiting(&self) -> usize {
+        self.held.values().filter(|task| !task.is_running).count()
     }
 
     fn json(&self) -> Json {
@@ -254,7 +278,7 @@ impl<'a> Status<'a> {
             "shards": job.shards,
             "done": self.done.len(),
             "running": self.running(),
-            "waiting": self.held.len() - self.running(),
+            "waiting": self.waiting(),
             "failed": self.failed,
             "missing": self.missing,
             "episodes": self.episodes(),
@@ -264,7 +288,7 @@ impl<'a> Status<'a> {
         })
     }
 
-    /// The state of one shard: `done`, what its engine says, `failed`, `started … not queued` or `not submitted`.
+    /// The state of one shard: `done`, what its engine says, who runs it by hand, `failed`, or how [`Self::words`] calls it.
     fn shard(&self, shard: u64) -> Json {
         let job = &self.folder.job;
         let of = job.range(shard).count();
@@ -275,7 +299,7 @@ impl<'a> Status<'a> {
         json!({
             "shard": shard,
             "state": self.state(shard),
-            "running": self.held.get(&shard).is_some_and(|task| task.is_running),
+            "running": self.held.get(&shard).is_some_and(|task| task.is_running) || self.by_hand.contains_key(&shard),
             "episodes": self.begun.get(&shard).copied().unwrap_or(0),
             "of": of,
             "message": self.message(shard),
@@ -284,12 +308,16 @@ impl<'a> Status<'a> {
 
     /// The state of a shard that is not done.
     fn state(&self, shard: u64) -> String {
+        if let Some(who) = self.by_hand.get(&shard) {
+            return format!("running: {who}");
+        }
+        let [untouched, begun] = self.words();
         match (self.held.get(&shard), self.failed.get(&shard)) {
             (Some(task), _) => task.state.clone(),
             (None, Some(failed)) => format!("failed on {}", failed.node),
             (None, None) => match self.started.get(&shard) {
-                Some(node) => format!("started on {node}, not queued"),
-                None => "not submitted".to_owned(),
+                Some(node) => format!("{begun}: last on {node}"),
+                None => untouched.to_owned(),
             },
         }
     }
@@ -301,15 +329,15 @@ impl<'a> Status<'a> {
 
     /// One line: how far it is.
     fn line(&self) -> String {
-        let waiting = self.held.len() - self.running();
         let untouched = |shard: &&u64| !self.failed.contains_key(shard) && !self.started.contains_key(shard);
+        let [untouched_name, begun] = self.words();
         let counts = [
             (self.done.len(), "done"),
             (self.running(), "running"),
-            (waiting, "waiting"),
+            (self.waiting(), "waiting"),
             (self.failed.len(), "failed"),
-            (self.started.len(), "started, not queued"),
-            (self.missing.iter().filter(untouched).count(), "not submitted"),
+            (self.started.len(), begun),
+            (self.missing.iter().filter(untouched).count(), untouched_name),
         ];
         let counts: Vec<String> = counts
             .iter()
@@ -345,8 +373,15 @@ impl<'a> Status<'a> {
             let episodes = self.begun.get(&shard).map_or(String::new(), ToString::to_string);
             vec![shard.to_string(), self.state(shard), episodes, self.message(shard).to_owned()]
         };
-        let mut open: Vec<u64> =
-            self.failed.keys().chain(self.held.keys()).chain(self.started.keys()).copied().collect();
+        let mut open: Vec<u64> = self
+            .failed
+            .keys()
+            .chain(self.held.keys())
+            .chain(self.by_hand.keys())
+            .chain(self.started.keys())
+            .copied()
+            .collect();
+        open.sort_unstable();
         open.dedup();
         let rows: Vec<Vec<String>> = open.iter().take(MAX_LISTED).map(shown).collect();
         if !rows.is_empty() {

@@ -77,7 +77,7 @@ impl Task {
         let folder = folder
             .ok_or_else(|| usage(format!("{} holds no job; `swm submit` makes one", self.job.display())))?;
         let dir = folder.dir.display().to_string();
-        interrupt::within_task(format!("start the task again, or `swm submit --job {dir}`"));
+        interrupt::within_task(way_on(&folder));
         interrupt::watch_resumable(move || format!("what is committed is safe in {dir}"), interrupt::REPEAT);
         folder.check(version::long(), self.finish).map_err(usage)?;
         let here = &folder.job.folder;
@@ -117,7 +117,8 @@ impl Task {
                 Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
                 Err(failure) if failure.is_cancelled() => {
                     // What was told when the signal came is in the log of the shard.
-                    output.note(format!("interrupted in shard {shard}; to continue, repeat the command"));
+                    let how = way_on(&folder);
+                    output.note(format!("interrupted in shard {shard}; to continue, {how}"));
                     return Err(failure);
                 }
                 // Such as the process of a node that only seemed lost: it may finish the shard, or end.
@@ -150,6 +151,15 @@ impl Task {
     }
 }
 
+/// What continues an interrupted task.
+fn way_on(folder: &JobFolder) -> String {
+    let command = folder.command_for_the_rest();
+    match folder.is_with_an_engine() {
+        true => format!("start the task again, or `{command}`"),
+        false => format!("start the task again, or all that are left: {command}"),
+    }
+}
+
 /// Seconds until the scheduler ends the task, where it is known.
 fn time_left(started: Instant) -> Option<f64> {
     let limit: f64 = std::env::var("SWM_TIME_LIMIT").ok()?.parse().ok()?;
@@ -178,7 +188,7 @@ impl Run<'_> {
         let Self { registry, folder, kind, output } = *self;
         let done = folder.done(shard);
         let of = folder.job.shards;
-        let lock = WriterLock::take(&folder.dir.join("done").join(format!("{shard:04}")))?;
+        let lock = WriterLock::take(&folder.shard_lock(shard))?;
         if done.is_file() {
             output.note(format!("shard {shard} of {of} was done already"));
             return Ok(());

@@ -27,8 +27,8 @@ pub(super) struct Train {
     /// List baselines and agents, and their presets.
     #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
     list: bool,
-    /// The dataset; with --resume only if it has moved.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume", "env"])]
+    /// The dataset that a baseline learns from; with --resume only if it has moved.
+    #[arg(long, value_name = "FILE")]
     data: Option<PathBuf>,
     /// The run's folder.
     #[arg(long, short, value_name = "RUN", required_unless_present = "list")]

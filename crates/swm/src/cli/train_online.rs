@@ -7,10 +7,9 @@ use swm_baselines::online::{
     AGENTS, NewOnlineRun, OnlineConfig, OnlineSettings, OnlineState, OnlineTraining, is_online,
 };
 use swm_baselines::train::{Checkpoint, End, RunFolder};
-use swm_core::error::{did_you_mean, nearest};
 use swm_core::{Registry, WorldError};
 
-use super::work::{SAVING, Shown, changes, failure, many, short, trainable};
+use super::work::{Pace, SAVING, Shown, changes, failure, many, short, trainable, unknown};
 use super::{OnlineArgs, SPLIT, Train};
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
@@ -20,11 +19,7 @@ impl Train {
     /// Whether an agent is to learn, by its name or by the run that is resumed; options that do not go with it are refused.
     pub(super) fn is_online(&self, out: &Path) -> Result<bool, Failure> {
         let is_online = match &self.baseline {
-            Some(name) if self.online.env.is_some() && !trainable().any(|(known, ..)| known == name) => {
-                let names: Vec<&str> = trainable().map(|(name, ..)| name).collect();
-                let meant = did_you_mean(nearest(name, names.iter().copied()).as_deref());
-                return Err(usage(format!("unknown agent `{name}`{meant}; there are {}", names.join(", "))));
-            }
+            Some(name) if !trainable().any(|(known, ..)| known == name) => return Err(unknown(name)),
             Some(name) => AGENTS.iter().any(|agent| agent.name == name),
             None => is_online(&RunFolder::open(out).map_err(failure)?).map_err(failure)?,
         };
@@ -89,8 +84,7 @@ impl Train {
         output.note(beginning(&training));
         let bar = output.bar(0, "steps");
         let begun_at = training.done().map_err(failure)?;
-        let shown =
-            Shown { bar: bar.clone(), output, lines: !output.shows_bars(), has_phases: false, begun_at };
+        let shown = Shown::new(&bar, output, Pace::EnvSteps, false, begun_at);
         let run = out.display().to_string();
         interrupt::allow(SAVING);
         let advice = run.clone();
@@ -126,7 +120,7 @@ fn beginning(training: &OnlineTraining) -> String {
     let OnlineConfig { agent, env, interface, .. } = training.config();
     let [observed, acted] = interface.dims();
     format!(
-        "{}, preset {}, {} numbers to learn; in {env}: {observed} values observed ({}), {acted} of an action",
+        "{}, preset {}, {} parameters; in {env}: it observes {observed} values ({}), an action has {acted}",
         agent.agent,
         agent.preset,
         many(training.agent().parameters()),

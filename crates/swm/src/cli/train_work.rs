@@ -10,6 +10,7 @@ use swm_baselines::train::{
     RunFolder, Split, State, Training, with_images,
 };
 use swm_baselines::{BASELINES, Baseline, BaselineError};
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::{ImageSize, Registry, WorldError};
 
 use super::{Checkpoints, Train};
@@ -43,7 +44,8 @@ impl Train {
             (training, measured)
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
-                return Err(usage("name a baseline and give --data"));
+                let name = self.baseline.as_deref().unwrap_or("a baseline");
+                return Err(usage(format!("--data: name the dataset that {name} learns from")));
             };
             let mut fit = FitSettings::default();
             self.apply(&mut fit);
@@ -65,10 +67,13 @@ impl Train {
             (prepared.create(out).map_err(failure)?, measured)
         };
         output.note(beginning(&training));
+        for note in self.cautions(&training) {
+            output.note(note);
+        }
         let bar = output.bar(0, "steps");
-        let (lines, has_phases) = (!output.shows_bars(), training.model().phases().len() > 1);
+        let has_phases = training.model().phases().len() > 1;
         let begun_at = training.done().map_err(failure)?;
-        let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
+        let shown = Shown::new(&bar, output, Pace::Clips, has_phases, begun_at);
         let run = out.display().to_string();
         interrupt::allow(SAVING);
         let how = format!("run: swm train --resume --out {run}");
@@ -89,12 +94,31 @@ impl Train {
     pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
         let Self { baseline, data, encoder, resume, .. } = self;
         let name = baseline.as_deref().unwrap_or_default();
-        let names: Vec<&str> = trainable().map(|(name, ..)| name).collect();
-        if !resume && !names.contains(&name) {
-            return Err(usage(format!("there is no baseline `{name}`; there are: {}", names.join(", "))));
+        if !resume && !trainable().any(|(known, ..)| known == name) {
+            return Err(unknown(name));
         }
         changes(&self.set)?;
         Ok(Plan { episodes: 0, inputs: data.iter().chain(encoder).cloned().collect() })
+    }
+
+    /// What a new run should be told about before it takes hours.
+    fn cautions(&self, training: &Training) -> Vec<String> {
+        let (model, config) = (training.model().model_config(), training.config());
+        let mut notes = Vec::new();
+        if model.preset == "paper" && self.device == "cpu" {
+            notes.push("the preset paper is made for a GPU; --preset small is for a CPU".to_owned());
+        }
+        let (batch, usual) = (config.fit.batch, training.model().input_spec().batch);
+        let weight = model.settings.pointer("/sigreg/weight").and_then(Json::as_f64);
+        let is_set = self.set.iter().any(|option| option.starts_with("sigreg"));
+        if let Some(weight) = weight.filter(|_| !self.resume && !is_set && batch != usual) {
+            // The statistic is proportional to the number of clips: docs/baselines.md.
+            let same = short(weight * usual as f64 / batch.max(1) as f64);
+            notes.push(format!(
+                "SIGReg grows with the batch: with {batch} clips instead of {usual}, --set sigreg.weight={same} keeps its share of the loss"
+            ));
+        }
+        notes
     }
 
     /// The settings that were given.
@@ -183,6 +207,13 @@ pub(super) fn trainable() -> impl Iterator<Item = (&'static str, &'static [&'sta
     BASELINES.iter().map(|entry| (entry.name, entry.presets, entry.about)).chain(agents)
 }
 
+/// The refusal of a name that can be trained nowhere.
+pub(super) fn unknown(name: &str) -> Failure {
+    let names: Vec<&str> = trainable().map(|(name, ..)| name).collect();
+    let meant = did_you_mean(nearest(name, names.iter().copied()).as_deref());
+    usage(format!("unknown baseline or agent `{name}`{meant}; there are: {}", names.join(", ")))
+}
+
 fn list(output: &Output) -> Result<(), Failure> {
     let all: Vec<Json> = trainable()
         .map(|(name, presets, about)| json!({ "name": name, "about": about, "presets": presets }))
@@ -208,7 +239,7 @@ fn beginning(training: &Training) -> String {
         .collect();
     let numbers = many(model.parameters());
     let (name, preset) = (model.name(), &model.model_config().preset);
-    format!("{name}, preset {preset}, {numbers} numbers to learn; clips: {}", clips.join("; "))
+    format!("{name}, preset {preset}, {numbers} parameters; clips: {}", clips.join("; "))
 }
 
 /// A number of parameters.
@@ -222,7 +253,7 @@ pub(super) fn many(count: usize) -> String {
 /// A loss or another value, to four digits or so.
 pub(super) fn short(value: f64) -> String {
     match value.abs() {
-        0.0 => "0".to_owned(),
+        size if size.fract() == 0.0 && size < 1e6 => format!("{value:.0}"),
         size if size < 1e-3 => format!("{value:.1e}"),
         size if size < 10.0 => format!("{value:.4}"),
         size if size < 1e3 => format!("{value:.2}"),
@@ -233,13 +264,41 @@ pub(super) fn short(value: f64) -> String {
 
 /// Progress for people: a bar where somebody watches, else lines.
 pub(super) struct Shown<'a> {
-    pub(super) bar: ProgressBar,
-    pub(super) output: &'a Output,
-    pub(super) lines: bool,
+    bar: ProgressBar,
+    output: &'a Output,
+    /// Whether nobody watches a bar.
+    lines: bool,
+    pace: Pace,
     /// Whether there is more than one phase, so that a loss alone does not tell what it is of.
-    pub(super) has_phases: bool,
-    /// Steps that were done before.
-    pub(super) begun_at: u64,
+    has_phases: bool,
+    /// Steps that were done at the last record, or before; and the time since the beginning.
+    last: (u64, Duration),
+}
+
+/// What the speed of a training is counted in.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Pace {
+    /// Clips of a dataset.
+    Clips,
+    /// Steps of an environment.
+    EnvSteps,
+}
+
+impl<'a> Shown<'a> {
+    /// `begun_at`: steps that were done before.
+    pub(super) fn new(
+        bar: &ProgressBar,
+        output: &'a Output,
+        pace: Pace,
+        has_phases: bool,
+        begun_at: u64,
+    ) -> Self {
+        if begun_at > 0 {
+            output.note(format!("continues at step {begun_at}"));
+        }
+        let lines = !output.shows_bars();
+        Self { bar: bar.clone(), output, lines, pace, has_phases, last: (begun_at, Duration::ZERO) }
+    }
 }
 
 impl MetricSink for Shown<'_> {
@@ -247,16 +306,23 @@ impl MetricSink for Shown<'_> {
         let losses: Vec<String> =
             record.values.iter().map(|(name, value)| format!("{name} {}", short(*value))).collect();
         let losses = losses.join(", ");
-        let speed = format!("{:.0} clips/s", record.clips_per_s);
+        let Record { step, total, elapsed, clips_per_s, .. } = *record;
+        let since = elapsed.saturating_sub(self.last.1).as_secs_f64();
+        let seconds_a_step = since / step.saturating_sub(self.last.0).max(1) as f64;
+        let speed = match self.pace {
+            Pace::Clips => format!("{clips_per_s:.0} clips/s"),
+            Pace::EnvSteps => format!("{:.0} steps/s", 1.0 / seconds_a_step.max(1e-9)),
+        };
         if record.part == Part::Train {
+            self.last = (step, elapsed);
             self.bar
                 .set_message(format!("loss {}, {speed}", short(record.value("loss").unwrap_or(f64::NAN))));
         }
         if self.lines || record.part != Part::Train {
-            let Record { step, total, elapsed, .. } = *record;
-            let done = step.saturating_sub(self.begun_at).max(1);
-            let left = elapsed.mul_f64(total.saturating_sub(step) as f64 / done as f64);
+            let left = Duration::from_secs_f64(seconds_a_step * total.saturating_sub(step) as f64);
             let speed = match record.part {
+                // Steps before the first update say nothing about those after it.
+                Part::Train if clips_per_s == 0.0 => String::new(),
                 Part::Train => format!("; {speed}, {} left", HumanDuration(left)),
                 Part::Validation | Part::Quality | Part::Evaluation => String::new(),
             };

@@ -173,7 +173,7 @@ impl JobFolder {
     /// The command that runs what is missing: by the engine that it was submitted to, or else on this machine.
     pub(crate) fn command_for_the_rest(&self) -> String {
         let dir = self.dir.display();
-        match self.submissions().is_file() {
+        match self.is_with_an_engine() {
             true => format!("swm submit --job {dir}"),
             false => format!("swm task {dir} --all"),
         }
@@ -313,6 +313,16 @@ impl JobFolder {
     /// `DIR/finished.json`: that the shards were joined to the result.
     pub(crate) fn finished(&self) -> PathBuf {
         self.dir.join("finished.json")
+    }
+
+    /// Whether it was handed to an engine; else its shards are run by hand.
+    pub(crate) fn is_with_an_engine(&self) -> bool {
+        self.submissions().is_file()
+    }
+
+    /// What a lock says of who runs a shard: beside `DIR/done/0003`.
+    pub(crate) fn shard_lock(&self, shard: u64) -> PathBuf {
+        self.dir.join("done").join(format!("{shard:04}"))
     }
 
     /// `DIR/submissions.jsonl`: what was handed to engines.

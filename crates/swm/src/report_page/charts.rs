@@ -10,6 +10,7 @@ pub(super) struct Curve<'a> {
     pub(super) steps: Vec<u64>,
     /// Of so many episodes.
     pub(super) episodes: usize,
+    pub(super) is_reference: bool,
 }
 
 impl Curve<'_> {
@@ -20,29 +21,40 @@ impl Curve<'_> {
     }
 }
 
-/// Color and dash of a curve.
-fn look(index: usize) -> (&'static str, &'static str) {
-    let class = ["a", "b", "c"][index % 3];
-    let dash = ["stroke-width=\"2.2\"", "stroke-width=\"2.2\" stroke-dasharray=\"6 4\""];
-    (class, dash[usize::from(index >= 3)])
+/// Color and dash of each curve: two colors for candidates, gray for reference policies, and a dash for each round of them.
+fn looks(curves: &[Curve<'_>]) -> Vec<(&'static str, &'static str)> {
+    const DASHES: [&str; 3] = [
+        "stroke-width=\"2.2\"",
+        "stroke-width=\"2.2\" stroke-dasharray=\"6 4\"",
+        "stroke-width=\"2.2\" stroke-dasharray=\"2 4\"",
+    ];
+    let (mut candidates, mut references) = (0, 0);
+    let look = |curve: &Curve<'_>| {
+        let count = if curve.is_reference { &mut references } else { &mut candidates };
+        let (class, round) =
+            if curve.is_reference { ("c", *count) } else { (["a", "b"][*count % 2], *count / 2) };
+        *count += 1;
+        (class, DASHES[round % DASHES.len()])
+    };
+    curves.iter().map(look).collect()
 }
 
 /// The share of episodes that have succeeded by each step.
 pub(super) fn curves(curves: &[Curve<'_>], budget: u64) -> String {
     let names: Vec<String> = curves.iter().map(|curve| shortened(curve.name, 44)).collect();
-    let entry = |(index, name)| (Mark::Line, look(index).0, look(index).1, name);
-    let legend: Vec<Entry<'_>> = names.iter().map(String::as_str).enumerate().map(entry).collect();
+    let looks = looks(curves);
+    let entry = |(name, &(class, style))| (Mark::Line, class, style, name);
+    let legend: Vec<Entry<'_>> = names.iter().map(String::as_str).zip(&looks).map(entry).collect();
     let mut grid = Grid::new("Success by step", &legend, [480.0, 250.0], 1, 1);
     let svg = grid.cell(0);
     let frame =
         Frame { at: [48.0, 8.0], size: [416.0, 190.0], x: [0.0, budget.max(1) as f64], y: [0.0, 100.0] };
     frame.axes(svg, &whole_ticks(frame.x, 8), &ticks(frame.y, 5));
-    for (index, curve) in curves.iter().enumerate() {
+    for (curve, &(class, style)) in curves.iter().zip(&looks) {
         let points = (0..=budget).flat_map(|step| {
             let before = curve.share(step.saturating_sub(1));
             [frame.place(step as f64, before), frame.place(step as f64, curve.share(step))]
         });
-        let (class, style) = look(index);
         svg.path(points, class, style);
     }
     svg.text([256.0, 234.0], Anchor::Middle, "soft", "actions taken");
@@ -51,7 +63,10 @@ pub(super) fn curves(curves: &[Curve<'_>], budget: u64) -> String {
 }
 
 const NAMES: f64 = 200.0;
+/// Least width of a cell, and its height.
 const CELL: [f64; 2] = [104.0, 30.0];
+/// About the width of a character.
+const CHARACTER: f64 = 6.6;
 
 /// Cells of a sweep: a row per factor, group and all; a column per value. Color says how far it is from the unchanged
 /// environment.
@@ -67,7 +82,9 @@ pub fn heat_map(sweep: &Sweep) -> String {
         }
     }
     let base = sweep.cells.first().and_then(|cell| cell.summary.as_ref()).map_or(0.0, |s| s.success_rate);
-    let cells = CELL[0] * values.len() as f64;
+    let longest = values.iter().map(|value| value.chars().count()).max().unwrap_or(0);
+    let width = CELL[0].max(CHARACTER * longest as f64 + 12.0);
+    let cells = width * values.len() as f64;
     let mut svg = Svg::new("Success under changed factors");
     let widths = [(NAMES + cells + 24.0).max(560.0), (cells + 8.0).max(360.0)];
     let unchanged = format!("unchanged: {base:.1} %");
@@ -86,7 +103,7 @@ pub fn heat_map(sweep: &Sweep) -> String {
     let heights = [CELL[1], CELL[1] + 20.0];
     svg.at([NAMES, tops[0] - 10.0], [4.0, tops[1] - 10.0]);
     for (column, value) in values.iter().enumerate() {
-        svg.text([CELL[0] * (column as f64 + 0.5), 0.0], Anchor::Middle, "soft", value);
+        svg.text([width * (column as f64 + 0.5), 0.0], Anchor::Middle, "soft", value);
     }
     for (row, (name, scope)) in names.iter().enumerate() {
         let [wide, narrow] = [0, 1].map(|layout| tops[layout] + heights[layout] * row as f64);
@@ -95,7 +112,7 @@ pub fn heat_map(sweep: &Sweep) -> String {
         svg.at([NAMES, wide], [4.0, narrow + 20.0]);
         for cell in changed.iter().filter(|cell| cell.name == **name && cell.scope == *scope) {
             let column = values.iter().position(|value| **value == cell.value).unwrap_or(0);
-            heat_cell(&mut svg, CELL[0] * column as f64, cell, base);
+            heat_cell(&mut svg, [width * column as f64, width], cell, base);
         }
     }
     svg.resize(
@@ -105,8 +122,8 @@ pub fn heat_map(sweep: &Sweep) -> String {
 }
 
 /// One cell, `x` to the right.
-fn heat_cell(svg: &mut Svg, x: f64, cell: &Cell, base: f64) {
-    let middle = [x + CELL[0] / 2.0, 19.0];
+fn heat_cell(svg: &mut Svg, [x, width]: [f64; 2], cell: &Cell, base: f64) {
+    let middle = [x + width / 2.0, 19.0];
     let Some(summary) = &cell.summary else {
         return svg.text(middle, Anchor::Middle, "soft", "–");
     };
@@ -114,10 +131,10 @@ fn heat_cell(svg: &mut Svg, x: f64, cell: &Cell, base: f64) {
     let fill = if difference < 0.0 { "fb" } else { "fa" };
     let strength = 0.04 + 0.66 * (difference.abs() / 100.0).min(1.0).sqrt();
     let style = format!("rx=\"4\" fill-opacity=\"{strength:.2}\"");
-    svg.rect([x + 1.5, 1.5], [CELL[0] - 3.0, CELL[1] - 3.0], fill, &style);
+    svg.rect([x + 1.5, 1.5], [width - 3.0, CELL[1] - 3.0], fill, &style);
     svg.text(middle, Anchor::Middle, "", &format!("{:.1} %", summary.success_rate));
     if cell.test.as_ref().is_some_and(|test| test.p_value < 0.05) {
-        svg.dot([x + CELL[0] - 12.0, 10.0], 2.6, "fink", "");
+        svg.dot([x + width - 12.0, 10.0], 2.6, "fink", "");
     }
 }
 

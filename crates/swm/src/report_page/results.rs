@@ -30,6 +30,7 @@ fn group_context(group: &[(&Receipt, &Label)]) -> Value {
             name: &row.label.name,
             steps: row.episodes.iter().filter_map(|episode| episode.first_success_step).collect(),
             episodes: row.episodes.len(),
+            is_reference: row.is_reference,
         })
         .collect();
     context! {
