@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
     Dtype, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, RowsMut, Slice, Space, Value,
 };
@@ -44,10 +43,7 @@ pub(crate) fn spec(
         Field::episode("goal_state", Dtype::F32, &[2]),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -bound, bound), fields)
         .factors(space.specs())
         .time_step_s(0.1)
@@ -60,15 +56,28 @@ pub(crate) fn reset_error(id: &str, reason: impl Into<String>) -> EnvError {
     EnvError::Reset { env: id.to_owned(), reason: reason.into() }
 }
 
-/// The position of a recorded row, `[x, y]` in a room of this side.
-pub(crate) fn recorded(id: &str, side: f32, row: &BTreeMap<String, Value>) -> Result<[f32; 2], EnvError> {
+/// The position of a recorded row, if there is one: `[x, y]` in a room of this side.
+pub(crate) fn recorded(
+    id: &str,
+    side: f32,
+    row: &Option<BTreeMap<String, Value>>,
+) -> Result<Option<[f32; 2]>, EnvError> {
+    let Some(row) = row else { return Ok(None) };
     let column = ["state", "proprio"].into_iter().find(|column| row.contains_key(*column));
     let column =
         column.ok_or_else(|| reset_error(id, "start and goal need the column `state` or `proprio`"))?;
     let value = row[column].cast(column, Dtype::F32, &[2])?;
     let Slice::F32(&[x, y]) = value.data.as_slice() else { unreachable!("cast to two f32") };
     check_position([x, y], side).map_err(|reason| reset_error(id, format!("`{column}`: {reason}")))?;
-    Ok([x, y])
+    Ok(Some([x, y]))
+}
+
+/// The values of an action, if they are two and finite.
+pub(crate) fn finite_action(id: &str, action: Slice<'_>) -> Result<[f32; 2], EnvError> {
+    match action {
+        Slice::F32(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
+        _ => Err(EnvError::Diverged { env: id.to_owned(), reason: format!("{action:?} is no action") }),
+    }
 }
 
 /// Refuses positions that are not in the room.

@@ -7,6 +7,7 @@ mod artist;
 pub mod classic_control;
 pub mod craftax_classic;
 mod dot_room;
+mod image;
 pub mod piecewise;
 #[cfg(feature = "rapier")]
 pub mod point_maze;

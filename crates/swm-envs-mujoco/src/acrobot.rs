@@ -34,24 +34,16 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    TaskEntry {
-        name: "swingup_sparse",
-        doc: "the tip within 0.2 m of the point above",
-        goal_columns: &[],
-        make: |model| SwingUp::new(model, 0.0),
-    },
-    TaskEntry {
-        name: "swingup",
-        doc: "the tip near the point above, falling off over 1 m",
-        goal_columns: &[],
-        make: |model| SwingUp::new(model, 1.0),
-    },
+    TaskEntry::new("swingup_sparse", "the tip within 0.2 m of the point above", |model| {
+        SwingUp::new(model, 0.0)
+    }),
+    TaskEntry::new("swingup", "the tip near the point above, falling off over 1 m", |model| {
+        SwingUp::new(model, 1.0)
+    }),
 ];
 
 /// Half the width of the target, m.
 const TARGET: f64 = 0.2;
-/// The default color of the target.
-const TARGET_COLOR: [f64; 3] = [0.6, 0.3, 0.3];
 
 fn controls(_stock: bool) -> Vec<Control> {
     vec![
@@ -69,19 +61,7 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::locked("agent.upper_arm_locked", "shoulder"),
         factors::floor_color(),
         factors::light_intensity("light", 0.7),
-        factors::color(
-            "target.color",
-            TARGET_COLOR,
-            "color of the target, which is rendered where its color or shape is not the default",
-            Effect::Model(|model, values| {
-                if values == TARGET_COLOR {
-                    return Ok(());
-                }
-                let site = factors::show_site(model, "target")?;
-                factors::set_site_color(model, site, values);
-                Ok(())
-            }),
-        ),
+        factors::hidden_target_color(),
         factors::target_shape(
             "1: the target is a ball, not rendered by default; 0: a cube. The reward counts the distance either way",
             Effect::Model(|model, values| {

@@ -31,21 +31,13 @@ pub(crate) static DOMAIN: Domain = Domain {
     factors: controls,
 };
 
-const TASKS: &[TaskEntry] = &[TaskEntry {
-    name: "catch",
-    doc: "the whole ball in the cup",
-    goal_columns: &[],
-    make: |model| {
-        Ok(Box::new(Catch {
-            target: model.id(Object::Site, "target")?,
-            ball: model.id(Object::Body, "ball")?,
-            ball_geom: model.id(Object::Geom, "ball")?,
-        }))
-    },
-}];
-
-/// The default color of the target.
-const TARGET_COLOR: [f64; 3] = [0.6, 0.3, 0.3];
+const TASKS: &[TaskEntry] = &[TaskEntry::new("catch", "the whole ball in the cup", |model| {
+    Ok(Box::new(Catch {
+        target: model.id(Object::Site, "target")?,
+        ball: model.id(Object::Body, "ball")?,
+        ball_geom: model.id(Object::Geom, "ball")?,
+    }))
+})];
 
 fn controls(stock: bool) -> Vec<Control> {
     vec![
@@ -74,19 +66,7 @@ fn controls(stock: bool) -> Vec<Control> {
         ),
         factors::floor_color(),
         factors::light_intensity("light", if stock { 0.6 } else { 0.7 }),
-        factors::color(
-            "target.color",
-            TARGET_COLOR,
-            "color of the target, which is rendered where its color or shape is not the default",
-            Effect::Model(|model, values| {
-                if values == TARGET_COLOR {
-                    return Ok(());
-                }
-                let site = factors::show_site(model, "target")?;
-                factors::set_site_color(model, site, values);
-                Ok(())
-            }),
-        ),
+        factors::hidden_target_color(),
         factors::target_shape(
             "1: the target is as the model has it, not rendered; 0: a rendered box. The reward counts the same opening",
             Effect::Model(|model, values| {

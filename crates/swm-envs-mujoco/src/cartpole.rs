@@ -34,27 +34,19 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    task("swingup_sparse", "from below: pole upright, cart in the middle", |model| {
+    TaskEntry::new("swingup_sparse", "from below: pole upright, cart in the middle", |model| {
         Balance::new(model, true, true)
     }),
-    task("swingup", "from below: pole up, cart in the middle, calm", |model| {
+    TaskEntry::new("swingup", "from below: pole up, cart in the middle, calm", |model| {
         Balance::new(model, true, false)
     }),
-    task("balance", "from above: pole up, cart in the middle, calm", |model| {
+    TaskEntry::new("balance", "from above: pole up, cart in the middle, calm", |model| {
         Balance::new(model, false, false)
     }),
-    task("balance_sparse", "from above: pole upright, cart in the middle", |model| {
+    TaskEntry::new("balance_sparse", "from above: pole upright, cart in the middle", |model| {
         Balance::new(model, false, true)
     }),
 ];
-
-const fn task(
-    name: &'static str,
-    doc: &'static str,
-    make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
-) -> TaskEntry {
-    TaskEntry { name, doc, goal_columns: &[], make }
-}
 
 /// Half lengths of the cart, m.
 const CART: [f64; 3] = [0.2, 0.15, 0.1];

@@ -33,34 +33,30 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    task("run", "run forwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(1.0))),
-    task("run-backward", "run backwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(-1.0))),
-    task("stand-front", "stand still on the front foot", |model| {
+    TaskEntry::new("run", "run forwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(1.0))),
+    TaskEntry::new("run-backward", "run backwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(-1.0))),
+    TaskEntry::new("stand-front", "stand still on the front foot", |model| {
         Cheetah::new(model, Goal::Stand(Legs::FRONT))
     }),
-    task("stand-back", "stand still on the back foot", |model| Cheetah::new(model, Goal::Stand(Legs::BACK))),
-    task("jump", "both feet and the torso in the air, without speed", |model| {
+    TaskEntry::new("stand-back", "stand still on the back foot", |model| {
+        Cheetah::new(model, Goal::Stand(Legs::BACK))
+    }),
+    TaskEntry::new("jump", "both feet and the torso in the air, without speed", |model| {
         Cheetah::new(model, Goal::Jump)
     }),
-    task("run-front", "run on the front foot at 5 m/s", |model| {
+    TaskEntry::new("run-front", "run on the front foot at 5 m/s", |model| {
         Cheetah::new(model, Goal::RunOn(Legs::FRONT))
     }),
-    task("run-back", "run on the back foot at 5 m/s", |model| Cheetah::new(model, Goal::RunOn(Legs::BACK))),
-    task("lie-down", "torso and feet on the ground", |model| Cheetah::new(model, Goal::LieDown)),
-    task("legs-up", "torso on the ground, the back foot in the air", |model| {
+    TaskEntry::new("run-back", "run on the back foot at 5 m/s", |model| {
+        Cheetah::new(model, Goal::RunOn(Legs::BACK))
+    }),
+    TaskEntry::new("lie-down", "torso and feet on the ground", |model| Cheetah::new(model, Goal::LieDown)),
+    TaskEntry::new("legs-up", "torso on the ground, the back foot in the air", |model| {
         Cheetah::new(model, Goal::LegsUp)
     }),
-    task("flip", "turn over forwards", |model| Cheetah::new(model, Goal::Flip(1.0))),
-    task("flip-backward", "turn over backwards", |model| Cheetah::new(model, Goal::Flip(-1.0))),
+    TaskEntry::new("flip", "turn over forwards", |model| Cheetah::new(model, Goal::Flip(1.0))),
+    TaskEntry::new("flip-backward", "turn over backwards", |model| Cheetah::new(model, Goal::Flip(-1.0))),
 ];
-
-const fn task(
-    name: &'static str,
-    doc: &'static str,
-    make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
-) -> TaskEntry {
-    TaskEntry { name, doc, goal_columns: &[], make }
-}
 
 fn controls(stock: bool) -> Vec<Control> {
     let body = if stock { [0.7, 0.5, 0.3] } else { [0.6, 0.3, 0.3] };

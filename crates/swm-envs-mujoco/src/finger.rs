@@ -33,24 +33,15 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    TaskEntry {
-        name: "turn_hard",
-        doc: "turn the spinner's tip into a target of 3 cm",
-        goal_columns: &["tip_position"],
-        make: |model| Finger::new(model, true),
-    },
-    TaskEntry {
-        name: "turn_easy",
-        doc: "turn the spinner's tip into a target of 7 cm",
-        goal_columns: &["tip_position"],
-        make: |model| Finger::new(model, true),
-    },
-    TaskEntry {
-        name: "spin",
-        doc: "turn at 15 rad/s or more",
-        goal_columns: &[],
-        make: |model| Finger::new(model, false),
-    },
+    TaskEntry::new("turn_hard", "turn the spinner's tip into a target of 3 cm", |model| {
+        Finger::new(model, true)
+    })
+    .goal_columns(&["tip_position"]),
+    TaskEntry::new("turn_easy", "turn the spinner's tip into a target of 7 cm", |model| {
+        Finger::new(model, true)
+    })
+    .goal_columns(&["tip_position"]),
+    TaskEntry::new("spin", "turn at 15 rad/s or more", |model| Finger::new(model, false)),
 ];
 
 fn compose(spec: &mut Spec, task: &str) -> Result<(), MujocoError> {

@@ -32,20 +32,14 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    task("hop", "stand and hop forwards at 2 m/s", |model| Hopper::new(model, Goal::Hop)),
-    task("stand", "stand with little effort", |model| Hopper::new(model, Goal::Stand)),
-    task("hop-backward", "stand and hop backwards at 1 m/s", |model| Hopper::new(model, Goal::HopBackward)),
-    task("flip", "turn over forwards", |model| Hopper::new(model, Goal::Flip(1.0))),
-    task("flip-backward", "turn over backwards", |model| Hopper::new(model, Goal::Flip(-1.0))),
+    TaskEntry::new("hop", "stand and hop forwards at 2 m/s", |model| Hopper::new(model, Goal::Hop)),
+    TaskEntry::new("stand", "stand with little effort", |model| Hopper::new(model, Goal::Stand)),
+    TaskEntry::new("hop-backward", "stand and hop backwards at 1 m/s", |model| {
+        Hopper::new(model, Goal::HopBackward)
+    }),
+    TaskEntry::new("flip", "turn over forwards", |model| Hopper::new(model, Goal::Flip(1.0))),
+    TaskEntry::new("flip-backward", "turn over backwards", |model| Hopper::new(model, Goal::Flip(-1.0))),
 ];
-
-const fn task(
-    name: &'static str,
-    doc: &'static str,
-    make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
-) -> TaskEntry {
-    TaskEntry { name, doc, goal_columns: &[], make }
-}
 
 fn controls(_stock: bool) -> Vec<Control> {
     vec![

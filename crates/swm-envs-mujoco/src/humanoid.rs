@@ -32,24 +32,9 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    TaskEntry {
-        name: "walk",
-        doc: "stand and move at 1 m/s",
-        goal_columns: &[],
-        make: |model| Humanoid::new(model, 1.0),
-    },
-    TaskEntry {
-        name: "stand",
-        doc: "stand still",
-        goal_columns: &[],
-        make: |model| Humanoid::new(model, 0.0),
-    },
-    TaskEntry {
-        name: "run",
-        doc: "stand and move at 10 m/s",
-        goal_columns: &[],
-        make: |model| Humanoid::new(model, 10.0),
-    },
+    TaskEntry::new("walk", "stand and move at 1 m/s", |model| Humanoid::new(model, 1.0)),
+    TaskEntry::new("stand", "stand still", |model| Humanoid::new(model, 0.0)),
+    TaskEntry::new("run", "stand and move at 10 m/s", |model| Humanoid::new(model, 10.0)),
 ];
 
 fn controls(_stock: bool) -> Vec<Control> {

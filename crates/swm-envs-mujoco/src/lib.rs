@@ -21,6 +21,7 @@ mod fetch;
 #[expect(unsafe_code, reason = "the C library")]
 pub mod ffi;
 mod finger;
+mod given;
 mod hopper;
 mod humanoid;
 mod locomaze;

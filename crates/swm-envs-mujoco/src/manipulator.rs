@@ -45,12 +45,12 @@ pub(crate) static DOMAIN: Domain = Domain {
 const POSITION: usize = 0;
 const ORIENTATION: usize = 1;
 
-const TASKS: &[TaskEntry] = &[TaskEntry {
-    name: "bring_ball",
-    doc: "the ball within 1 cm of its place, falling off over 2 cm",
-    goal_columns: &["ball_pos"],
-    make: BringBall::new,
-}];
+const TASKS: &[TaskEntry] = &[TaskEntry::new(
+    "bring_ball",
+    "the ball within 1 cm of its place, falling off over 2 cm",
+    BringBall::new,
+)
+.goal_columns(&["ball_pos"])];
 
 /// Length of the upper arm, m.
 const UPPER_ARM: f64 = 0.18;

@@ -33,12 +33,9 @@ pub(crate) static DOMAIN: Domain = Domain {
     factors: controls,
 };
 
-const TASKS: &[TaskEntry] = &[TaskEntry {
-    name: "swingup",
-    doc: "within 8 degrees of upright",
-    goal_columns: &[],
-    make: |model| Ok(Box::new(SwingUp { pole: model.id(Object::Body, "pole")? })),
-}];
+const TASKS: &[TaskEntry] = &[TaskEntry::new("swingup", "within 8 degrees of upright", |model| {
+    Ok(Box::new(SwingUp { pole: model.id(Object::Body, "pole")? }))
+})];
 
 fn controls(_stock: bool) -> Vec<Control> {
     vec![

@@ -37,18 +37,8 @@ const WALK_SPEED: f64 = 0.5;
 const RUN_SPEED: f64 = 5.0;
 
 const TASKS: &[TaskEntry] = &[
-    TaskEntry {
-        name: "walk",
-        doc: "upright at 0.5 m/s",
-        goal_columns: &[],
-        make: |model| Move::new(model, WALK_SPEED),
-    },
-    TaskEntry {
-        name: "run",
-        doc: "upright at 5 m/s",
-        goal_columns: &[],
-        make: |model| Move::new(model, RUN_SPEED),
-    },
+    TaskEntry::new("walk", "upright at 0.5 m/s", |model| Move::new(model, WALK_SPEED)),
+    TaskEntry::new("run", "upright at 5 m/s", |model| Move::new(model, RUN_SPEED)),
 ];
 
 /// Leaves the robot on a floor that it cannot walk off in an episode.

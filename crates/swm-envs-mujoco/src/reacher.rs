@@ -45,24 +45,16 @@ const POINT: usize = 0;
 const ANGLES: usize = 1;
 
 const TASKS: &[TaskEntry] = &[
-    TaskEntry {
-        name: "hard",
-        doc: "the finger touches a target of 1.5 cm",
-        goal_columns: &["finger_pos"],
-        make: |model| Reach::new(model, false),
-    },
-    TaskEntry {
-        name: "easy",
-        doc: "the finger touches a target of 5 cm",
-        goal_columns: &["finger_pos"],
-        make: |model| Reach::new(model, false),
-    },
-    TaskEntry {
-        name: "qpos_match",
-        doc: "both joints within 0.05 rad of the goal's, which ends the episode",
-        goal_columns: &["qpos"],
-        make: |model| Reach::new(model, true),
-    },
+    TaskEntry::new("hard", "the finger touches a target of 1.5 cm", |model| Reach::new(model, false))
+        .goal_columns(&["finger_pos"]),
+    TaskEntry::new("easy", "the finger touches a target of 5 cm", |model| Reach::new(model, false))
+        .goal_columns(&["finger_pos"]),
+    TaskEntry::new(
+        "qpos_match",
+        "both joints within 0.05 rad of the goal's, which ends the episode",
+        |model| Reach::new(model, true),
+    )
+    .goal_columns(&["qpos"]),
 ];
 
 /// The radius of the target, m.

@@ -41,23 +41,17 @@ pub(crate) static DOMAIN: Domain = Domain {
 };
 
 const TASKS: &[TaskEntry] = &[
-    task("walk", "upright at 1 m/s", |model| Walker::new(model, Goal::Move(1.0))),
-    task("stand", "upright", |model| Walker::new(model, Goal::Stand)),
-    task("run", "upright at 8 m/s", |model| Walker::new(model, Goal::Move(8.0))),
-    task("walk-backward", "upright at -1 m/s", |model| Walker::new(model, Goal::MoveBackward)),
-    task("arabesque", "on the left foot, the right one up", |model| Walker::new(model, Goal::Arabesque)),
-    task("lie_down", "torso and thighs on the ground", |model| Walker::new(model, Goal::LieDown)),
-    task("legs_up", "on the back, feet up", |model| Walker::new(model, Goal::LegsUp)),
-    task("flip", "feet and thighs up", |model| Walker::new(model, Goal::Flip)),
+    TaskEntry::new("walk", "upright at 1 m/s", |model| Walker::new(model, Goal::Move(1.0))),
+    TaskEntry::new("stand", "upright", |model| Walker::new(model, Goal::Stand)),
+    TaskEntry::new("run", "upright at 8 m/s", |model| Walker::new(model, Goal::Move(8.0))),
+    TaskEntry::new("walk-backward", "upright at -1 m/s", |model| Walker::new(model, Goal::MoveBackward)),
+    TaskEntry::new("arabesque", "on the left foot, the right one up", |model| {
+        Walker::new(model, Goal::Arabesque)
+    }),
+    TaskEntry::new("lie_down", "torso and thighs on the ground", |model| Walker::new(model, Goal::LieDown)),
+    TaskEntry::new("legs_up", "on the back, feet up", |model| Walker::new(model, Goal::LegsUp)),
+    TaskEntry::new("flip", "feet and thighs up", |model| Walker::new(model, Goal::Flip)),
 ];
-
-const fn task(
-    name: &'static str,
-    doc: &'static str,
-    make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
-) -> TaskEntry {
-    TaskEntry { name, doc, goal_columns: &[], make }
-}
 
 fn controls(stock: bool) -> Vec<Control> {
     vec![

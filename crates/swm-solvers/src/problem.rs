@@ -2,8 +2,10 @@
 
 use swm_core::{EpisodeSeed, LiveEpisode, Space};
 
+use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::ranges::at_least_one;
+use crate::sampling::count_non_finite;
 use crate::space::plan_dim;
 
 /// What to plan: for each of B episodes H blocks of D = k × A values.
@@ -187,6 +189,15 @@ impl Plan {
                 *cost = other_cost;
             }
         }
+    }
+
+    /// Evaluates the plans themselves.
+    pub(crate) fn evaluate(&mut self, problem: &Problem<'_>, cost: &mut dyn Cost) -> Result<(), PlanError> {
+        cost.evaluate(&problem.candidates(&self.actions, 1), &mut self.cost_of_returned)?;
+        for (cost, count) in self.cost_of_returned.chunks_exact_mut(1).zip(&mut self.non_finite) {
+            *count += count_non_finite(cost);
+        }
+        Ok(())
     }
 
     /// Sizes everything for `problem`. For solvers: plans start at the initial ones, costs are unknown.

@@ -240,10 +240,7 @@ fn run<S: Sampler>(
         sampler.end(&mut episode, memory);
         clamp(episode.mean, low, high);
     });
-    cost.evaluate(&problem.candidates(&plan.actions, 1), &mut plan.cost_of_returned)?;
-    for (cost, count) in plan.cost_of_returned.chunks_exact_mut(1).zip(&mut plan.non_finite) {
-        *count += count_non_finite(cost);
-    }
+    plan.evaluate(problem, cost)?;
     if search.return_best {
         plan.replace_by_cheaper(best, best_costs);
     }

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json};
 use swm_core::Space;
 
+use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
@@ -54,12 +55,14 @@ pub trait SolverConfig: Validate + Send + Sync + 'static {
     /// Whether it plans on a [`crate::models::ControlModel`] only: not on the true simulator, whose state it cannot see.
     const NEEDS_CONTROL_MODEL: bool = false;
 
-    /// Whether it can plan actions of `space`.
+    /// Whether it can plan actions of `space`: real ones, unless it says otherwise.
     ///
     /// # Errors
     ///
     /// [`PlanError::Space`].
-    fn check_space(&self, space: &Space) -> Result<(), PlanError>;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
+        box_bounds(Self::NAME, space).map(|_| ())
+    }
 
     /// As [`Solver::solve`], with settings, space and sizes of the problem already checked.
     ///

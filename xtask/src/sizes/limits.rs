@@ -18,126 +18,25 @@ const VIDEOS: &str = "openh264";
 const SHELL: &str = "clap";
 const WEB: &str = "axum";
 
-/// What the lowest crates keep out: all of it, and images.
-const ALL_HEAVY: &[&str] = &[
-    "swm-render",
-    "png",
-    TENSORS,
-    HDF5,
-    LANCE,
-    MATRICES,
-    MUJOCO,
-    ONNX,
-    PARQUET,
-    PHYSICS_2D,
-    PHYSICS_3D,
-    VIDEOS,
-    SHELL,
-];
+/// What crates keep out, but for what they are there for.
+const HEAVY: &[&str] =
+    &[TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, VIDEOS, SHELL];
 
-/// Crates and what no feature of theirs pulls in.
-const NEVER: &[(&str, &[&str])] = &[
-    ("swm-core", ALL_HEAVY),
-    ("swm-fov", ALL_HEAVY),
-    (
-        "swm-render",
-        &[
-            "swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D,
-            VIDEOS, SHELL,
-        ],
-    ),
-    (
-        "swm-media",
-        &["swm-core", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL],
-    ),
-    (
-        "swm-envs-2d",
-        &[
-            "swm-data",
-            "swm-solvers",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MATRICES,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_3D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
-    (
-        "swm-envs-3d",
-        &[
-            "swm-data",
-            "swm-solvers",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MATRICES,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
-    (
-        "swm-envs-mujoco",
-        &[
-            "swm-data",
-            "swm-solvers",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MATRICES,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            PHYSICS_3D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
-    (
-        "swm-solvers",
-        &[
-            "swm-data",
-            "swm-render",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            PHYSICS_3D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
-    ("swm-data", &["swm-solvers", TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PHYSICS_2D, PHYSICS_3D, SHELL]),
-    ("swm-data-lance", &["swm-solvers", TENSORS, MATRICES, MUJOCO, ONNX, PHYSICS_2D, PHYSICS_3D, SHELL]),
-    (
-        "swm-onnx",
-        &[
-            "swm-data",
-            "swm-render",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MUJOCO,
-            PARQUET,
-            PHYSICS_2D,
-            PHYSICS_3D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
-    ("swm-ui", &[TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, VIDEOS, SHELL]),
-    ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL]),
+/// Crates, the heavy parts that features of theirs may pull in, and what else none does.
+const LIMITS: &[(&str, &[&str], &[&str])] = &[
+    ("swm-core", &[], &["swm-render", "png"]),
+    ("swm-fov", &[], &["swm-render", "png"]),
+    ("swm-render", &[], &["swm-core", "png"]),
+    ("swm-media", &[VIDEOS], &["swm-core"]),
+    ("swm-envs-2d", &[PHYSICS_2D], &["swm-data", "swm-solvers"]),
+    ("swm-envs-3d", &[PHYSICS_3D], &["swm-data", "swm-solvers"]),
+    ("swm-envs-mujoco", &[MUJOCO], &["swm-data", "swm-solvers"]),
+    ("swm-solvers", &[MATRICES], &["swm-data", "swm-render"]),
+    ("swm-data", &[HDF5, PARQUET, VIDEOS], &["swm-solvers"]),
+    ("swm-data-lance", &[HDF5, LANCE, PARQUET, VIDEOS], &["swm-solvers"]),
+    ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
+    ("swm-ui", &[HDF5], &[]),
+    ("swm-baselines", &[TENSORS, HDF5, MATRICES, VIDEOS], &[]),
 ];
 
 /// Features of `swm` and the heavy parts that they alone bring.
@@ -163,8 +62,11 @@ const IMPLIES: &[(&str, &str)] = &[("cuda", "baselines"), ("lance", "mp4"), ("le
 pub(super) fn offences(choice: &Choice, tree: &CargoTree) -> Vec<String> {
     let name = choice.name();
     let has = |part: &str| tree.dependencies().any(|unit| unit.name == part);
-    let never = NEVER.iter().filter(|(package, _)| *package == choice.build.package);
-    let never = never.flat_map(|(_, parts)| *parts).filter(|part| has(part));
+    let own = LIMITS.iter().filter(|(package, ..)| *package == choice.build.package);
+    let never = own.flat_map(|(_, allowed, others)| {
+        others.iter().chain(HEAVY.iter().filter(|part| !allowed.contains(part)))
+    });
+    let never = never.filter(|part| has(part));
     let mut offences: Vec<String> = never.map(|part| format!("{name} pulls in {part}")).collect();
     if choice.build.package == "swm" && !choice.build.default_features {
         for (feature, part) in ONLY_WITH {

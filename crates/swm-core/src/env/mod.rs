@@ -259,6 +259,11 @@ impl ImageSize {
     pub fn field(self, name: &str) -> Field {
         Field::step(name, Dtype::U8, &self.shape())
     }
+
+    /// The pixel field, and the image of an episode's goal.
+    pub fn fields_with_goal(self) -> [Field; 2] {
+        [self.field(PIXELS), Field::episode("goal", Dtype::U8, &self.shape())]
+    }
 }
 
 /// How to make an environment.

@@ -11,9 +11,9 @@ use super::factors::{factors, params};
 use super::observation::VALUES;
 use super::rendering::Artist;
 use super::rules::{ACHIEVEMENTS, ACTIONS, Params};
-use super::settings::Settings;
 use super::state::State;
 use super::{game, observation, rendering, world};
+use crate::settings::FactorDefaults;
 
 pub(super) const SYMBOLIC_ID: &str = "swm/CraftaxClassicSymbolic-v1";
 pub(super) const PIXELS_ID: &str = "swm/CraftaxClassicPixels-v1";
@@ -79,7 +79,7 @@ impl CraftaxClassic {
     }
 
     fn new(id: &str, config: &EnvConfig) -> Result<Self, EnvError> {
-        let settings: Settings = config.parse_settings(id)?;
+        let settings: FactorDefaults = config.parse_settings(id)?;
         let space = factors().with_defaults(id, &settings.init_value)?;
         let fov = space.defaults();
         let artist = config.image.map(Artist::new).transpose();

@@ -5,7 +5,7 @@
 //!
 //! | file | duty |
 //! |---|---|
-//! | `env`, `settings`, `factors` | the environment and its tables |
+//! | `env`, `factors` | the environment and its tables |
 //! | `rules`, `state` | blocks, actions, achievements, constants; what changes in a game |
 //! | `threefry` | JAX's random stream |
 //! | `world` | how a world is made |
@@ -24,7 +24,6 @@ mod observation;
 mod policies;
 mod rendering;
 mod rules;
-mod settings;
 mod spawning;
 mod state;
 #[cfg(test)]
@@ -35,9 +34,10 @@ mod vitals;
 mod ways;
 mod world;
 
-use swm_core::EnvEntry;
 use swm_core::registry::MakeEnv;
+use swm_core::{EnvEntry, Settings as _};
 
+use crate::settings::FactorDefaults;
 pub use env::CraftaxClassic;
 
 /// `swm/CraftaxClassicSymbolic-v1`.
@@ -57,7 +57,7 @@ pub const CRAFTAX_CLASSIC_PIXELS: EnvEntry = entry(
 const fn entry(id: &'static str, summary: &'static str, make: MakeEnv) -> EnvEntry {
     EnvEntry::new(id, summary, make)
         .family("Worlds of blocks")
-        .settings(settings::SETTINGS)
+        .settings(FactorDefaults::SETTINGS)
         .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
         .planner(policies::PLANNER)
 }

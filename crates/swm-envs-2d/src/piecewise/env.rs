@@ -9,7 +9,8 @@ use super::rendering::Look;
 use super::settings::Settings;
 use super::zones::Zones;
 use crate::dot_room::{
-    DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec, target,
+    DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, finite_action, recorded, spec,
+    target,
 };
 use crate::tworoom_v2::dot::Dot;
 use crate::tworoom_v2::room::{IMAGE_PX, SIDE, SUCCESS_PX, distance_f32};
@@ -85,12 +86,10 @@ impl Env for Piecewise {
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         self.fov = self.space.sample(&self.spec.id, episode)?;
         self.zones = Zones::new(&self.fov, self.settings.grid_n);
-        self.agent = match &episode.options.start {
-            Some(row) => recorded(&self.spec.id, SIDE, row)?,
-            None => self.fov.vector("agent.position"),
-        };
-        self.target = match &episode.options.goal {
-            Some(row) => recorded(&self.spec.id, SIDE, row)?,
+        let start = recorded(&self.spec.id, SIDE, &episode.options.start)?;
+        self.agent = start.unwrap_or_else(|| self.fov.vector("agent.position"));
+        self.target = match recorded(&self.spec.id, SIDE, &episode.options.goal)? {
+            Some(goal) => goal,
             None => {
                 let least_px = |steps: i64| f64::from(steps as f32 * self.zones.speed);
                 let way_to = |target| f64::from(distance_f32(self.agent, target));
@@ -102,14 +101,7 @@ impl Env for Piecewise {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let values = match action {
-            Slice::F32(&[x, y]) if x.is_finite() && y.is_finite() => [x, y],
-            _ => {
-                let reason = format!("{action:?} is no action");
-                return Err(EnvError::Diverged { env: self.spec.id.clone(), reason });
-            }
-        };
-        self.agent = self.zones.step(self.agent, values);
+        self.agent = self.zones.step(self.agent, finite_action(&self.spec.id, action)?);
         Ok(self.outcome())
     }
 

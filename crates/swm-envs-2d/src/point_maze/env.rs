@@ -4,13 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
     Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
-use swm_render::{Geometry, Renderer};
 
 use super::POINT_MAZE;
 use super::factors::{disc, factors_with, goal, layout, start};
@@ -19,6 +17,7 @@ use super::physics::{PointSim, STEP_S};
 use super::rendering::{Look, in_image};
 use super::settings::Settings;
 use super::ways::ways;
+use crate::image::Image;
 use crate::ways::{Ways, distance};
 
 // Field indices, in the order of `fields`.
@@ -40,16 +39,7 @@ pub struct PointMaze {
     sim: PointSim,
     /// Ways to the goal, found when first asked for.
     ways: OnceLock<Ways>,
-    image: Option<Image>,
-}
-
-/// What rendering needs.
-struct Image {
-    renderer: Renderer,
-    look: Look,
-    goal: Vec<u8>,
-    /// The goal image belongs to an earlier episode.
-    goal_is_stale: bool,
+    image: Option<Image<Look>>,
 }
 
 /// A saved state.
@@ -73,12 +63,14 @@ impl PointMaze {
         let settings: Settings = config.parse_settings(id)?;
         let space = factors_with(id, &settings.init_value)?;
         let fov = space.defaults();
-        let image = config.image.map(|size| Image::new(size, &settings, &fov)).transpose();
+        let goal = goal(&fov);
+        let look = Look::new(&fov, settings.with_target.then_some(goal));
+        let image = config.image.map(|size| Image::new(size, settings.render, look)).transpose();
         let image = image.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Ok(Self {
             spec: spec(config.image, &space),
             sim: PointSim::new(layout(&fov), disc(&fov)),
-            goal: goal(&fov),
+            goal,
             settings,
             space,
             fov,
@@ -130,10 +122,7 @@ impl PointMaze {
 
     fn refresh_look(&mut self) {
         if let Some(image) = &mut self.image {
-            image.look = Look::new(&self.fov, self.settings.with_target.then_some(self.goal));
-            let look = &image.look;
-            image.renderer.set_background(|painter| look.render_background(painter));
-            image.goal_is_stale = true;
+            image.set_look(Look::new(&self.fov, self.settings.with_target.then_some(self.goal)));
         }
     }
 }
@@ -181,7 +170,7 @@ impl Env for PointMaze {
         self.fov.write(FACTORS, out);
         if let Some(image) = &mut self.image {
             if image.goal_is_stale {
-                image.render_goal(self.goal);
+                image.render_goal(|look, painter| look.render(self.goal, painter));
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -195,7 +184,8 @@ impl Env for PointMaze {
         out.write(POS_AGENT, &[x, y]);
         out.write(VEL_AGENT, &[vx, vy]);
         if let Some(image) = &mut self.image {
-            image.render([x, y], out.at(self.spec.fields.len() - 2));
+            let pixels = out.at(self.spec.fields.len() - 2);
+            image.render(pixels, |look, painter| look.render([x, y], painter));
         }
     }
 
@@ -248,30 +238,6 @@ impl Env for PointMaze {
     }
 }
 
-impl Image {
-    fn new(size: ImageSize, settings: &Settings, fov: &Fov) -> Result<Self, String> {
-        let geometry = Geometry::new(size.height, size.width);
-        let mut renderer =
-            Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
-        let look = Look::new(fov, settings.with_target.then(|| goal(fov)));
-        renderer.set_background(|painter| look.render_background(painter));
-        Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
-    }
-
-    fn render(&mut self, position: [f64; 2], out: &mut [u8]) {
-        let look = &self.look;
-        let rendered = self.renderer.render(out, |painter| look.render(position, painter));
-        rendered.expect("the pixel field has the renderer's size");
-    }
-
-    fn render_goal(&mut self, position: [f64; 2]) {
-        let mut goal = std::mem::take(&mut self.goal);
-        self.render(position, &mut goal);
-        self.goal = goal;
-        self.goal_is_stale = false;
-    }
-}
-
 fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
     let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
     let episode = |name: &str, dim: usize| Field::episode(name, Dtype::F64, &[dim]);
@@ -284,10 +250,7 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         episode("goal_proprio", 4),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(POINT_MAZE.id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
         .factors(space.specs())
         .time_step_s(STEP_S)

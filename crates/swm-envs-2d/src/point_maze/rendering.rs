@@ -5,6 +5,7 @@ use swm_render::{Painter, Rgb, light};
 
 use super::factors::{disc, layout};
 use super::layout::{CELL, center};
+use crate::image::Background;
 use crate::ways::Rectangle;
 
 /// Side of the canvas, pixels.
@@ -63,6 +64,19 @@ pub(super) fn in_image(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
     Scale::new(layout(fov).size()).place(place).map(|px| px / CANVAS)
 }
 
+impl Background for Look {
+    fn render_background(&self, painter: &mut dyn Painter) {
+        painter.fill(self.wall);
+        painter.polygon(&self.inside, self.floor);
+        if let Some(goal) = &self.goal {
+            painter.disc(goal.center, goal.radius_px, goal.color);
+        }
+        for wall in &self.walls {
+            painter.polygon(wall, self.wall);
+        }
+    }
+}
+
 impl Look {
     /// `goal`: where to render it, if it is to be rendered.
     pub(super) fn new(fov: &Fov, goal: Option<[f64; 2]>) -> Look {
@@ -83,18 +97,6 @@ impl Look {
             inside: scale.rectangle(&Rectangle { min, max }),
             scale,
             radius_px: scale.px_per_unit * disc(fov).radius,
-        }
-    }
-
-    /// What does not move in an episode.
-    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
-        painter.fill(self.wall);
-        painter.polygon(&self.inside, self.floor);
-        if let Some(goal) = &self.goal {
-            painter.disc(goal.center, goal.radius_px, goal.color);
-        }
-        for wall in &self.walls {
-            painter.polygon(wall, self.wall);
         }
     }
 

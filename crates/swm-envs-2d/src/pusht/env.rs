@@ -2,13 +2,12 @@
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use swm_core::env::{PIXELS, ResetOptions};
+use swm_core::env::ResetOptions;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
     Place, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
-use swm_render::{Geometry, Renderer};
 
 use super::discrete;
 use super::engine::Engine;
@@ -17,6 +16,7 @@ use super::goal::{self, PushTState, observed_state};
 use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, contact_count};
 use super::rendering::Look;
 use super::settings::Settings;
+use crate::image::Image;
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
@@ -42,16 +42,7 @@ pub struct PushT<E: Engine = Sim> {
     contact_points: u32,
     /// The controller's target of the last step, in pixels.
     target: Option<[f64; 2]>,
-    image: Option<Image>,
-}
-
-/// What rendering needs.
-struct Image {
-    renderer: Renderer,
-    look: Look,
-    goal: Vec<u8>,
-    /// The goal image belongs to an earlier episode.
-    goal_is_stale: bool,
+    image: Option<Image<Look>>,
 }
 
 /// A saved state.
@@ -119,8 +110,9 @@ impl<E: Engine> PushT<E> {
         let fov = space.defaults();
         let setup = setup::<E>(&fov, &settings);
         let sim = E::new(&setup).map_err(|error| wrong(error.to_string()))?;
-        let image =
-            config.image.map(|size| Image::new(size, &settings, &fov, &setup)).transpose().map_err(wrong)?;
+        let look = Look::new(&fov, setup.block.shape, &settings);
+        let image = config.image.map(|size| Image::new(size, settings.render, look));
+        let image = image.transpose().map_err(wrong)?;
         Ok(Self {
             spec: spec(id, discrete, config.image, &space),
             settings,
@@ -226,10 +218,7 @@ impl<E: Engine> PushT<E> {
 
     fn refresh_look(&mut self) {
         if let Some(image) = &mut self.image {
-            image.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings);
-            let look = &image.look;
-            image.renderer.set_background(|painter| look.render_background(painter));
-            image.goal_is_stale = true;
+            image.set_look(Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings));
         }
     }
 }
@@ -285,7 +274,7 @@ impl<E: Engine> Env for PushT<E> {
         let at_goal = stale.then(|| self.sim_at_goal()).and_then(Result::ok);
         if let Some(image) = &mut self.image {
             if let Some((sim, _)) = at_goal {
-                image.render_goal(&sim);
+                image.render_goal(|look, painter| look.render(&sim, None, painter));
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -302,7 +291,8 @@ impl<E: Engine> Env for PushT<E> {
         out.write(N_CONTACTS, &[i64::from(contact_count(self.contact_points))]);
         if let Some(image) = &mut self.image {
             let target = self.target.filter(|_| self.settings.render_action);
-            image.render(&self.sim, target, out.at(self.spec.fields.len() - 2));
+            let pixels = out.at(self.spec.fields.len() - 2);
+            image.render(pixels, |look, painter| look.render(&self.sim, target, painter));
         }
     }
 
@@ -344,30 +334,6 @@ impl<E: Engine> Env for PushT<E> {
 /// Side of the square that the image shows, in pixels of the reference.
 const WORLD_SIDE: f64 = 512.0;
 
-impl Image {
-    fn new(size: ImageSize, settings: &Settings, fov: &Fov, setup: &Setup) -> Result<Self, String> {
-        let geometry = Geometry::new(size.height, size.width);
-        let mut renderer =
-            Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
-        let look = Look::new(fov, setup.block.shape, settings);
-        renderer.set_background(|painter| look.render_background(painter));
-        Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
-    }
-
-    fn render(&mut self, sim: &impl Engine, target: Option<[f64; 2]>, out: &mut [u8]) {
-        let look = &self.look;
-        let rendered = self.renderer.render(out, |painter| look.render(sim, target, painter));
-        rendered.expect("the pixel field has the renderer's size");
-    }
-
-    fn render_goal(&mut self, sim: &impl Engine) {
-        let mut goal = std::mem::take(&mut self.goal);
-        self.render(sim, None, &mut goal);
-        self.goal = goal;
-        self.goal_is_stale = false;
-    }
-}
-
 fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
     let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
     let episode = |name: &str, dim: usize| Field::episode(name, Dtype::F64, &[dim]);
@@ -383,10 +349,7 @@ fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) ->
         episode("goal_proprio", 4),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     let action = if discrete { discrete::space() } else { Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0) };
     EnvSpec::new(id, action, fields)
         .factors(space.specs())

@@ -7,6 +7,7 @@ use swm_render::{Painter, Rgb, light};
 use super::engine::Engine;
 use super::physics::{BodyId, Shape, WALL_SEGMENTS};
 use super::settings::Settings;
+use crate::image::Background;
 
 const WALL_COLOR: Rgb = [211, 211, 211];
 const CONTACT_COLOR: Rgb = [231, 76, 60];
@@ -31,6 +32,17 @@ struct GoalShape {
     parts: Vec<[[f64; 2]; 4]>,
 }
 
+impl Background for Look {
+    fn render_background(&self, painter: &mut dyn Painter) {
+        painter.fill(self.background);
+        if let Some(goal) = &self.goal {
+            for corners in &goal.parts {
+                painter.polygon(corners, goal.color);
+            }
+        }
+    }
+}
+
 impl Look {
     pub(super) fn new(fov: &Fov, shape: Shape, settings: &Settings) -> Self {
         let goal = settings.with_target.then(|| {
@@ -50,16 +62,6 @@ impl Look {
             agent: fov.rgb("agent.color"),
             block: fov.rgb("block.color"),
             goal,
-        }
-    }
-
-    /// What does not move in an episode.
-    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
-        painter.fill(self.background);
-        if let Some(goal) = &self.goal {
-            for corners in &goal.parts {
-                painter.polygon(corners, goal.color);
-            }
         }
     }
 

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
     Slice, Space, Value,
@@ -14,7 +13,7 @@ use super::SIMPLE_NAVIGATION;
 use super::factors::{factors, maze};
 use super::maze::{Cell, Distances, Maze, SIDE, next_to};
 use super::rendering::{Artist, Scene};
-use super::settings::Settings;
+use crate::settings::FactorDefaults;
 
 // Field indices, in the order of `spec`.
 const STATE: usize = 0;
@@ -32,7 +31,7 @@ pub(super) const FORWARD: i64 = 2;
 /// Walk through a maze. See the module's documentation.
 pub struct SimpleNavigation {
     spec: EnvSpec,
-    settings: Settings,
+    settings: FactorDefaults,
     space: FovSpace,
     fov: Fov,
     maze: Maze,
@@ -95,7 +94,7 @@ impl SimpleNavigation {
     /// drawn.
     pub fn new(config: &EnvConfig) -> Result<Self, EnvError> {
         let id = SIMPLE_NAVIGATION.id;
-        let settings: Settings = config.parse_settings(id)?;
+        let settings: FactorDefaults = config.parse_settings(id)?;
         let space = factors([false; 2]).with_defaults(id, &settings.init_value)?;
         let fov = space.defaults();
         let image = config.image.map(Image::new).transpose();
@@ -307,10 +306,7 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         Field::episode("walls", Dtype::U8, &[SIDE, SIDE]),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(SIMPLE_NAVIGATION.id, Space::Discrete { n: 3, start: 0 }, fields)
         .factors(space.specs())
         .time_step_s(0.1)

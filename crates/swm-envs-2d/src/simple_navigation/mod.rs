@@ -5,7 +5,7 @@
 //!
 //! | file | duty |
 //! |---|---|
-//! | `env`, `settings`, `factors` | the environment and its tables |
+//! | `env`, `factors` | the environment and its tables |
 //! | `maze` | walls, how they are made, ways between them |
 //! | `view` | what the agent sees |
 //! | `rendering`, `tiles` | images |
@@ -16,14 +16,14 @@ mod factors;
 mod maze;
 mod policies;
 mod rendering;
-mod settings;
 #[cfg(test)]
 mod tests;
 mod tiles;
 mod view;
 
-use swm_core::EnvEntry;
+use swm_core::{EnvEntry, Settings as _};
 
+use crate::settings::FactorDefaults;
 pub use env::SimpleNavigation;
 
 /// `swm/SimpleNavigation-v0`.
@@ -33,6 +33,6 @@ pub const SIMPLE_NAVIGATION: EnvEntry =
     })
     .family(crate::FAMILY)
     .success("the agent stands on the goal")
-    .settings(settings::SETTINGS)
+    .settings(FactorDefaults::SETTINGS)
     .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
     .planner(policies::PLANNER);

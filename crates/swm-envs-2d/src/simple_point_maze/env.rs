@@ -1,9 +1,8 @@
 //! `swm/SimplePointMaze-v0` as an environment: reset, step, observation, saved states.
 
-use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use swm_core::{Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, Place, RowsMut, Slice, Value};
+use swm_core::{Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, Place, RowsMut, Slice};
 use swm_fov::{Fov, FovSpace};
 
 use super::SIMPLE_POINT_MAZE;
@@ -12,7 +11,7 @@ use super::rendering::{Disc, Look};
 use super::settings::Settings;
 use super::walls::{MAX_ACTION, Room, SIDE};
 use crate::dot_room::{
-    DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec,
+    DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, finite_action, recorded, spec,
 };
 use crate::ways::{Ways, distance};
 
@@ -92,10 +91,8 @@ impl Env for SimplePointMaze {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        let position = |row: &Option<BTreeMap<String, Value>>| {
-            row.as_ref().map(|row| recorded(&self.spec.id, SIDE, row)).transpose()
-        };
-        let (start, goal) = (position(&episode.options.start)?, position(&episode.options.goal)?);
+        let start = recorded(&self.spec.id, SIDE, &episode.options.start)?;
+        let goal = recorded(&self.spec.id, SIDE, &episode.options.goal)?;
         self.fov = self.factors.sample(&self.spec.id, episode, start, goal)?;
         self.agent = start.unwrap_or_else(|| self.fov.vector("agent.position"));
         self.goal = goal.unwrap_or_else(|| self.fov.vector("goal.position"));
@@ -104,14 +101,7 @@ impl Env for SimplePointMaze {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let values = match action {
-            Slice::F32(&[x, y]) if x.is_finite() && y.is_finite() => [x, y],
-            _ => {
-                let reason = format!("{action:?} is no action");
-                return Err(EnvError::Diverged { env: self.spec.id.clone(), reason });
-            }
-        };
-        self.agent = self.room.step(self.agent, values);
+        self.agent = self.room.step(self.agent, finite_action(&self.spec.id, action)?);
         Ok(self.outcome())
     }
 

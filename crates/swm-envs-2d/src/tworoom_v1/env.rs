@@ -3,19 +3,19 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::{PIXELS, ResetOptions};
+use swm_core::env::ResetOptions;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
     Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
-use swm_render::{Geometry, Renderer};
 
 use super::factors::{factors_with, goal_radius, position, setup};
 use super::goal::{Overlap, task_cost};
 use super::physics::{Sim, State, Vec2, contact_count};
 use super::rendering::Look;
 use super::settings::Settings;
+use crate::image::Image;
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
@@ -43,7 +43,7 @@ pub struct TwoRoom {
     sim: Sim,
     goal: Vec2,
     step_state: StepState,
-    image: Option<Image>,
+    image: Option<Image<Look>>,
 }
 
 /// What else changes in an episode.
@@ -54,15 +54,6 @@ struct StepState {
     contact_points: u32,
     /// No action has been taken: the reference reports no overlap then.
     is_start: bool,
-}
-
-/// What rendering needs.
-struct Image {
-    renderer: Renderer,
-    look: Look,
-    goal: Vec<u8>,
-    /// The goal image belongs to an earlier episode.
-    goal_is_stale: bool,
 }
 
 /// A saved state.
@@ -88,7 +79,7 @@ impl TwoRoom {
         let sim = Sim::new(setup(&fov, &settings), position(&fov, "agent"));
         let image = config
             .image
-            .map(|size| Image::new(size, &settings, Look::new(&fov, &sim.setup().plan)))
+            .map(|size| Image::new(size, settings.render, Look::new(&fov, &sim.setup().plan)))
             .transpose()
             .map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Ok(Self {
@@ -190,8 +181,7 @@ impl TwoRoom {
 
     fn refresh_look(&mut self) {
         if let Some(image) = &mut self.image {
-            image.look = Look::new(&self.fov, &self.sim.setup().plan);
-            image.refresh();
+            image.set_look(Look::new(&self.fov, &self.sim.setup().plan));
         }
     }
 }
@@ -239,7 +229,7 @@ impl Env for TwoRoom {
         self.fov.write(FACTORS, out);
         if let Some(image) = &mut self.image {
             if image.goal_is_stale {
-                image.render_goal(self.goal);
+                image.render_goal(|look, painter| look.render(self.goal, self.goal, painter));
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -258,7 +248,8 @@ impl Env for TwoRoom {
         out.write(FRACTION_OF_GOAL, &[overlap.of_goal]);
         out.write(FRACTION_OF_AGENT, &[overlap.of_agent]);
         if let Some(image) = &mut self.image {
-            image.render(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
+            let (agent, goal, pixels) = (self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
+            image.render(pixels, |look, painter| look.render(agent, goal, painter));
         }
     }
 
@@ -306,36 +297,6 @@ impl Env for TwoRoom {
 /// Side of the square that the image shows, pixels.
 const IMAGE_PX: f64 = 512.0;
 
-impl Image {
-    fn new(size: ImageSize, settings: &Settings, look: Look) -> Result<Self, String> {
-        let geometry = Geometry::new(size.height, size.width);
-        let renderer = Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
-        let mut image = Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true };
-        image.refresh();
-        Ok(image)
-    }
-
-    /// Another episode has begun.
-    fn refresh(&mut self) {
-        let look = &self.look;
-        self.renderer.set_background(|painter| look.render_background(painter));
-        self.goal_is_stale = true;
-    }
-
-    fn render(&mut self, agent: Vec2, goal: Vec2, out: &mut [u8]) {
-        let look = &self.look;
-        let rendered = self.renderer.render(out, |painter| look.render(agent, goal, painter));
-        rendered.expect("the pixel field has the renderer's size");
-    }
-
-    fn render_goal(&mut self, goal: Vec2) {
-        let mut pixels = std::mem::take(&mut self.goal);
-        self.render(goal, goal, &mut pixels);
-        self.goal = pixels;
-        self.goal_is_stale = false;
-    }
-}
-
 fn spec(id: &str, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
     let step = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
     let mut fields = vec![
@@ -352,10 +313,7 @@ fn spec(id: &str, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         Field::episode("max_energy", Dtype::I64, &[]),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
         .factors(space.specs())
         .time_step_s(0.1)

@@ -9,6 +9,7 @@ use swm_render::{Painter, Rgb, light, round_half_even};
 
 use super::factors::{agent_radius, goal_radius};
 use super::physics::{Aabb, FloorPlan, Vec2};
+use crate::image::Background;
 
 /// The inner part of a disc is this much smaller, and the corners of the inner part of a rectangle this much nearer to
 /// its middle, pixels.
@@ -38,6 +39,12 @@ struct Filled {
     color: Rgb,
 }
 
+impl Background for Look {
+    fn render_background(&self, painter: &mut dyn Painter) {
+        painter.fill(self.background);
+    }
+}
+
 impl Look {
     pub(super) fn new(fov: &Fov, plan: &FloorPlan) -> Self {
         let spot = |radius: f64, color| Spot { radius: radius.round_ties_even(), color: fov.rgb(color) };
@@ -52,11 +59,6 @@ impl Look {
             goal: spot(goal_radius(fov), "goal.color"),
             rectangles: borders.chain(pieces).collect(),
         }
-    }
-
-    /// What lies under everything.
-    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
-        painter.fill(self.background);
     }
 
     /// Everything else.

@@ -94,21 +94,21 @@ impl Env for TwoRoom {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = match (self.space.sample(&self.spec.id, episode), &episode.options.start) {
+        let options = episode.options;
+        self.fov = match self.space.sample(&self.spec.id, episode) {
             // A recorded start stands elsewhere than the factor says: what counts is whether it can stand there.
-            (Err(EnvError::Constraint { .. }), Some(row)) => {
-                let in_use = [("agent.position", Value::vector(&recorded(&self.spec.id, SIDE, row)?))];
-                self.space.sample_in_use(&self.spec.id, episode, &in_use)?
+            Err(EnvError::Constraint { .. }) if options.start.is_some() => {
+                let start = recorded(&self.spec.id, SIDE, &options.start)?;
+                let in_use = start.map(|at| ("agent.position", Value::vector(&at)));
+                self.space.sample_in_use(&self.spec.id, episode, in_use.as_slice())?
             }
-            (drawn, _) => drawn?,
+            drawn => drawn?,
         };
         self.room = Room::new(&self.fov);
-        self.agent = match &episode.options.start {
-            Some(row) => recorded(&self.spec.id, SIDE, row)?,
-            None => self.fov.vector("agent.position"),
-        };
-        self.target = match &episode.options.goal {
-            Some(row) => recorded(&self.spec.id, SIDE, row)?,
+        let start = recorded(&self.spec.id, SIDE, &options.start)?;
+        self.agent = start.unwrap_or_else(|| self.fov.vector("agent.position"));
+        self.target = match recorded(&self.spec.id, SIDE, &options.goal)? {
+            Some(goal) => goal,
             None => {
                 let least_px = |steps: i64| steps as f64 * f64::from(self.room.speed);
                 let way_to = |target| self.way_to(target);

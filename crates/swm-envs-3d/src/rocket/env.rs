@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::seed::Stream;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
@@ -344,10 +343,7 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         Field::step("env_complete", Dtype::Bool, &[]),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     let action = Space::Box {
         dtype: Dtype::F64,
         shape: vec![ACTION_DIM],

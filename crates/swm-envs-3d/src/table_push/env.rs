@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
     Space, Value,
@@ -259,10 +258,7 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         Field::episode("goal_state", Dtype::F64, &[STATE_DIM]),
     ];
     fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
+    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(TABLE_PUSH.id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
         .factors(space.specs())
         .time_step_s(STEP_S)

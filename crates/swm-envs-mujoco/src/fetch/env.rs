@@ -4,8 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice,
-    Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -19,6 +18,7 @@ use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::visuals::mjTEXTURE_SKYBOX;
 use crate::ffi::{Object, Simulation};
+use crate::given::finite_values;
 use crate::suite::Control;
 use crate::views::{CameraName, Images, Views, settings};
 
@@ -258,17 +258,9 @@ impl Env for FetchEnv {
         if let Some(failure) = failure {
             return Err(failure.at_step(id));
         }
-        let values = match action {
-            Slice::F32(&[x, y, z, gripper]) => Some([x, y, z, gripper]),
-            _ => None,
-        };
-        let Some(values) = values.filter(|values| values.iter().all(|value| value.is_finite())) else {
-            let expected = "4 finite float32 values".to_owned();
-            let found = format!("{} values of {}: {action:?}", action.len(), action.dtype());
-            return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
-        };
+        let values = finite_values(action, 4)?.first_chunk().expect("four values");
         let Self { robot, task_state, .. } = self;
-        robot.advance(values, &mut task_state.observation).map_err(|error| error.at_step(id))?;
+        robot.advance(*values, &mut task_state.observation).map_err(|error| error.at_step(id))?;
         task_state.steps += 1;
         let distance = self.distance();
         let reward = match self.variant.reward {

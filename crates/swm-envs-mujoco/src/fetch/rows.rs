@@ -7,7 +7,7 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 
 use super::env::FetchEnv;
 use super::task::{Form, Task, Variant};
-use crate::suite::recorded;
+use crate::given::{check_goal, needed, recorded};
 
 /// The episode as it stands, beside the simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -110,14 +110,10 @@ impl FetchEnv {
     /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
     pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = self.variant.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.to_owned(),
-            reason: format!("a start needs the column `{name}`"),
-        };
         let sim = &mut self.robot.sim;
         let (nq, nv) = (sim.model().nq(), sim.model().nv());
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let qpos = needed(id, row, "start", "qpos", nq)?;
+        let qvel = needed(id, row, "start", "qvel", nv)?;
         sim.reset();
         sim.qpos_mut().copy_from_slice(&qpos);
         sim.qvel_mut().copy_from_slice(&qvel);
@@ -149,12 +145,8 @@ impl FetchEnv {
     /// Wants the object, or the gripper, where it is in a recorded row.
     pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = self.variant.id;
-        let wrong = |reason: String| EnvError::Reset { env: id.to_owned(), reason };
-        if let Some(column) = row.keys().find(|column| !self.spec.goal_columns.contains(&column.as_str())) {
-            return Err(wrong(format!("`{column}` is no goal of this environment")));
-        }
-        let goal = recorded(id, row, "achieved_goal", 3)?;
-        let goal = goal.ok_or_else(|| wrong("a goal needs the column `achieved_goal`".to_owned()))?;
+        check_goal(&self.spec, row)?;
+        let goal = needed(id, row, "goal", "achieved_goal", 3)?;
         self.task_state.goal = [goal[0], goal[1], goal[2]];
         if let Some(qpos) = recorded(id, row, "qpos", self.robot.sim.model().nq())? {
             (self.task_state.goal_qpos, self.task_state.is_goal_recorded) = (qpos, true);

@@ -3,8 +3,8 @@
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, Outcome,
-    RowsMut, Slice, Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, Outcome, RowsMut, Slice,
+    Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -20,6 +20,7 @@ use super::state::TaskState;
 use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
+use crate::given::finite_values;
 use crate::views::{CameraName, Images, Views};
 
 /// Physics steps per control step.
@@ -258,17 +259,7 @@ impl Env for MazeEnv {
         if let Some(failure) = failure {
             return Err(failure.at_step(&self.spec.id));
         }
-        let dim = self.spec.action.dim();
-        let values = match action {
-            Slice::F32(values) if values.len() == dim && values.iter().all(|value| value.is_finite()) => {
-                values
-            }
-            other => {
-                let expected = format!("{dim} finite float32 values");
-                let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
-                return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
-            }
-        };
+        let values = finite_values(action, self.spec.action.dim())?;
         let Self { sim, task_state, .. } = self;
         task_state.before_qpos.copy_from_slice(sim.qpos());
         task_state.before_qvel.copy_from_slice(sim.qvel());

@@ -8,7 +8,7 @@ use super::Body;
 use super::env::MazeEnv;
 use super::state::TaskState;
 use super::{humanoid, soccer};
-use crate::suite::recorded;
+use crate::given::{check_goal, needed, recorded};
 
 // Positions of the step columns, in the order of `fields`; behind them those of the episode.
 const OBSERVATION: usize = 0;
@@ -94,14 +94,10 @@ impl MazeEnv {
     /// Stands at a recorded row.
     pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = &self.spec.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.clone(),
-            reason: format!("a start needs the column `{name}`"),
-        };
         let sim = &mut self.sim;
         let (nq, nv) = (sim.model().nq(), sim.model().nv());
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let qpos = needed(id, row, "start", "qpos", nq)?;
+        let qvel = needed(id, row, "start", "qvel", nv)?;
         let warmstart = recorded(id, row, "qacc_warmstart", nv)?;
         sim.reset();
         sim.qpos_mut().copy_from_slice(&qpos);
@@ -119,13 +115,8 @@ impl MazeEnv {
 
     /// Wants to be where a recorded row is.
     pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        let id = &self.spec.id;
-        let wrong = |reason: String| EnvError::Reset { env: id.clone(), reason };
-        if let Some(column) = row.keys().find(|column| !self.spec.goal_columns.contains(&column.as_str())) {
-            return Err(wrong(format!("`{column}` is no goal of this environment")));
-        }
-        let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
-        let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
+        check_goal(&self.spec, row)?;
+        let qpos = needed(&self.spec.id, row, "goal", "qpos", self.sim.model().nq())?;
         let task_state = &mut self.task_state;
         task_state.goal = if self.body.has_ball() { soccer::ball_place(&qpos) } else { [qpos[0], qpos[1]] };
         task_state.goal_qpos = qpos;

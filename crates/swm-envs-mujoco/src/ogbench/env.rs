@@ -5,8 +5,8 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
-    RowsMut, Slice, Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
+    Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -23,6 +23,7 @@ use super::{start, targets};
 use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
+use crate::given::finite_values;
 use crate::views::{CameraName, Images, Views, settings};
 
 /// Physics steps per control step.
@@ -259,13 +260,6 @@ const SCENE_START_COLUMNS: &[&str] = &[
     "task_id",
 ];
 
-/// The values of an action, if they are five and finite.
-fn five(action: Slice<'_>) -> Option<[f32; 5]> {
-    let Slice::F32(values) = action else { return None };
-    let values: [f32; 5] = values.try_into().ok()?;
-    values.iter().all(|value| value.is_finite()).then_some(values)
-}
-
 impl Env for TableEnv {
     fn spec(&self) -> &EnvSpec {
         &self.spec
@@ -293,12 +287,8 @@ impl Env for TableEnv {
         if let Some(failure) = self.images.as_mut().and_then(Images::take_failure) {
             return Err(failure.at_step(&self.spec.id));
         }
-        let Some(values) = five(action) else {
-            let expected = "5 finite float32 values".to_owned();
-            let found = format!("{} values of {}: {action:?}", action.len(), action.dtype());
-            return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
-        };
-        self.advance(values).map_err(|error| error.at_step(&self.spec.id))?;
+        let values = finite_values(action, 5)?.first_chunk().expect("five values");
+        self.advance(*values).map_err(|error| error.at_step(&self.spec.id))?;
         let success = self.task_state.success;
         let reward = match self.settings.task {
             Some(_) => -(self.table.unmet_count(&self.sim, &self.task_state) as f64),

@@ -52,7 +52,22 @@ pub struct TaskEntry {
     /// Columns of a recorded row that can be its goal; a goal is handed to [`Task::set_goal`].
     pub goal_columns: &'static [&'static str],
     /// Looks up what the task needs in the model.
-    pub make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
+    pub make: MakeTask,
+}
+
+/// Looks up what a task needs in the model.
+pub type MakeTask = fn(&Model) -> Result<Box<dyn Task>, MujocoError>;
+
+impl TaskEntry {
+    /// A task without goals from recorded rows.
+    pub const fn new(name: &'static str, doc: &'static str, make: MakeTask) -> Self {
+        Self { name, doc, goal_columns: &[], make }
+    }
+
+    /// The same, with goals from these columns.
+    pub const fn goal_columns(self, goal_columns: &'static [&'static str]) -> Self {
+        Self { goal_columns, ..self }
+    }
 }
 
 /// The columns that every start may name. `qpos` and `qvel` are needed; the others, zero where missing, make the

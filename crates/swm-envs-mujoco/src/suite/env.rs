@@ -4,8 +4,7 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, ImageSize, Outcome, RowsMut,
-    Slice, Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, ImageSize, Outcome, RowsMut, Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -16,8 +15,8 @@ use super::models::{Models, Origin};
 use super::settings::{OnDivergence, SETTINGS, Settings};
 use crate::assets;
 use crate::error::MujocoError;
+use crate::given::finite_values;
 use crate::views::{CameraName, Views, settings};
-pub(crate) use rows::recorded;
 use rows::{ACT, Columns, OBSERVATION, QACC_WARMSTART, QPOS, QVEL, SCORE, TIME, fields};
 
 /// An environment of the DeepMind Control Suite.
@@ -174,18 +173,7 @@ impl SuiteEnv {
     }
 
     fn set_controls(&mut self, action: Slice<'_>) -> Result<(), EnvError> {
-        let values = match action {
-            Slice::F64(values)
-                if values.len() == self.ranges.len() && values.iter().all(|v| v.is_finite()) =>
-            {
-                values
-            }
-            other => {
-                let expected = format!("{} finite float64 values", self.ranges.len());
-                let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
-                return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
-            }
-        };
+        let values: &[f64] = finite_values(action, self.ranges.len())?;
         let controls = self.stage.sim.ctrl_mut().iter_mut();
         for ((control, [low, half]), value) in controls.zip(&self.ranges).zip(values) {
             // The action-scale wrapper's order of operations; not clipped, as there.

@@ -62,6 +62,20 @@ pub fn target_shape(doc: &str, effect: Effect) -> Control {
     Control { factor: control.factor.choices(&["cube", "ball"]), ..control }
 }
 
+/// `target.color`, of a site `target` that the suite hides.
+pub fn hidden_target_color() -> Control {
+    const DEFAULT: [f64; 3] = [0.6, 0.3, 0.3];
+    let doc = "color of the target, which is rendered where its color or shape is not the default";
+    let show = |model: &mut Model, values: &[f64]| {
+        if values != DEFAULT {
+            let site = show_site(model, "target")?;
+            set_site_color(model, site, values);
+        }
+        Ok(())
+    };
+    color("target.color", DEFAULT, doc, Effect::Model(show))
+}
+
 /// `….…_locked`: 0 holds the joint, 1 (the default) leaves it free.
 pub fn locked(name: &str, joint: &'static str) -> Control {
     let doc = format!("1: free; 0: the joint `{joint}` is held at its angle of the start");

@@ -16,10 +16,9 @@ mod sums;
 mod tolerance;
 
 pub(crate) use domain::planner;
-pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
+pub use domain::{Domain, MakeEnv, MakeTask, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
 pub use effect::{Control, Effect, set_color};
 pub use env::SuiteEnv;
-pub(crate) use env::recorded;
 pub use models::{Origin, description, edit_in_place};
 pub use stage::{Place, Stage, Target};
 pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};

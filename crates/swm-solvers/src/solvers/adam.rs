@@ -2,9 +2,6 @@
 //!
 //! Source: Kingma & Ba, *Adam: A Method for Stochastic Optimization* (2015).
 
-use swm_core::Space;
-
-use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
@@ -55,10 +52,6 @@ impl SolverConfig for Adam {
     const NAME: &'static str = "adam";
     const SUMMARY: &'static str = "Adam with restarts";
 
-    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
-        box_bounds(Self::NAME, space).map(|_| ())
-    }
-
     fn solve_checked(
         &self,
         problem: &Problem<'_>,
@@ -67,10 +60,8 @@ impl SolverConfig for Adam {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
-        let mut search =
-            Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.run(cost, trace, plan)?;
+        let how = (&self.descent, self.rule(), Limits::of_box(Self::NAME, problem.action, self.clip)?);
+        Search::begin(Self::NAME, how, problem, workspace, 0)?.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

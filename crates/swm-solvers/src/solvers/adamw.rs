@@ -2,9 +2,6 @@
 //!
 //! Source: Loshchilov & Hutter, *Decoupled Weight Decay Regularization* (2019).
 
-use swm_core::Space;
-
-use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
@@ -55,10 +52,6 @@ impl SolverConfig for AdamW {
     const NAME: &'static str = "adamw";
     const SUMMARY: &'static str = "AdamW (Adam with decoupled weight decay) with restarts";
 
-    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
-        box_bounds(Self::NAME, space).map(|_| ())
-    }
-
     fn solve_checked(
         &self,
         problem: &Problem<'_>,
@@ -67,10 +60,8 @@ impl SolverConfig for AdamW {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
-        let mut search =
-            Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.run(cost, trace, plan)?;
+        let how = (&self.descent, self.rule(), Limits::of_box(Self::NAME, problem.action, self.clip)?);
+        Search::begin(Self::NAME, how, problem, workspace, 0)?.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

@@ -48,14 +48,8 @@ impl Sampler for Cem {
     const SUMMARY: &'static str = "cross-entropy method: refit a Gaussian to the cheapest of its samples";
 
     fn search(&self) -> Search {
-        Search {
-            samples: self.samples,
-            iterations: self.iterations,
-            elites: self.elites,
-            sigma: self.sigma as f32,
-            clip: self.clip,
-            return_best: self.return_best,
-        }
+        let Self { samples, iterations, elites, sigma, clip, return_best, .. } = *self;
+        Search { samples, iterations, elites, sigma: sigma as f32, clip, return_best }
     }
 
     /// The mean, then mean + std × noise.

@@ -60,14 +60,8 @@ impl Sampler for FullCem {
     const SUMMARY: &'static str = "cross-entropy method with a full covariance over time and actions";
 
     fn search(&self) -> Search {
-        Search {
-            samples: self.samples,
-            iterations: self.iterations,
-            elites: self.elites,
-            sigma: self.sigma as f32,
-            clip: self.clip,
-            return_best: self.return_best,
-        }
+        let Self { samples, iterations, elites, sigma, clip, return_best, .. } = *self;
+        Search { samples, iterations, elites, sigma: sigma as f32, clip, return_best }
     }
 
     fn check_problem(&self, problem: &Problem<'_>) -> Result<(), PlanError> {

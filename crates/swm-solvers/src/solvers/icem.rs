@@ -84,14 +84,8 @@ impl Sampler for Icem {
     const SUMMARY: &'static str = "cross-entropy method with colored noise, kept elites and momentum";
 
     fn search(&self) -> Search {
-        Search {
-            samples: self.samples,
-            iterations: self.iterations,
-            elites: self.elites,
-            sigma: self.sigma as f32,
-            clip: self.clip,
-            return_best: self.return_best,
-        }
+        let Self { samples, iterations, elites, sigma, clip, return_best, .. } = *self;
+        Search { samples, iterations, elites, sigma: sigma as f32, clip, return_best }
     }
 
     fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {

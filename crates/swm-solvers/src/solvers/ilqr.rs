@@ -7,7 +7,6 @@
 //! 2014).
 
 use rayon::prelude::*;
-use swm_core::Space;
 
 use crate::bounds::{box_bounds, fill_bounds};
 use crate::cost::Cost;
@@ -60,10 +59,6 @@ impl SolverConfig for Ilqr {
     const NAME: &'static str = "ilqr";
     const SUMMARY: &'static str = "iterative LQR: second-order planning on a model of states and steps";
     const NEEDS_CONTROL_MODEL: bool = true;
-
-    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
-        box_bounds(Self::NAME, space).map(|_| ())
-    }
 
     fn solve_checked(
         &self,

@@ -5,9 +5,7 @@
 //! form of the penalty is an option.
 
 use serde::{Deserialize, Serialize};
-use swm_core::Space;
 
-use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
@@ -96,10 +94,6 @@ impl Validate for Lagrangian {
 impl SolverConfig for Lagrangian {
     const NAME: &'static str = "lagrangian";
     const SUMMARY: &'static str = "augmented Lagrangian: gradient descent under constraints";
-
-    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
-        box_bounds(Self::NAME, space).map(|_| ())
-    }
 
     fn solve_checked(
         &self,

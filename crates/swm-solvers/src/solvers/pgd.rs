@@ -7,15 +7,13 @@
 use serde::{Deserialize, Serialize};
 use swm_core::Space;
 
-use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
-use crate::sampling::count_non_finite;
 use crate::settings::Validate;
 use crate::solver::SolverConfig;
-use crate::space::{categories, round};
+use crate::space::{check_categories, round};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -75,13 +73,13 @@ impl SolverConfig for Pgd {
             match self.select {
                 Select::Relaxed => {
                     round(space, &mut plan.actions);
-                    evaluate(cost, problem, plan)?;
+                    plan.evaluate(problem, cost)?;
                 }
                 Select::Rounded => {
                     if self.descent.track_best {
                         // The best of all steps takes part as one more plan.
                         round(space, &mut plan.actions);
-                        evaluate(cost, problem, plan)?;
+                        plan.evaluate(problem, cost)?;
                         search.best.copy_from_slice(&plan.actions);
                         search.best_costs.copy_from_slice(&plan.cost_of_returned);
                     }
@@ -106,26 +104,9 @@ impl Pgd {
 fn limits(space: &Space) -> Result<Limits<'_>, PlanError> {
     match space {
         Space::Discrete { .. } | Space::MultiDiscrete { .. } => {
-            let count = categories(space).count();
-            match categories(space).position(|count| count == 0) {
-                None if count > 0 => Ok(Limits::Simplex(space)),
-                None => refuse("the action has no elements".to_owned()),
-                Some(index) => refuse(format!("element {index} of the action has no categories")),
-            }
+            check_categories(Pgd::NAME, space)?;
+            Ok(Limits::Simplex(space))
         }
-        space => Ok(Limits::Box { bounds: box_bounds(Pgd::NAME, space)?, clip: true }),
+        space => Limits::of_box(Pgd::NAME, space, true),
     }
-}
-
-fn refuse<T>(reason: String) -> Result<T, PlanError> {
-    Err(PlanError::Space { solver: Pgd::NAME, reason })
-}
-
-/// Evaluates the plans themselves.
-fn evaluate(cost: &mut dyn Cost, problem: &Problem<'_>, plan: &mut Plan) -> Result<(), PlanError> {
-    cost.evaluate(&problem.candidates(&plan.actions, 1), &mut plan.cost_of_returned)?;
-    for (cost, count) in plan.cost_of_returned.chunks_exact_mut(1).zip(&mut plan.non_finite) {
-        *count += count_non_finite(cost);
-    }
-    Ok(())
 }

@@ -3,9 +3,6 @@
 //! Source: the reference's `GradientSolver` with its SGD; momentum as in Sutskever et al., *On the importance of
 //! initialization and momentum in deep learning* (2013), in PyTorch's form.
 
-use swm_core::Space;
-
-use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
@@ -49,10 +46,6 @@ impl SolverConfig for Sgd {
     const NAME: &'static str = "sgd";
     const SUMMARY: &'static str = "gradient descent with restarts and momentum";
 
-    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
-        box_bounds(Self::NAME, space).map(|_| ())
-    }
-
     fn solve_checked(
         &self,
         problem: &Problem<'_>,
@@ -61,10 +54,8 @@ impl SolverConfig for Sgd {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
-        let mut search =
-            Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.run(cost, trace, plan)?;
+        let how = (&self.descent, self.rule(), Limits::of_box(Self::NAME, problem.action, self.clip)?);
+        Search::begin(Self::NAME, how, problem, workspace, 0)?.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

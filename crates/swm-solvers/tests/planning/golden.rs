@@ -73,31 +73,29 @@ pub(super) fn check(name: &str, run: &Run, golden: &Golden) {
     }
 }
 
-/// Mean of the smallest, of the elite and of all costs of iteration `number` (from 1), by instance. The golden std
-/// is not known and taken as ours.
-pub(super) fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) {
-    check_iteration_of_std(name, run, number, golden, [0.0; 4]);
+/// Iteration number, from 1, and the golden means of the smallest, of the elite and of all its costs, by instance.
+pub(super) type Columns = (usize, [f64; 4], [f64; 4], [f64; 4]);
+
+/// Checks some iterations. The golden std is not known and taken as ours.
+pub(super) fn check_iterations(name: &str, run: &Run, golden: &[Columns]) {
+    check_iterations_of_std(name, run, golden, [0.0; 4]);
 }
 
 /// The same, where the golden std is known to be no less than `std`.
-pub(super) fn check_iteration_of_std(
-    name: &str,
-    run: &Run,
-    number: usize,
-    golden: [[f64; 4]; 3],
-    std: [f64; 4],
-) {
-    let seen = &run.cost.iterations[number - 1];
-    let columns: [Vec<f64>; 3] = [
-        seen.iter().map(|s| s.min).collect(),
-        seen.iter().map(|s| s.elite).collect(),
-        seen.iter().map(|s| s.mean).collect(),
-    ];
-    for (column, golden) in columns.iter().zip(golden) {
-        for (i, golden) in golden.into_iter().enumerate() {
-            let (_, own, _) = mean_and_std(instance(column, i));
-            let what = format!("{name}, iteration {number}, instance {i}");
-            assert_near(&what, (golden, own.max(std[i])), instance(column, i));
+pub(super) fn check_iterations_of_std(name: &str, run: &Run, golden: &[Columns], std: [f64; 4]) {
+    for &(number, min, elite, mean) in golden {
+        let seen = &run.cost.iterations[number - 1];
+        let columns: [(Vec<f64>, _); 3] = [
+            (seen.iter().map(|s| s.min).collect(), min),
+            (seen.iter().map(|s| s.elite).collect(), elite),
+            (seen.iter().map(|s| s.mean).collect(), mean),
+        ];
+        for (column, golden) in columns {
+            for (i, golden) in golden.into_iter().enumerate() {
+                let (_, own, _) = mean_and_std(instance(&column, i));
+                let what = format!("{name}, iteration {number}, instance {i}");
+                assert_near(&what, (golden, own.max(std[i])), instance(&column, i));
+            }
         }
     }
 }
@@ -110,36 +108,27 @@ fn cem_on_the_linear_quadratic_problem() {
         std: [0.0702603, 0.0639247, 0.0822742, 0.225737],
     };
     check("cem_lq", &run, &golden);
-    check_iteration(
-        "cem_lq",
-        &run,
-        1,
-        [
+    let columns = [
+        (
+            1,
             [8.86144, 8.50562, 11.3051, 27.1151],
             [18.0968, 16.129, 19.5617, 41.8355],
             [103.067, 96.9811, 101.669, 144.212],
-        ],
-    );
-    check_iteration(
-        "cem_lq",
-        &run,
-        5,
-        [
+        ),
+        (
+            5,
             [5.40279, 4.56933, 7.48805, 21.876],
             [8.90094, 7.94887, 11.0411, 25.7839],
             [34.1859, 33.4049, 38.0429, 55.3846],
-        ],
-    );
-    check_iteration(
-        "cem_lq",
-        &run,
-        30,
-        [
+        ),
+        (
+            30,
             [4.63198, 3.9855, 6.70324, 19.8223],
             [4.64111, 3.99394, 6.71252, 19.8388],
             [4.6804, 4.0325, 6.75145, 19.8896],
-        ],
-    );
+        ),
+    ];
+    check_iterations("cem_lq", &run, &columns);
     for (episode, &cost) in run.plan.cost_of_returned.iter().enumerate() {
         assert!(cost >= LQ_OPTIMA[episode % 4] - 1e-4, "{cost} is below the optimum");
         assert_eq!(run.plan.elite_mean_last[episode], run.cost.iterations[29][episode].elite);
@@ -152,26 +141,21 @@ fn small_cem_on_the_linear_quadratic_problem() {
     let golden =
         Golden { mean: [5.50856, 4.95083, 7.65328, 22.1361], std: [0.437752, 0.499027, 0.253264, 1.28485] };
     check("cem_small_lq", &run, &golden);
-    check_iteration(
-        "cem_small_lq",
-        &run,
-        2,
-        [
+    let columns = [
+        (
+            2,
             [8.41093, 6.76639, 10.1677, 28.4344],
             [14.0106, 12.9171, 16.1485, 35.2338],
             [67.5789, 64.3147, 69.6262, 99.6477],
-        ],
-    );
-    check_iteration(
-        "cem_small_lq",
-        &run,
-        8,
-        [
+        ),
+        (
+            8,
             [5.56135, 4.94236, 7.67951, 22.2064],
             [6.06566, 5.48871, 8.23449, 22.8092],
             [10.557, 10.1838, 12.4065, 27.6548],
-        ],
-    );
+        ),
+    ];
+    check_iterations("cem_small_lq", &run, &columns);
 }
 
 #[test]
@@ -189,26 +173,21 @@ fn cem_on_the_navigation_problem() {
     ] {
         check("cem_nav", &run, &golden);
     }
-    check_iteration(
-        "cem_nav",
-        &run,
-        2,
-        [
+    let columns = [
+        (
+            2,
             [17.779, 6.20023, 12.5188, 8.75804],
             [23.6693, 9.65809, 16.139, 13.2263],
             [33.682, 23.7376, 25.3085, 29.2412],
-        ],
-    );
-    check_iteration(
-        "cem_nav",
-        &run,
-        30,
-        [
+        ),
+        (
+            30,
             [9.69609, 3.97815, 7.78156, 5.26276],
             [9.6965, 3.97836, 7.78213, 5.26288],
             [9.69719, 3.97879, 7.78315, 5.26312],
-        ],
-    );
+        ),
+    ];
+    check_iterations("cem_nav", &run, &columns);
 }
 
 #[test]

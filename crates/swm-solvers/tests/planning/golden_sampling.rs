@@ -2,7 +2,7 @@
 
 use swm_solvers::{CategoricalCem, Icem, Mppi, PredictiveSampling};
 
-use crate::golden::{Golden, check, check_iteration, check_iteration_of_std, run};
+use crate::golden::{Golden, check, check_iterations, check_iterations_of_std, run};
 use crate::problems::{LQ_OPTIMA, Trial};
 
 const MPPI_LQ: Golden =
@@ -38,9 +38,7 @@ fn mppi_on_the_linear_quadratic_problem() {
             [88.0091, 87.0592, 91.5508, 103.797],
         ),
     ];
-    for (number, min, elite, mean) in columns {
-        check_iteration("mppi_lq", &run, number, [min, elite, mean]);
-    }
+    check_iterations("mppi_lq", &run, &columns);
     for (episode, &cost) in run.plan.cost_of_returned.iter().enumerate() {
         assert!(cost >= LQ_OPTIMA[episode % 4] - 1e-4, "{cost} is below the optimum");
         assert!((run.plan.elite_mean_last[episode] - run.cost.iterations[29][episode].elite).abs() < 1e-9);
@@ -84,9 +82,7 @@ fn mppi_on_the_navigation_problem() {
             [12.5037, 5.90807, 10.5417, 7.03709],
         ),
     ];
-    for (number, min, elite, mean) in columns {
-        check_iteration("mppi_nav_0.5", &run_05, number, [min, elite, mean]);
-    }
+    check_iterations("mppi_nav_0.5", &run_05, &columns);
     let colder = run(&Mppi { temperature: 0.05, ..Mppi::default() }, &Trial::nav(), 30);
     let golden =
         Golden { mean: [10.17, 4.1882, 8.10065, 5.45233], std: [0.498973, 0.0453841, 0.104857, 0.0338683] };
@@ -140,9 +136,7 @@ fn icem_on_the_linear_quadratic_problem() {
             [4.81182, 4.05288, 6.8591, 21.008],
         ),
     ];
-    for (number, min, elite, mean) in columns {
-        check_iteration("icem_lq", &means, number, [min, elite, mean]);
-    }
+    check_iterations("icem_lq", &means, &columns);
     for iterations in means.cost.iterations[..30].windows(2) {
         for (before, after) in iterations[0].iter().zip(&iterations[1]) {
             assert!(after.min <= before.min + 1e-5, "kept elites keep the minimum");
@@ -185,9 +179,7 @@ fn icem_on_the_navigation_problem() {
             [12.5502, 5.07704, 9.7227, 6.80133],
         ),
     ];
-    for (number, min, elite, mean) in columns {
-        check_iteration("icem_nav", &means, number, [min, elite, mean]);
-    }
+    check_iterations("icem_nav", &means, &columns);
     let best = run(&Icem { return_best: true, ..Icem::default() }, &Trial::nav(), 30);
     let golden = Golden {
         mean: [12.5463, 5.07654, 9.72026, 6.80078],
@@ -229,8 +221,6 @@ fn categorical_cem_on_the_problem_of_categories() {
             [0.855375, 0.699316, 0.726913, 1.16734],
         ),
     ];
-    for (number, min, elite, mean) in columns {
-        // Seeds that end in the second best plan are rare, and make most of the std.
-        check_iteration_of_std("catcem_disc", &run, number, [min, elite, mean], golden.std);
-    }
+    // Seeds that end in the second best plan are rare, and make most of the std.
+    check_iterations_of_std("catcem_disc", &run, &columns, golden.std);
 }

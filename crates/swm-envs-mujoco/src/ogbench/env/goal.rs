@@ -2,8 +2,9 @@
 
 use swm_core::EpisodeSeed;
 
-use super::{TableEnv, five};
+use super::TableEnv;
 use crate::error::MujocoError;
+use crate::given::finite_values;
 use crate::ogbench::columns::observation;
 use crate::ogbench::standing::{Goal, Standing};
 use crate::ogbench::start;
@@ -29,8 +30,9 @@ impl TableEnv {
             let stream = EpisodeSeed::new(self.task_state.seed as u64);
             for step in 0..2 {
                 let action = self.spec.action.sample(&mut stream.indexed("goal action", [step, 0]));
-                let action = five(action.data.as_slice()).unwrap_or_default();
-                self.table.robot.command(&mut self.sim, action);
+                let values = finite_values(action.data.as_slice(), 5).ok();
+                let values = values.and_then(|values| values.first_chunk().copied()).unwrap_or_default();
+                self.table.robot.command(&mut self.sim, values);
                 goal.standing.advance(&mut self.sim)?;
             }
             self.apply_buttons(self.task_state.buttons)?;

@@ -5,25 +5,21 @@ use std::collections::BTreeMap;
 use swm_core::{EnvError, EnvSpec, Value};
 
 use super::TableEnv;
+use crate::given::{check_goal, needed, recorded};
 use crate::ogbench::furniture::Which;
 use crate::ogbench::settings::Mode;
 use crate::ogbench::start::Chosen;
 use crate::ogbench::state::Pursued;
-use crate::suite::recorded;
 
 impl TableEnv {
     /// Stands at a recorded row.
     pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = &self.spec.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.clone(),
-            reason: format!("a start needs the column `{name}`"),
-        };
         let Self { sim, table, task_state, .. } = self;
         let (nq, nv, nu) = (sim.model().nq(), sim.model().nv(), sim.model().nu());
         let cubes = table.kind.cubes();
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let qpos = needed(id, row, "start", "qpos", nq)?;
+        let qvel = needed(id, row, "start", "qvel", nv)?;
         sim.qpos_mut().copy_from_slice(&qpos);
         sim.qvel_mut().copy_from_slice(&qvel);
         sim.qacc_warmstart_mut().fill(0.0);
@@ -105,14 +101,9 @@ impl TableEnv {
 
     /// Wants everything where it is in a recorded row. Returns the row's positions.
     pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<Vec<f64>, EnvError> {
-        let id = &self.spec.id;
-        let wrong = |reason: String| EnvError::Reset { env: id.clone(), reason };
-        if let Some(column) = row.keys().find(|column| !self.spec.goal_columns.contains(&column.as_str())) {
-            return Err(wrong(format!("`{column}` is no goal of this environment")));
-        }
-        let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
-        let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
-        let Self { sim, table, task_state, .. } = self;
+        check_goal(&self.spec, row)?;
+        let qpos = needed(&self.spec.id, row, "goal", "qpos", self.sim.model().nq())?;
+        let Self { spec, sim, table, task_state, .. } = self;
         task_state.pursued = Pursued::Everything;
         task_state.goal_is_given = true;
         for index in 0..table.kind.cubes() {
@@ -125,7 +116,7 @@ impl TableEnv {
                 task_state.goal_slides[which as usize] = position;
                 furniture.set_handle_target(sim.model_mut(), which, position);
             }
-            if let Some(states) = recorded(id, row, "button_states", 2)? {
+            if let Some(states) = recorded(&spec.id, row, "button_states", 2)? {
                 task_state.goal_buttons = states_of(&states);
             }
         }

@@ -6,6 +6,7 @@ use swm_core::{Dtype, EnvError, Field, Value};
 use swm_fov::FovSpace;
 
 use super::SuiteEnv;
+use crate::given::{needed, recorded};
 use crate::suite::{Domain, Stage};
 use crate::views::Views;
 
@@ -30,10 +31,6 @@ impl SuiteEnv {
     /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
     pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = &self.spec.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.clone(),
-            reason: format!("a start needs the column `{name}`"),
-        };
         for (index, target) in self.domain.targets.iter().enumerate() {
             if let Some(values) = recorded(id, row, target.column, target.place.dim())? {
                 self.stage.set_target(index, &values);
@@ -41,8 +38,8 @@ impl SuiteEnv {
         }
         let sim = &mut self.stage.sim;
         let (nq, nv, na) = (sim.model().nq(), sim.model().nv(), sim.model().na());
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let qpos = needed(id, row, "start", "qpos", nq)?;
+        let qvel = needed(id, row, "start", "qvel", nv)?;
         let warmstart = recorded(id, row, "qacc_warmstart", nv)?.unwrap_or_else(|| vec![0.0; nv]);
         sim.reset();
         sim.qpos_mut().copy_from_slice(&qpos);
@@ -56,24 +53,6 @@ impl SuiteEnv {
         sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
         Ok(())
     }
-}
-
-/// The values of a column, if the row has it.
-pub(crate) fn recorded(
-    env: &str,
-    row: &BTreeMap<String, Value>,
-    name: &str,
-    dim: usize,
-) -> Result<Option<Vec<f64>>, EnvError> {
-    let Some(value) = row.get(name) else { return Ok(None) };
-    let values = value.cast(name, Dtype::F64, &[dim])?.to_f64s(name)?;
-    if values.iter().any(|value| !value.is_finite()) {
-        return Err(EnvError::Reset {
-            env: env.to_owned(),
-            reason: format!("the recorded `{name}` is not finite"),
-        });
-    }
-    Ok(Some(values))
 }
 
 /// The columns: what all domains have, then the domain's own, factors and images. `observation` is its dim.
