@@ -157,11 +157,13 @@ mod tests {
         let dataset = folder.path().join("a.h5");
         // What a killed writer left.
         fs::write(beside(&dataset, ".lock"), "process 4194305 on elsewhere, with a longer name\n").unwrap();
+        assert_eq!(WriterLock::holder_here(&dataset), None);
         let first = WriterLock::take(&dataset).unwrap();
         let message = WriterLock::take(&dataset).unwrap_err().to_string();
         if cfg!(unix) {
             let holder = format!("a.h5 is being written by process {} on {};", std::process::id(), host());
             assert!(message.contains(&holder), "{message}");
+            assert_eq!(WriterLock::holder_here(&dataset), Some(Holder::this().to_string()));
         }
         drop(first);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

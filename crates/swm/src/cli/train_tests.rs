@@ -7,8 +7,29 @@ use super::*;
 
 #[test]
 fn numbers_keep_their_digits() {
-    let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 12345.6, 2e9, f64::NAN].map(short);
-    assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "12346", "2.000e9", "NaN"]);
+    let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 200.0, 12345.6, 2e9, f64::NAN].map(short);
+    assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "200", "12346", "2.000e9", "NaN"]);
+}
+
+#[test]
+fn what_is_missing_depends_on_what_shall_learn() {
+    let registry = crate::registry();
+    let refused = |words: &str| {
+        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
+        train.run(&registry, &Output::new(false, true)).unwrap_err().to_string()
+    };
+    for (words, reason) in [
+        ("swm sac --out no/run", "sac learns online: name an environment with --env"),
+        ("swm lewm --out no/run", "--data: name the dataset that lewm learns from"),
+        ("swm lewn --out no/run", "unknown baseline or agent `lewn`; did you mean `lewm`?"),
+        ("swm sax --env swm/PushT-v1 --out no/run", "did you mean `sac`?"),
+    ] {
+        let message = refused(words);
+        assert!(message.contains(reason), "{words}: {message}");
+    }
+    let env = registry.env("swm/PushT-v1").unwrap();
+    let message = registry.policy_entry(env, "lewm").unwrap_err().to_string();
+    assert!(message.contains("it is a model; to plan with a trained one, use `mpc:RUN`"), "{message}");
 }
 
 #[derive(clap::Parser)]

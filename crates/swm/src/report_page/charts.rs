@@ -145,3 +145,20 @@ fn shortened(text: &str, most: usize) -> String {
     }
     text.chars().take(most - 1).chain(['…']).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reference_policies_are_gray_and_no_two_curves_look_alike() {
+        let curve = |is_reference| Curve { name: "", steps: Vec::new(), episodes: 1, is_reference };
+        let curves = [false, false, false, true, true, true].map(curve);
+        let looks = looks(&curves);
+        assert!(looks.iter().zip(&curves).all(|((class, _), curve)| (*class == "c") == curve.is_reference));
+        let mut distinct = looks.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert_eq!(distinct.len(), looks.len());
+    }
+}
