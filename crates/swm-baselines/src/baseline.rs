@@ -10,6 +10,7 @@ use swm_solvers::{Aggregate, Candidates};
 use crate::data::{ClipBatch, DataDims, Observations, PlanningBatch};
 use crate::error::BaselineError;
 use crate::optim::OptimConfig;
+use crate::precision::Precision;
 
 /// A model that can be trained, saved, and asked for plans or actions.
 ///
@@ -35,12 +36,34 @@ pub trait Baseline: Send {
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 
+    /// Sets the precision of linear layers and attention, in training and use; at first fp32. Weights stay in fp32.
+    fn set_precision(&mut self, _precision: Precision) {}
+
     /// One step of training: loss, gradients, clipping, optimizer, target networks. An error leaves the weights as they were.
     ///
     /// # Errors
     ///
     /// A loss or gradient is not finite, the batch is of another form, or there is no such phase.
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError>;
+
+    /// As [`Baseline::train_step`], without waiting for a device other than the CPU: `None` where the losses are still to
+    /// come, from [`Baseline::take_losses`]. On such a device, a loss or gradient that is not finite spoils the weights.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Baseline::train_step`]; where it does not wait, the error of a loss comes with the losses.
+    fn start_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Option<Losses>, BaselineError> {
+        self.train_step(batch, at).map(Some)
+    }
+
+    /// The losses that [`Baseline::start_step`] did not wait for, of all steps since the last call, in order.
+    ///
+    /// # Errors
+    ///
+    /// A loss or gradient of one of the steps was not finite; the weights are of no use.
+    fn take_losses(&mut self) -> Result<Vec<Losses>, BaselineError> {
+        Ok(Vec::new())
+    }
 
     /// The loss of a phase as the trained model has it: without dropout, with running statistics, and with the average of the
     /// weights where `optim.ema` is set.

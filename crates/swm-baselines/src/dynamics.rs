@@ -1,7 +1,7 @@
 //! Latent dynamics: what a world model network provides for planning, and how its latents and predictions are computed.
 //!
-//! Observations go through the network one by one, latents in groups of a fixed size, padded with zeros: the bits of a
-//! latent do not depend on other latents.
+//! On a CPU, observations go through the network one by one, latents in groups of a fixed size, padded with zeros: the bits of
+//! a latent do not depend on other latents. Other devices take many at once.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -12,11 +12,15 @@ use crate::data::{Form, Observations, Start};
 use crate::error::BaselineError;
 use crate::images;
 use crate::params::host;
+use crate::placement::Placement;
 
 /// A network that predicts latents, and the cost of plans from them.
 pub(crate) trait LatentDynamics: Module + Sync {
-    /// Candidates of a group.
+    /// Candidates of a group on a CPU: as many as its caches hold.
     const GROUP: usize;
+
+    /// Candidates of a group on other devices: all, unless a candidate is large for the device's memory.
+    const GROUP_ON_DEVICE: usize = usize::MAX;
 
     /// One planning problem: the encoded observations and goal, which all its candidates share.
     type Problem: Send + Sync;
@@ -36,11 +40,48 @@ pub(crate) trait LatentDynamics: Module + Sync {
     /// Z: values of a latent.
     fn latent_dim(&self) -> usize;
 
-    /// `[1, Z]` of one observation: `[1, 1, 3, S, S]`, and `[1, 1, …]` where the model uses it.
+    /// `[B, Z]` of single observations: `[B, 1, 3, S, S]`, and `[B, 1, …]` where the model uses it.
     fn latent(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<2>;
 
     /// `[C, Z]`: the latents that follow `[C, Z]` under blocks `[C, D]`, each on its own.
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2>;
+}
+
+/// How many candidates go through a network at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct GroupSize {
+    /// At most so many.
+    most: usize,
+    /// Whether others are filled up with zeros to as many, since the bits of a result depend on their number.
+    padded: bool,
+}
+
+impl GroupSize {
+    /// That of a model on `device`.
+    pub(crate) fn of<M: LatentDynamics>(device: &Device) -> Self {
+        match Placement::of(device) {
+            Placement::Host => Self { most: M::GROUP, padded: true },
+            Placement::Device => Self { most: M::GROUP_ON_DEVICE, padded: false },
+        }
+    }
+
+    /// The greatest group of `count` candidates.
+    pub(crate) fn most(self, count: usize) -> usize {
+        self.most.min(count.max(1))
+    }
+
+    /// How many candidates the network gets for a group of `count`.
+    pub(crate) fn filled(self, count: usize) -> usize {
+        if self.padded { self.most } else { count }
+    }
+}
+
+/// Work on each of `groups`: on a CPU by all threads, on other devices one after another, as the device is parallel itself.
+pub(crate) fn for_each_group<G: Send>(device: &Device, groups: Vec<G>, work: impl Fn(G) + Sync + Send) {
+    match Placement::of(device) {
+        Placement::Host => groups.into_par_iter().for_each(work),
+        Placement::Device => groups.into_iter().for_each(work),
+    }
 }
 
 /// `[C]`: costs of candidates from the distances `[C]` of their predicted states 0 to `horizon` - 1 from the goal.
@@ -65,9 +106,18 @@ pub(crate) fn encode<M: LatentDynamics>(
     check(latents.len(), count, model.latent_dim())?;
     let pixels = images::to_tensor("pixels", &seen.pixels, form.image, device)?;
     let proprio = form.state("proprio", seen.proprio.as_ref(), count, device)?;
-    latents.par_chunks_exact_mut(model.latent_dim().max(1)).enumerate().for_each(|(index, latent)| {
-        let proprio = proprio.as_ref().map(|proprio| proprio.clone().narrow(0, index, 1));
-        latent.copy_from_slice(&host(model.latent(pixels.clone().narrow(0, index, 1), proprio)));
+    let dim = model.latent_dim().max(1);
+    // One by one on a CPU: the bits of a latent must not depend on the others.
+    let most = match Placement::of(device) {
+        Placement::Host => 1,
+        Placement::Device => M::GROUP_ON_DEVICE.min(count.max(1)),
+    };
+    let groups: Vec<_> = latents.chunks_mut(most * dim).enumerate().collect();
+    for_each_group(device, groups, |(index, latents)| {
+        let part = latents.len() / dim;
+        let proprio = proprio.as_ref().map(|proprio| proprio.clone().narrow(0, index * most, part));
+        let found = model.latent(pixels.clone().narrow(0, index * most, part), proprio);
+        latents.copy_from_slice(&host(found));
     });
     Ok(())
 }
@@ -81,12 +131,16 @@ pub(crate) fn predict<M: LatentDynamics>(
 ) -> Result<(), BaselineError> {
     let (dim, block) = (model.latent_dim().max(1), model.form().action);
     check(latents.len(), actions.len() / block.max(1), dim)?;
-    let groups = latents.par_chunks_mut(M::GROUP * dim).zip_eq(actions.par_chunks(M::GROUP * block.max(1)));
-    groups.for_each(|(latents, actions)| {
+    let block = block.max(1);
+    let size = GroupSize::of::<M>(device);
+    let most = size.most(actions.len() / block);
+    let groups: Vec<_> = latents.chunks_mut(most * dim).zip(actions.chunks(most * block)).collect();
+    for_each_group(device, groups, |(latents, actions)| {
+        let count = size.filled(actions.len() / block);
         let full = |values: &[f32], dim: usize| {
             let mut values = values.to_vec();
-            values.resize(M::GROUP * dim, 0.0);
-            Tensor::<2>::from_data(TensorData::new(values, [M::GROUP, dim]), device)
+            values.resize(count * dim, 0.0);
+            Tensor::<2>::from_data(TensorData::new(values, [count, dim]), device)
         };
         let next = host(model.next(full(latents, dim), full(actions, block)));
         latents.copy_from_slice(&next[..latents.len()]);

@@ -9,12 +9,14 @@ use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phas
 use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
 use crate::init::initialize;
-use crate::losses::Terms;
 use crate::network::{Network, Parts};
 use crate::nn::Background;
-use crate::optim::{AdamW, Gradients, clip_gradients};
-use crate::params::{self, host};
+use crate::optim::{AdamW, Gradients};
+use crate::params;
 use crate::pass::Pass;
+use crate::placement::Placement;
+use crate::precision::Precision;
+use crate::reading::{Reading, finite, read, read_all};
 use crate::weights;
 
 /// A network, its optimizers, and its model config.
@@ -31,6 +33,9 @@ pub(crate) struct Learner<N> {
     /// One for each phase.
     optimizers: Vec<AdamW>,
     device: Device,
+    precision: Precision,
+    /// Of steps that nobody has asked for yet: they wait on the device.
+    waiting: Vec<Reading>,
 }
 
 impl<N: Network> Learner<N> {
@@ -63,6 +68,8 @@ impl<N: Network> Learner<N> {
             average: None,
             optimizers,
             device,
+            precision: Precision::default(),
+            waiting: Vec::new(),
         })
     }
 
@@ -75,11 +82,52 @@ impl<N: Network> Learner<N> {
         self.average.as_ref().unwrap_or_else(|| self.network())
     }
 
+    /// The same, in the precision of computations.
+    fn computing(&self) -> N {
+        self.precision.copy_of(self.at_work())
+    }
+
     fn phase(&self, phase: usize) -> Result<&Phase, BaselineError> {
         self.phases.get(phase).ok_or_else(|| BaselineError::Settings {
             baseline: self.name,
             reason: format!("no phase {phase}; its training has {}", self.phases.len()),
         })
+    }
+
+    /// One step. It `waits` for the losses before it changes anything, or leaves them on the device.
+    fn step(&mut self, batch: &ClipBatch<'_>, at: &Step, waits: bool) -> Result<Reading, BaselineError> {
+        let phase = self.phase(at.phase)?.clone();
+        let inputs = Inputs::new(batch, &self.form, &self.device)?;
+        let mut pass = Pass::train_on(&self.device, at.seed, at.step);
+        let is_first = (at.phase, at.step) == (0, 0);
+        let begun = is_first.then(|| Background::find(self.network().clone(), &inputs.pixels));
+        let tracked = params::track(begun.as_ref().unwrap_or_else(|| self.network()), phase.trains);
+        let terms = self.precision.copy_of(&tracked).loss(at.phase, &inputs, &mut pass)?;
+        let gradients = terms.total.is_tracked().then(|| terms.total.backward());
+        let terms = terms.inner();
+        let known = waits.then(|| read(&terms));
+        if let Some(losses) = &known {
+            finite(losses.total, at.step)?;
+        }
+        let gradients = gradients.map(|mut gradients| params::gradients(&tracked, &mut gradients));
+        drop(tracked);
+        let mut gradients = Gradients::new(gradients.unwrap_or_default());
+        let norm = gradients.clip(phase.optim.clip);
+        let lr = phase.optim.lr * phase.optim.schedule.factor(at.step, at.total);
+        let reading = match known {
+            Some(losses) => Reading::known(losses, norm, lr as f32, at.step)?,
+            None => Reading::waiting(terms, norm, lr as f32, at.step),
+        };
+        let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
+        let network = self.optimizers[at.phase].step(network, gradients, &phase.optim, lr);
+        let network = follow_statistics(network, &pass);
+        let network = follow(network, phase.targets, phase.momentum);
+        self.average = phase.optim.ema_at(at.step).map(|decay| match self.average.take() {
+            Some(average) => averaged(average, &network, phase.trains, decay),
+            None => network.clone(),
+        });
+        self.network = Some(network);
+        Ok(reading)
     }
 }
 
@@ -117,47 +165,32 @@ impl<N: Network> Baseline for Learner<N> {
         encoder.peek().is_some() && !encoder.any(is_trained)
     }
 
+    fn set_precision(&mut self, precision: Precision) {
+        self.precision = precision;
+    }
+
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError> {
-        let phase = self.phase(at.phase)?.clone();
-        let inputs = Inputs::new(batch, &self.form, &self.device)?;
-        let mut pass = Pass::train(at.seed, at.step);
-        let is_first = (at.phase, at.step) == (0, 0);
-        let begun = is_first.then(|| Background::find(self.network().clone(), &inputs.pixels));
-        let tracked = params::track(begun.as_ref().unwrap_or_else(|| self.network()), phase.trains);
-        let terms = tracked.loss(at.phase, &inputs, &mut pass)?;
-        let gradients = terms.total.is_tracked().then(|| terms.total.backward());
-        let mut losses = read(terms);
-        if !losses.total.is_finite() {
-            return Err(BaselineError::NotFinite { step: at.step, value: losses.total });
+        let reading = self.step(batch, at, true)?;
+        Ok(read_all(vec![reading])?.swap_remove(0))
+    }
+
+    fn start_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Option<Losses>, BaselineError> {
+        if Placement::of(&self.device) == Placement::Host {
+            return self.train_step(batch, at).map(Some);
         }
-        let gradients = match gradients {
-            Some(mut gradients) => params::gradients(&tracked, &mut gradients),
-            None => Vec::new(),
-        };
-        let mut gradients: Gradients = gradients.into_iter().map(|gradient| gradient.map(host)).collect();
-        drop(tracked);
-        let norm = clip_gradients(&mut gradients, phase.optim.clip);
-        if !norm.is_finite() {
-            return Err(BaselineError::NotFinite { step: at.step, value: norm });
-        }
-        let lr = phase.optim.lr * phase.optim.schedule.factor(at.step, at.total);
-        let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
-        let network = self.optimizers[at.phase].step(network, gradients, &phase.optim, lr);
-        let network = follow_statistics(network, &pass);
-        let network = follow(network, phase.targets, phase.momentum);
-        self.average = phase.optim.ema_at(at.step).map(|decay| match self.average.take() {
-            Some(average) => averaged(average, &network, phase.trains, decay),
-            None => network.clone(),
-        });
-        self.network = Some(network);
-        losses.parts.extend([("lr", lr as f32), ("gradient_norm", norm)]);
-        Ok(losses)
+        let reading = self.step(batch, at, false)?;
+        self.waiting.push(reading);
+        Ok(None)
+    }
+
+    fn take_losses(&mut self) -> Result<Vec<Losses>, BaselineError> {
+        read_all(std::mem::take(&mut self.waiting))
     }
 
     fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError> {
         self.phase(phase)?;
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
-        Ok(read(self.at_work().loss(phase, &inputs, &mut Pass::evaluate())?))
+        Ok(read(&self.computing().loss(phase, &inputs, &mut Pass::evaluate())?))
     }
 
     fn estimate_statistics(
@@ -169,7 +202,7 @@ impl<N: Network> Baseline for Learner<N> {
         self.phase(phase)?;
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
         let mut pass = Pass::statistics(before);
-        self.at_work().loss(phase, &inputs, &mut pass)?;
+        self.computing().loss(phase, &inputs, &mut pass)?;
         let of = if self.average.is_some() { &mut self.average } else { &mut self.network };
         *of = of.take().map(|network| follow_statistics(network, &pass));
         Ok(())
@@ -236,11 +269,11 @@ impl<N: Network> Baseline for Learner<N> {
     }
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
-        self.at_work().planner()
+        self.computing().planner()
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        self.at_work().policy()
+        self.computing().policy()
     }
 }
 
@@ -259,15 +292,6 @@ fn averaged<N: Module>(average: N, network: &N, trains: &[&str], decay: f64) -> 
         }
         old * decay + new * (1.0 - decay)
     })
-}
-
-/// The values of a loss.
-pub(crate) fn read(terms: Terms) -> Losses {
-    let value = |tensor| host::<1>(tensor)[0];
-    Losses {
-        total: value(terms.total),
-        parts: terms.parts.into_iter().map(|(name, tensor)| (name, value(tensor))).collect(),
-    }
 }
 
 /// Puts the running statistics of a pass into their places.

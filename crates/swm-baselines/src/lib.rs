@@ -30,7 +30,10 @@ mod params;
 #[cfg(test)]
 mod parity;
 mod pass;
+mod placement;
 mod plan;
+mod precision;
+mod reading;
 pub mod train;
 mod weights;
 
@@ -49,3 +52,4 @@ pub use models::{
 };
 pub use nn::{CnnConfig, FilmPredictorConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};
+pub use precision::Precision;

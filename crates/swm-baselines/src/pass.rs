@@ -1,12 +1,16 @@
 //! The context of a forward pass: whether it trains, its noise, and the statistics that it gathers.
 //!
-//! No global generator decides anything: the noise of a step is a function of (seed, step, index of the sample).
+//! On a CPU no global generator decides anything: the noise of a step is a function of (seed, step, index of the sample).
+//! Other devices use their own generator, which each step seeds anew from (seed, step): the same noise on the same kind of
+//! device, as long as one training at a time uses it.
 
 use burn::module::ParamId;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Distribution, Tensor, TensorData};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use swm_core::seed::keyed;
+
+use crate::placement::Placement;
 
 /// One forward pass.
 pub(crate) struct Pass {
@@ -21,10 +25,11 @@ pub(crate) struct Pass {
 }
 
 /// Where the noise of a step comes from.
-struct Noise {
-    seed: u64,
-    step: u64,
-    samples: u64,
+enum Noise {
+    /// Streams of the host, one for each sample.
+    Keyed { seed: u64, step: u64, samples: u64 },
+    /// The device's generator.
+    Generator,
 }
 
 impl Pass {
@@ -39,9 +44,18 @@ impl Pass {
         Self::new(None, Some(1.0 / (before + 1) as f32))
     }
 
-    /// As in step `step` of a training with this seed.
+    /// As in step `step` of a training with this seed, on this device.
+    pub(crate) fn train_on(device: &Device, seed: u64, step: u64) -> Self {
+        if Placement::of(device) == Placement::Host {
+            return Self::train(seed, step);
+        }
+        device.clone().inner().seed(keyed(seed, PURPOSE, [step, 0]).random());
+        Self::new(Some(Noise::Generator), Some(RUNNING_SHARE))
+    }
+
+    /// As in step `step` of a training with this seed, on a CPU.
     pub(crate) fn train(seed: u64, step: u64) -> Self {
-        Self::new(Some(Noise { seed, step, samples: 0 }), Some(RUNNING_SHARE))
+        Self::new(Some(Noise::Keyed { seed, step, samples: 0 }), Some(RUNNING_SHARE))
     }
 
     fn new(noise: Option<Noise>, batch_share: Option<f32>) -> Self {
@@ -78,8 +92,13 @@ impl Pass {
             return input;
         }
         let Some(noise) = &mut self.noise else { return input };
-        let mut stream = noise.next_stream();
-        let shape = input.dims();
+        let (shape, device) = (input.dims(), input.device().inner());
+        let Some(mut stream) = noise.next_stream() else {
+            let kept = Tensor::<D>::random(shape, Distribution::Bernoulli(1.0 - rate), &device);
+            let kept = kept * (1.0 / (1.0 - rate));
+            let precision = input.dtype();
+            return input * kept.cast(precision);
+        };
         let mut values = vec![0.0; shape.iter().product()];
         let (threshold, scale) = ((rate * 65536.0).round() as u16, (1.0 / (1.0 - rate)) as f32);
         for pair in values.chunks_mut(4) {
@@ -88,8 +107,8 @@ impl Pass {
                 *value = if ((word >> (16 * part)) as u16) < threshold { 0.0 } else { scale };
             }
         }
-        let device = input.device().inner();
-        input * Tensor::from_data(TensorData::new(values, shape), &device)
+        let precision = input.dtype();
+        input * Tensor::<D>::from_data(TensorData::new(values, shape), &device).cast(precision)
     }
 
     /// Standard normal values. Outside training they are those of step 0 of seed 0, so that a validation loss
@@ -99,9 +118,12 @@ impl Pass {
         if let Some(values) = self.given.pop() {
             return Tensor::from_data(TensorData::new(values, shape), &device.clone().inner());
         }
-        let mut stream = match &mut self.noise {
+        let stream = match &mut self.noise {
             Some(noise) => noise.next_stream(),
-            None => keyed(0, PURPOSE, [0, 0]),
+            None => Some(keyed(0, PURPOSE, [0, 0])),
+        };
+        let Some(mut stream) = stream else {
+            return Tensor::random(shape, Distribution::Normal(0.0, 1.0), &device.clone().inner());
         };
         let values: Vec<f32> = (0..shape.iter().product()).map(|_| stream.sample(StandardNormal)).collect();
         Tensor::from_data(TensorData::new(values, shape), &device.clone().inner())
@@ -113,10 +135,12 @@ const PURPOSE: &str = "baseline noise";
 const RUNNING_SHARE: f32 = 0.1;
 
 impl Noise {
-    fn next_stream(&mut self) -> swm_core::seed::Stream {
-        let stream = keyed(self.seed, PURPOSE, [self.step, self.samples]);
-        self.samples += 1;
-        stream
+    /// The stream of the next sample; `None` where the device has the generator.
+    fn next_stream(&mut self) -> Option<swm_core::seed::Stream> {
+        let Self::Keyed { seed, step, samples } = self else { return None };
+        let stream = keyed(*seed, PURPOSE, [*step, *samples]);
+        *samples += 1;
+        Some(stream)
     }
 }
 
@@ -124,6 +148,7 @@ impl Noise {
 mod tests {
     use super::*;
     use crate::params::host;
+    use crate::placement::as_on_a_device;
 
     #[test]
     fn noise_depends_on_seed_step_and_sample_alone() {
@@ -137,6 +162,27 @@ mod tests {
         assert!(
             [sample(2, 2, 0), sample(1, 3, 0), sample(1, 2, 1)].iter().all(|other| *other != sample(1, 2, 0))
         );
+    }
+
+    #[test]
+    fn a_devices_generator_gives_the_noise_of_a_step_again() {
+        let device = Device::flex();
+        as_on_a_device(|| {
+            let sample = |seed, step| {
+                let mut pass = Pass::train_on(&device, seed, step);
+                let normal = host(pass.normal([20_000], &device));
+                (normal, host(pass.dropout(Tensor::<1>::ones([40_000], &device), 0.1)))
+            };
+            let (normal, kept) = sample(1, 2);
+            assert_eq!((&normal, &kept), (&sample(1, 2).0, &sample(1, 2).1));
+            assert!(sample(1, 3) != (normal.clone(), kept.clone()) && sample(2, 2).0 != normal);
+            let mean = normal.iter().sum::<f32>() / 20_000.0;
+            let variance = normal.iter().map(|value| value * value).sum::<f32>() / 20_000.0;
+            assert!(mean.abs() < 0.03 && (variance - 1.0).abs() < 0.05, "{mean}, {variance}");
+            let zeros = kept.iter().filter(|value| **value == 0.0).count();
+            assert!((3_700..4_300).contains(&zeros), "{zeros}");
+            assert!((kept.iter().sum::<f32>() / 40_000.0 - 1.0).abs() < 0.02);
+        });
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Planning with any world model that computes costs per planning problem.
 //!
-//! Candidates go through the network in groups of a fixed size, each from one problem and padded with zeros.
-//! So the bits of a cost depend only on the candidate: not on other problems, not on threads.
+//! On a CPU, candidates go through the network in groups of a fixed size, each from one problem and padded with zeros.
+//! So the bits of a cost depend only on the candidate: not on other problems, not on threads. On other devices, all
+//! candidates of a problem are one group.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -9,9 +10,10 @@ use swm_solvers::{Aggregate, Candidates};
 
 use crate::baseline::PlanModel;
 use crate::data::{Observations, PlanningBatch, Start};
-use crate::dynamics::{self, LatentDynamics};
+use crate::dynamics::{self, GroupSize, LatentDynamics, for_each_group};
 use crate::error::BaselineError;
 use crate::params::{device_of, host};
+use crate::placement::Placement;
 
 /// A copy of a model, and what was prepared.
 pub(crate) struct Planner<M: LatentDynamics> {
@@ -28,14 +30,26 @@ impl<M: LatentDynamics> Planner<M> {
     }
 
     fn groups<'a>(&self, candidates: &Candidates<'a>) -> Result<Groups<'a>, BaselineError> {
-        Groups::new(candidates, self.problems.len(), self.block_dim(), M::GROUP)
+        let size = GroupSize::of::<M>(&self.device);
+        Groups::new(candidates, self.problems.len(), self.block_dim(), size)
     }
 
     fn run(&self, groups: Vec<Group<'_>>) {
-        groups.into_par_iter().for_each(|group| {
+        let start = |group: &Group<'_>| {
             let problem = &self.problems[group.row];
-            group.run(&self.device, |plans| self.model.costs(problem, plans, self.aggregate));
-        });
+            group.start(&self.device, |plans| self.model.costs(problem, plans, self.aggregate))
+        };
+        match Placement::of(&self.device) {
+            Placement::Host => groups.into_par_iter().for_each(|group| {
+                let found = start(&group);
+                group.finish(found);
+            }),
+            // The device gets all work before anything waits for it.
+            Placement::Device => {
+                let started: Vec<_> = groups.into_iter().map(|group| (start(&group), group)).collect();
+                started.into_iter().for_each(|(found, group)| group.finish(found));
+            }
+        }
     }
 }
 
@@ -67,8 +81,10 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
     fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError> {
         let start = Start::new(batch, self.model.form(), &self.device)?;
         // One by one: the bits of an encoded problem must not depend on the others.
-        self.problems =
-            (0..batch.pixels.rows).into_par_iter().map(|row| self.model.problem(&start, row)).collect();
+        let mut problems: Vec<Option<M::Problem>> = (0..batch.pixels.rows).map(|_| None).collect();
+        let rows = problems.iter_mut().enumerate().collect();
+        for_each_group(&self.device, rows, |(row, problem)| *problem = Some(self.model.problem(&start, row)));
+        self.problems = problems.into_iter().flatten().collect();
         Ok(())
     }
 
@@ -94,7 +110,7 @@ struct Group<'a> {
     row: usize,
     /// H and D.
     shape: [usize; 2],
-    /// C: candidates of a full group.
+    /// C: candidates that the network gets.
     size: usize,
     /// `[up to C, H, D]`.
     plans: &'a [f32],
@@ -104,20 +120,31 @@ struct Group<'a> {
     gradient: Option<&'a mut [f32]>,
 }
 
+/// What a group's candidates cost, `[C]`, and the gradient, `[C, H, D]`, if it was asked for.
+type Found = (Tensor<1>, Option<Tensor<3>>);
+
 impl Group<'_> {
-    /// Fills its costs, and its gradient if it has one, by a function from `[C, H, D]` to `[C]` that treats candidates
+    /// Computes its costs, and their gradient if it has one, by a function from `[C, H, D]` to `[C]` that treats candidates
     /// apart. A group that is not full is filled up with zeros.
-    fn run(self, device: &Device, costs: impl Fn(Tensor<3>) -> Tensor<1>) {
+    fn start(&self, device: &Device, costs: impl Fn(Tensor<3>) -> Tensor<1>) -> Found {
         let [horizon, dim] = self.shape;
         let mut plans = self.plans.to_vec();
         plans.resize(self.size * horizon * dim, 0.0);
         let plans = Tensor::<3>::from_data(TensorData::new(plans, [self.size, horizon, dim]), device);
-        let plans = if self.gradient.is_some() { plans.autodiff().require_grad() } else { plans };
+        if self.gradient.is_none() {
+            return (costs(plans), None);
+        }
+        let plans = plans.autodiff().require_grad();
         let found = costs(plans.clone());
+        // Candidates do not interact, so the derivative of the sum holds that of each.
+        let gradients = found.clone().sum().backward();
+        (found, plans.grad(&gradients))
+    }
+
+    /// Fills its costs, and its gradient if it has one.
+    fn finish(self, (found, found_gradient): Found) {
         if let Some(out) = self.gradient {
-            // Candidates do not interact, so the derivative of the sum holds that of each.
-            let gradients = found.clone().sum().backward();
-            let gradient = plans.grad(&gradients).map(host).unwrap_or_default();
+            let gradient = found_gradient.map(host).unwrap_or_default();
             out.iter_mut().zip(gradient).for_each(|(out, value)| *out = value);
         }
         self.costs.iter_mut().zip(host(found)).for_each(|(cost, value)| *cost = f64::from(value));
@@ -127,17 +154,16 @@ impl Group<'_> {
 /// How candidates are cut into groups.
 struct Groups<'a> {
     candidates: Candidates<'a>,
-    /// C.
-    size: usize,
+    size: GroupSize,
 }
 
 impl<'a> Groups<'a> {
-    /// Groups of C = `size`. Checks that the candidates are for so many problems and blocks of this dim.
+    /// Checks that the candidates are for so many problems and blocks of this dim.
     fn new(
         candidates: &Candidates<'a>,
         problems: usize,
         dim: usize,
-        size: usize,
+        size: GroupSize,
     ) -> Result<Self, BaselineError> {
         let shape = candidates.shape();
         if candidates.dim != dim {
@@ -163,11 +189,12 @@ impl<'a> Groups<'a> {
         let of_one = horizon * dim;
         let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
         rows.flat_map(|(row, (costs, plans))| {
-            let parts = costs.chunks_mut(self.size).zip(plans.chunks(self.size * of_one));
+            let most = self.size.most(samples);
+            let parts = costs.chunks_mut(most).zip(plans.chunks(most * of_one));
             parts.map(move |(costs, plans)| Group {
                 row,
                 shape: [horizon, dim],
-                size: self.size,
+                size: self.size.filled(costs.len()),
                 plans,
                 costs,
                 gradient: None,
@@ -180,8 +207,8 @@ impl<'a> Groups<'a> {
     fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
         let Candidates { samples, horizon, dim, .. } = self.candidates;
         let of_one = horizon * dim;
-        let gradients =
-            gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(self.size * of_one));
+        let most = self.size.most(samples);
+        let gradients = gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(most * of_one));
         let groups = self.of_costs(costs).into_iter().zip(gradients);
         groups.map(|(group, gradient)| Group { gradient: Some(gradient), ..group }).collect()
     }

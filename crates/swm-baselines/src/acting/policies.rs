@@ -17,6 +17,7 @@ use super::goal_policy::ModelPolicy;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::online::{TrainedAgent, find_agent, tdmpc2};
+use crate::precision::Precision;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
 /// Policies for every environment that shows images.
@@ -36,7 +37,7 @@ pub const POLICIES: &[PolicyEntry] = &[
             Ok(Box::new(policy.map_err(|error| args.wrong(error.to_string()))?))
         },
     )
-    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, SOLVER_SETTING])
+    .settings(&[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, SOLVER_SETTING])
     .image(image_size)
     .files(model_files)
     .oracle(|context, args| on_true_dynamics(context, Given::of(args).ok()?.rest)),
@@ -61,9 +62,11 @@ const OF_TDMPC2: &Table = &Table::of(&[OF_AGENTS, tdmpc2::OPTIONS]);
 const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
 const CHECKPOINT: Setting = Setting::new("checkpoint", "Which checkpoint: last, best, or a step", "last");
 const DEVICE: Setting = Setting::new("device", "Device: cpu, cuda, cuda:1 …", "cpu");
+const PRECISION: Setting =
+    Setting::new("precision", "Precision of linear layers and attention: fp32, bf16", "fp32");
 const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another environment", "false");
 /// What all policies of trained models know by name.
-const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
+const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, PRECISION, TRANSFER];
 
 /// And what those that plan know.
 const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE];
@@ -138,6 +141,8 @@ pub(super) struct Given {
     run: PathBuf,
     which: Which,
     device: Device,
+    /// If it was given.
+    precision: Option<Precision>,
     /// Whether a run of another environment is taken.
     transfer: bool,
     rest: Map<String, Json>,
@@ -162,6 +167,9 @@ impl Given {
             }
             None => Device::default(),
         };
+        let precision = rest.shift_remove("precision").map(|name| text(&name).parse());
+        let precision =
+            precision.transpose().map_err(|error: BaselineError| args.wrong(error.to_string()))?;
         let transfer = match rest.shift_remove("transfer") {
             Some(Json::Bool(transfer)) => transfer,
             Some(other) => {
@@ -169,7 +177,7 @@ impl Given {
             }
             None => false,
         };
-        Ok(Self { run: text(run).into(), which, device, transfer, rest })
+        Ok(Self { run: text(run).into(), which, device, precision, transfer, rest })
     }
 
     /// About the run.
@@ -187,8 +195,9 @@ impl Given {
 
     /// The model, for use in the environment `env`: action dims may agree where nothing else does.
     pub(super) fn model(&self, args: &PolicyArgs, env: &str) -> Result<TrainedModel, PolicyError> {
-        let model = TrainedModel::open(&self.run, self.which, self.device)
+        let mut model = TrainedModel::open(&self.run, self.which, self.device)
             .map_err(|error| args.wrong(error.to_string()))?;
+        model.baseline.set_precision(self.precision.unwrap_or_default());
         self.check_env(args, model.config.data.env.as_deref(), env)?;
         Ok(model)
     }
@@ -196,6 +205,9 @@ impl Given {
     /// The agent whose name the policy has, for use in the environment `env`, with the options of its plan.
     fn agent(mut self, args: &PolicyArgs, env: &str) -> Result<TrainedAgent, PolicyError> {
         let entry = find_agent(&args.name).map_err(|error| args.wrong(error.to_string()))?;
+        if self.precision.is_some() {
+            return Err(args.wrong("setting `precision`: agents compute in fp32; leave it out"));
+        }
         let is_option = |name: &String| entry.options.iter().any(|option| option.name == name);
         let (mut options, rest): (Map<_, _>, _) =
             std::mem::take(&mut self.rest).into_iter().partition(|(name, _)| is_option(name));

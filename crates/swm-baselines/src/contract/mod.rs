@@ -3,6 +3,8 @@
 
 mod averages;
 mod costs;
+mod device;
+mod precision;
 
 use std::path::Path;
 
@@ -11,7 +13,7 @@ use swm_solvers::Candidates;
 
 use crate::{
     BASELINES, Baseline, BaselineError, ClipBatch, DataDims, Device, Images, Losses, MakeOptions,
-    PlanningBatch, Step, Vectors, make, restore,
+    Observations, PlanningBatch, Step, Vectors, make, restore,
 };
 
 const DIMS: DataDims = DataDims { action_dim: 2, proprio_dim: 0 };
@@ -90,6 +92,11 @@ impl Clips {
             goal_pixels: Some(images(&self.goals, 1)),
             goal_proprio: None,
         }
+    }
+
+    fn observations(&self, count: usize) -> Observations<'_> {
+        let PlanningBatch { pixels, proprio, .. } = self.planning_batch(0..count);
+        Observations { pixels, proprio }
     }
 
     fn planning_batch(&self, rows: std::ops::Range<usize>) -> PlanningBatch<'_> {

@@ -34,6 +34,12 @@ pub(crate) struct Terms {
 }
 
 impl Terms {
+    /// Their values alone: what gradients needed of the network can go.
+    pub(crate) fn inner(self) -> Self {
+        let parts = self.parts.into_iter().map(|(name, part)| (name, part.inner()));
+        Self { total: self.total.inner(), parts: parts.collect() }
+    }
+
     /// Adds a part, weighed.
     pub(crate) fn add(&mut self, name: &'static str, weight: f64, part: Tensor<1>) {
         self.total = self.total.clone() + part.clone() * weight;

@@ -5,7 +5,7 @@ use burn::module::Module;
 use burn::tensor::activation::{gelu, softmax};
 use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
-use burn::tensor::{Bool, Device, Tensor};
+use burn::tensor::{Bool, DType, Device, FloatDType, Tensor};
 
 use super::layers::Linear;
 use super::norm::LayerNorm;
@@ -23,10 +23,11 @@ pub(crate) enum Attend {
     Unless(Tensor<4, Bool>),
 }
 
-/// softmax(q kᵀ / √E) v for all heads: `[B, heads, N, E]`. `dropout` falls on the weights, in training.
+/// softmax(q kᵀ / √E) v for all heads: `[B, heads, N, E]`, in their precision; softmax in fp32. `dropout` falls on the
+/// weights, in training.
 pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass: &mut Pass) -> Tensor<4> {
     let is_plain = dropout == 0.0 || !pass.is_training();
-    if is_plain {
+    if is_plain && q.dtype() == DType::F32 {
         let causal = matches!(who, Attend::Causal);
         let options = AttentionModuleOptions { scale: None, softcap: None, is_causal: causal };
         let mask = match who {
@@ -39,7 +40,7 @@ pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass
         return attention(q, k, v, mask, None, options);
     }
     let dim = q.dims()[3] as f64;
-    let scores = q.matmul(k.swap_dims(2, 3)) * (1.0 / dim.sqrt());
+    let scores = q.matmul(k.swap_dims(2, 3)).cast(FloatDType::F32) * (1.0 / dim.sqrt());
     let [_, _, queries, keys] = scores.dims();
     let scores = match who {
         Attend::All => scores,
@@ -49,7 +50,7 @@ pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass
         }
         Attend::Unless(mask) => scores.mask_fill(mask.clone(), f32::NEG_INFINITY),
     };
-    pass.dropout(softmax(scores, 3), dropout).matmul(v)
+    pass.dropout(softmax(scores, 3), dropout).cast(v.dtype()).matmul(v)
 }
 
 /// `[B, N, heads × E]` → `[B, heads, N, E]`.
@@ -118,7 +119,7 @@ impl Attention {
     }
 
     fn queries_keys_values(&self, input: Tensor<3>) -> [Tensor<4>; 3] {
-        let qkv = self.to_qkv.forward(self.norm.forward(input)).chunk(3, 2);
+        let qkv = self.to_qkv.forward_narrow(self.norm.forward(input)).chunk(3, 2);
         let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a dim that three divides");
         qkv.map(|part| split(part, self.heads))
     }
@@ -127,7 +128,7 @@ impl Attention {
         let output = join(heads);
         match &self.to_out {
             Some(to_out) => pass.dropout(to_out.forward(output), self.dropout),
-            None => output,
+            None => output.cast(FloatDType::F32),
         }
     }
 }
@@ -158,7 +159,7 @@ impl FeedForward {
 
     /// `[B, N, W]` → `[B, N, W]`.
     pub(crate) fn forward(&self, input: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let hidden = gelu(self.up.forward(self.norm.forward(input)));
+        let hidden = gelu(self.up.forward_narrow(self.norm.forward(input)));
         let output = self.down.forward(pass.dropout(hidden, self.dropout));
         pass.dropout(output, self.dropout)
     }

@@ -3,7 +3,7 @@
 
 use burn::module::{Module, ModuleDisplay, Param};
 use burn::tensor::activation::relu;
-use burn::tensor::{Bool, Device, Tensor, TensorData};
+use burn::tensor::{Bool, Device, FloatDType, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 
 use super::attention::{Attend, FeedForward, attend, join, split};
@@ -156,15 +156,19 @@ impl GoalAttention {
                 (input.clone(), input, who)
             }
         };
-        let q = self.to_q.forward(queries);
-        let kv: [Tensor<3>; 2] =
-            self.to_kv.forward(keys).chunk(2, 2).try_into().expect("two parts of a dim that two divides");
+        let q = self.to_q.forward_narrow(queries);
+        let kv: [Tensor<3>; 2] = self
+            .to_kv
+            .forward_narrow(keys)
+            .chunk(2, 2)
+            .try_into()
+            .expect("two parts of a dim that two divides");
         let [k, v] = kv;
         let heads = [q, k, v].map(|part| split(part, self.config.heads));
         let output = join(attend(heads, &who, self.config.dropout, pass));
         match &self.to_out {
             Some(to_out) => pass.dropout(to_out.forward(output), self.config.dropout),
-            None => output,
+            None => output.cast(FloatDType::F32),
         }
     }
 }

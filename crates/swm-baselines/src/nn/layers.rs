@@ -2,7 +2,7 @@
 
 use burn::module::{Module, Param, ParamId};
 use burn::tensor::module::linear;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, FloatDType, Tensor};
 
 use super::convolution::{Kernel, convolve};
 
@@ -31,9 +31,15 @@ impl Linear {
         Self { weight: parameter([inputs, outputs], device), bias: None }
     }
 
-    /// `[…, in]` → `[…, out]`.
+    /// `[…, in]` → `[…, out]`, in fp32.
     pub(crate) fn forward<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
-        linear(input, self.weight.val(), self.bias.as_ref().map(Param::val))
+        self.forward_narrow(input).cast(FloatDType::F32)
+    }
+
+    /// `[…, in]` → `[…, out]`, in the precision of the weights: for what goes into another product.
+    pub(crate) fn forward_narrow<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        let weight = self.weight.val();
+        linear(input.cast(weight.dtype()), weight, self.bias.as_ref().map(Param::val))
     }
 }
 
@@ -67,7 +73,8 @@ impl Conv {
             .permute([0, 2, 4, 1, 3, 5])
             .reshape([count, rows * columns, inputs * size * size]);
         let weight = self.weight.val().reshape([outputs, inputs * size * size]).transpose();
-        let output = linear(patches, weight, Some(self.bias.val()));
+        let output =
+            linear(patches.cast(weight.dtype()), weight, Some(self.bias.val())).cast(FloatDType::F32);
         output.swap_dims(1, 2).reshape([count, outputs, rows, columns])
     }
 

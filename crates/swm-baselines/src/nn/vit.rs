@@ -210,7 +210,7 @@ impl Layer {
         let branch = self.attention.forward(self.norm1.forward(tokens.clone()), heads, only_first);
         let tokens = if only_first { tokens.narrow(1, 0, 1) } else { tokens };
         let tokens = tokens + scaled(branch, self.layer_scale1.as_ref());
-        let hidden = gelu(self.mlp.fc1.forward(self.norm2.forward(tokens.clone())));
+        let hidden = gelu(self.mlp.fc1.forward_narrow(self.norm2.forward(tokens.clone())));
         tokens + scaled(self.mlp.fc2.forward(hidden), self.layer_scale2.as_ref())
     }
 }
@@ -225,8 +225,8 @@ fn scaled(branch: Tensor<3>, scale: Option<&LayerScale>) -> Tensor<3> {
 impl SelfAttention {
     fn forward(&self, tokens: Tensor<3>, heads: usize, only_first: bool) -> Tensor<3> {
         let asking = if only_first { tokens.clone().narrow(1, 0, 1) } else { tokens.clone() };
-        let q = self.q_proj.forward(asking);
-        let [k, v] = [self.k_proj.forward(tokens.clone()), self.v_proj.forward(tokens)];
+        let q = self.q_proj.forward_narrow(asking);
+        let [k, v] = [self.k_proj.forward_narrow(tokens.clone()), self.v_proj.forward_narrow(tokens)];
         // These networks drop nothing, in training either.
         let qkv = [q, k, v].map(|part| split(part, heads));
         self.o_proj.forward(join(attend(qkv, &Attend::All, 0.0, &mut Pass::evaluate())))

@@ -8,10 +8,10 @@ use burn::tensor::{Device, Tensor, TensorData};
 use super::agent::AgentConfig;
 use crate::baseline::Losses;
 use crate::error::BaselineError;
-use crate::learner::read;
 use crate::losses::Terms;
 use crate::optim::{AdamW, Gradients};
-use crate::params::{self, host};
+use crate::params;
+use crate::reading::{finite, read};
 use crate::weights;
 
 /// A tensor of this shape.
@@ -26,14 +26,11 @@ pub(super) fn differentiate<M: Module>(
     index: u64,
 ) -> Result<(Losses, Gradients), BaselineError> {
     let mut gradients = terms.total.backward();
-    let losses = read(terms);
-    let gradients: Gradients =
-        params::gradients(tracked, &mut gradients).into_iter().map(|gradient| gradient.map(host)).collect();
-    let found = gradients.iter().flatten().flatten().find(|value| !value.is_finite());
-    match found.copied().or((!losses.total.is_finite()).then_some(losses.total)) {
-        Some(value) => Err(BaselineError::NotFinite { step: index, value }),
-        None => Ok((losses, gradients)),
-    }
+    let losses = read(&terms.inner());
+    let mut gradients = Gradients::new(params::gradients(tracked, &mut gradients));
+    finite(gradients.clip(None).value(), index)?;
+    finite(losses.total, index)?;
+    Ok((losses, gradients))
 }
 
 /// The observation of one environment, `[1, O]`, after checking it and the action that is to be written.

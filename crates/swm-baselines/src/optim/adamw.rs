@@ -1,4 +1,5 @@
-//! AdamW as PyTorch computes it (arXiv 1711.05101), for tensors by name.
+//! AdamW as PyTorch computes it (arXiv 1711.05101), for tensors by name: on the host where the network is on a CPU,
+//! otherwise on the device (`joined.rs`).
 
 use std::collections::BTreeMap;
 
@@ -6,27 +7,61 @@ use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
-use super::OptimConfig;
+use super::gradients::Gradients;
+use super::joined::JoinedMoments;
+use super::{OptimConfig, PART};
 use crate::params::{self, Spec, host};
 
-/// Gradients in the order of a network's tensors, in our layout; `None` for tensors that do not change.
-pub(crate) type Gradients = Vec<Option<Vec<f32>>>;
-
-/// Its state: averages of gradients and of their squares, and the number of steps of each tensor. On the host, where one
-/// loop over a tensor does what would be a dozen operations on tensors.
+/// Its state: averages of gradients and of their squares, and the number of steps of each tensor.
 #[derive(Default)]
 pub(crate) struct AdamW {
-    moments: BTreeMap<String, Moments>,
+    /// On the host, where one loop over a tensor does what would be a dozen operations on tensors; also what a file held,
+    /// until a device takes it up.
+    pub(super) moments: BTreeMap<String, Moments>,
+    /// On the device.
+    pub(super) on_device: Vec<JoinedMoments>,
 }
 
-struct Moments {
-    mean: Vec<f32>,
-    square: Vec<f32>,
-    steps: u64,
+pub(super) struct Moments {
+    pub(super) mean: Vec<f32>,
+    pub(super) square: Vec<f32>,
+    pub(super) steps: u64,
 }
 
-/// Values that a thread takes at a time.
-const PART: usize = 1 << 16;
+/// The factors of a step.
+pub(super) struct Rates {
+    pub(super) beta_mean: f32,
+    pub(super) new_mean: f32,
+    pub(super) beta_square: f32,
+    pub(super) new_square: f32,
+    /// What the mean is scaled by: the learning rate, corrected for the average's bias.
+    pub(super) size: f32,
+    /// The correction below the square root.
+    pub(super) root: f32,
+    /// What is left of a weight after its decay.
+    pub(super) kept: f32,
+    pub(super) epsilon: f32,
+}
+
+impl Rates {
+    /// Of a tensor's step number `steps`, from 1.
+    pub(super) fn new(config: &OptimConfig, lr: f64, steps: u64) -> Self {
+        let correction = |beta: f64| 1.0 - beta.powi(steps as i32);
+        let [of_mean, of_square] = config.betas.map(correction);
+        let [beta_mean, beta_square] = config.betas.map(|beta| beta as f32);
+        let [new_mean, new_square] = config.betas.map(|beta| (1.0 - beta) as f32);
+        Self {
+            beta_mean,
+            new_mean,
+            beta_square,
+            new_square,
+            size: (lr / of_mean) as f32,
+            root: of_square.sqrt() as f32,
+            kept: (1.0 - lr * config.weight_decay) as f32,
+            epsilon: config.epsilon as f32,
+        }
+    }
+}
 
 impl AdamW {
     /// One step along `gradients` at this learning rate.
@@ -37,7 +72,10 @@ impl AdamW {
         config: &OptimConfig,
         lr: f64,
     ) -> M {
-        let mut gradients = gradients.into_iter();
+        let mut gradients = match gradients {
+            Gradients::Host(gradients) => gradients.into_iter(),
+            Gradients::Device(joined) => return self.step_joined(network, &joined, config, lr),
+        };
         params::map(network, |spec, weight| match gradients.next().flatten() {
             Some(gradient) => self.change(spec, weight, &gradient, config, lr),
             None => weight,
@@ -59,12 +97,8 @@ impl AdamW {
             steps: 0,
         });
         moments.steps += 1;
-        let correction = |beta: f64| 1.0 - beta.powi(moments.steps as i32);
-        let [of_mean, of_square] = config.betas.map(correction);
-        let (size, root) = ((lr / of_mean) as f32, of_square.sqrt() as f32);
-        let (kept, epsilon) = ((1.0 - lr * config.weight_decay) as f32, config.epsilon as f32);
-        let [beta_mean, beta_square] = config.betas.map(|beta| beta as f32);
-        let [new_mean, new_square] = config.betas.map(|beta| (1.0 - beta) as f32);
+        let Rates { beta_mean, new_mean, beta_square, new_square, size, root, kept, epsilon } =
+            Rates::new(config, lr, moments.steps);
         let mut weights = host(weight);
         let parts = weights.par_chunks_mut(PART).zip(gradient.par_chunks(PART));
         let averages = moments.mean.par_chunks_mut(PART).zip(moments.square.par_chunks_mut(PART));
@@ -84,16 +118,23 @@ impl AdamW {
     pub(crate) fn to_host<M: Module>(&self, network: &M) -> Vec<(String, Vec<usize>, Vec<f32>)> {
         let mut state = Vec::new();
         params::visit(network, |spec, weight| {
-            let Some(moments) = self.moments.get(&spec.name) else { return };
-            let mut add = |name: &str, values: &Vec<f32>| {
-                let data = TensorData::new(values.clone(), [values.len()]);
-                let values = params::to_host(spec, Tensor::from_data(data, &weight.device()));
-                state.push((format!("{}.{name}", spec.name), spec.shape.clone(), values));
+            let joined = || self.on_device.iter().find_map(|joined| joined.of(&spec.name));
+            let on_host = |Moments { mean, square, steps }: &Moments| {
+                let tensor = |values: &Vec<f32>| {
+                    Tensor::<1>::from_data(TensorData::new(values.clone(), [values.len()]), &weight.device())
+                };
+                (tensor(mean), tensor(square), *steps)
             };
-            add("mean", &moments.mean);
-            add("square", &moments.square);
+            let Some((mean, square, steps)) = self.moments.get(&spec.name).map(on_host).or_else(joined)
+            else {
+                return;
+            };
+            for (name, values) in [("mean", mean), ("square", square)] {
+                let values = params::to_host(spec, values);
+                state.push((format!("{}.{name}", spec.name), spec.shape.clone(), values));
+            }
             // Exact up to 2²⁴ steps.
-            state.push((format!("{}.steps", spec.name), vec![1], vec![moments.steps as f32]));
+            state.push((format!("{}.steps", spec.name), vec![1], vec![steps as f32]));
         });
         state
     }
@@ -115,25 +156,6 @@ impl AdamW {
                 moments.insert(spec.name.clone(), Moments { mean, square, steps });
             }
         });
-        Self { moments }
+        Self { moments, on_device: Vec::new() }
     }
-}
-
-/// The norm of all gradients together, after which they are no longer than `clip`.
-pub(crate) fn clip_gradients(gradients: &mut Gradients, clip: Option<f64>) -> f32 {
-    let square = |part: &[f32]| part.iter().map(|value| f64::from(*value) * f64::from(*value)).sum::<f64>();
-    // Sums of parts of a fixed size, added in order: the same bits on any number of threads.
-    let squares = gradients
-        .iter()
-        .flatten()
-        .map(|gradient| gradient.par_chunks(PART).map(square).collect::<Vec<f64>>().into_iter().sum::<f64>());
-    let norm = squares.sum::<f64>().sqrt();
-    // PyTorch's formula, with its 1e-6.
-    let factor = clip.map_or(1.0, |clip| (clip / (norm + 1e-6)).min(1.0)) as f32;
-    if factor < 1.0 {
-        for gradient in gradients.iter_mut().flatten() {
-            gradient.par_chunks_mut(PART).for_each(|part| part.iter_mut().for_each(|value| *value *= factor));
-        }
-    }
-    norm as f32
 }

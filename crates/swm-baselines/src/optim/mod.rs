@@ -3,12 +3,20 @@
 //! The state of an optimizer is values by name, so that a training can be stored and resumed exactly.
 
 mod adamw;
+mod gradients;
+mod joined;
 mod schedule;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 
-pub(crate) use adamw::{AdamW, Gradients, clip_gradients};
+pub(crate) use adamw::AdamW;
+pub(crate) use gradients::{Gradients, Norm};
 pub use schedule::Schedule;
+
+/// Values that a thread of the host takes at a time.
+const PART: usize = 1 << 16;
 
 /// Settings of AdamW. The defaults are LeWM's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -19,7 +19,7 @@ use swm_solvers::Candidates;
 use crate::baseline::PlanModel;
 use crate::learner::follow_statistics;
 use crate::losses::Terms;
-use crate::optim::{AdamW, Gradients, OptimConfig, clip_gradients};
+use crate::optim::{AdamW, Gradients, OptimConfig};
 use crate::params::{self, host};
 use crate::pass::Pass;
 use crate::weights;
@@ -152,13 +152,13 @@ impl Fixture {
 
     /// Takes a step along PyTorch's gradients, clipped as PyTorch does, and compares all weights.
     fn check_step<N: Module>(&self, network: N, pass: &Pass) {
-        let mut gradients = Gradients::new();
+        let mut gradients = Vec::new();
         params::visit(&network, |spec, tensor| {
             let theirs = self.tensors.get(&format!("gradients.{}", spec.name));
-            gradients
-                .push(theirs.map(|theirs| host(params::from_host(spec, theirs.values.clone(), &tensor))));
+            gradients.push(theirs.map(|theirs| params::from_host(spec, theirs.values.clone(), &tensor)));
         });
-        let norm = clip_gradients(&mut gradients, Some(0.5));
+        let mut gradients = Gradients::new(gradients);
+        let norm = gradients.clip(Some(0.5)).value();
         let expected = self.values("outputs.norm")[0];
         assert!(
             (norm - expected).abs() < 1e-5 * expected,

@@ -5,7 +5,7 @@ use serde_json::json;
 use super::{Fixture, GRADIENT, LOSS, STEPPED, worst};
 use crate::online::tdmpc2::{Noise, Tdmpc2, Tdmpc2Config, Tdmpc2Network, check_functions, loss};
 use crate::online::{AgentConfig, OnlineAgent as _, Transitions};
-use crate::optim::clip_gradients;
+use crate::optim::Gradients;
 use crate::params;
 use crate::pass::Pass;
 
@@ -113,10 +113,7 @@ fn tdmpc2_learns_as_the_reference() {
     }
     let theirs = fixture.values("outputs.scale")[0];
     assert!((scale - theirs).abs() <= LOSS * theirs, "scale {scale} instead of {theirs}");
-    let mut gradients: Vec<Option<Vec<f32>>> = params::gradients(&tracked, &mut terms.total.backward())
-        .into_iter()
-        .map(|found| found.map(params::host))
-        .collect();
+    let gradients = params::gradients(&tracked, &mut terms.total.backward());
     let mut compared = 0;
     for (spec, gradient) in params::specs(&tracked).iter().zip(&gradients) {
         let Some(gradient) = gradient else {
@@ -125,13 +122,13 @@ fn tdmpc2_learns_as_the_reference() {
         };
         let theirs = fixture.values(&format!("gradients.{}", spec.name));
         let greatest = theirs.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
-        let flat = burn::tensor::Tensor::from_data(gradient.as_slice(), &fixture.device);
-        let differs = worst(&params::to_host(spec, flat), theirs);
+        let differs = worst(&params::to_host(spec, gradient.clone()), theirs);
         assert!(differs <= GRADIENT * greatest, "gradient of {}: {differs} of {greatest}", spec.name);
         compared += 1;
     }
     assert_eq!(compared, fixture.tensors.keys().filter(|name| name.starts_with("gradients.")).count());
-    let (norm, theirs) = (clip_gradients(&mut gradients, None), fixture.values("outputs.norm")[0]);
+    let norm = Gradients::new(gradients).clip(None).value();
+    let theirs = fixture.values("outputs.norm")[0];
     assert!((norm - theirs).abs() <= LOSS * theirs, "norm {norm} instead of {theirs}");
 
     agent.update_with(&batch, noise(), 0, &mut Pass::evaluate()).unwrap();

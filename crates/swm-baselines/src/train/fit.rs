@@ -14,6 +14,7 @@ use super::diagnosis::Diagnosis;
 use super::folder::{Checkpoint, RunFolder};
 use super::metrics::{MetricSink, Part, Record};
 use super::settings::FitSettings;
+use super::sums::{Sums, values};
 use crate::baseline::{Baseline, Losses, Step};
 use crate::error::BaselineError;
 
@@ -78,6 +79,7 @@ pub fn fit(
     };
     let totals =
         data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(settings.batch))).collect();
+    model.set_precision(settings.precision);
     let state = begin(run, model)?;
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
     let mut fit = Fit { run, model, data, settings, sinks, diagnosis, cancel, totals, state, pace };
@@ -153,9 +155,8 @@ impl Fit<'_, '_, '_> {
             if !epoch_ended {
                 let (state, total) = (&self.state, self.totals[phase]);
                 let at = Step { seed: settings.seed, phase, step: state.done, total };
-                let losses = self.model.train_step(&feed.clips(&batch)?, &at);
-                let values = self.finite(losses)?;
-                self.took(&values, batch.rows())?;
+                let losses = self.model.start_step(&feed.clips(&batch)?, &at);
+                self.took(losses, batch.rows())?;
                 self.diagnose(clips)?;
                 look |= settings.checkpoint_every > 0
                     && self.state.step.is_multiple_of(settings.checkpoint_every);
@@ -174,16 +175,23 @@ impl Fit<'_, '_, '_> {
         Ok(())
     }
 
-    /// After a step.
-    fn took(&mut self, values: &[(String, f64)], clips: usize) -> Result<(), BaselineError> {
+    /// After a step, whose losses may still wait on the device.
+    fn took(
+        &mut self,
+        losses: Result<Option<Losses>, BaselineError>,
+        clips: usize,
+    ) -> Result<(), BaselineError> {
+        let known = losses.map(|losses| losses.into_iter().collect());
+        self.count_losses(known)?;
         let state = &mut self.state;
-        state.sums.add(values, 1.0);
         state.step += 1;
         state.done += 1;
         self.pace.clips += clips as u64;
         let total = self.totals.iter().sum();
         self.sinks.iter_mut().for_each(|sink| sink.step(state.step, total));
         if state.step.is_multiple_of(self.settings.log_every) || state.done == self.totals[state.phase] {
+            self.settle()?;
+            let state = &mut self.state;
             state.train = state.sums.take();
             self.tell(Part::Train, self.state.train.clone())?;
             self.pace.lap();
@@ -212,6 +220,8 @@ impl Fit<'_, '_, '_> {
 
     /// Validates, decides whether to go on, and writes a checkpoint.
     fn look(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
+        // Weights of a step whose loss is not finite are not to be looked at.
+        self.settle()?;
         self.estimate_statistics(clips)?;
         if clips.validation.is_some() {
             self.state.validation = self.validate(clips)?;
@@ -239,6 +249,7 @@ impl Fit<'_, '_, '_> {
 
     /// Writes a checkpoint.
     fn save(&mut self) -> Result<(), BaselineError> {
+        self.settle()?;
         for sink in &mut *self.sinks {
             sink.flush()?;
         }
@@ -314,17 +325,27 @@ impl Fit<'_, '_, '_> {
         Ok(sums.take())
     }
 
-    /// The values of a step; a loss that is not finite ends the training with an error.
-    fn finite(&self, losses: Result<Losses, BaselineError>) -> Result<Vec<(String, f64)>, BaselineError> {
-        let source = match losses {
-            Ok(losses) => match losses.parts.iter().find(|(_, value)| !value.is_finite()) {
-                None => return Ok(values(&losses)),
-                Some(&(_, value)) => BaselineError::NotFinite { step: self.state.step, value },
-            },
-            Err(error @ BaselineError::NotFinite { .. }) => error,
+    /// Counts the losses that wait on the device.
+    fn settle(&mut self) -> Result<(), BaselineError> {
+        let losses = self.model.take_losses();
+        self.count_losses(losses)
+    }
+
+    /// Adds the losses of steps to the sums; one that is not finite ends the training with an error.
+    fn count_losses(&mut self, losses: Result<Vec<Losses>, BaselineError>) -> Result<(), BaselineError> {
+        let losses = match losses {
+            Ok(losses) => losses,
+            Err(error @ BaselineError::NotFinite { .. }) => return Err(self.stopped(error)?),
             Err(error) => return Err(error),
         };
-        Err(self.stopped(source)?)
+        for losses in losses {
+            if let Some(&(_, value)) = losses.parts.iter().find(|(_, value)| !value.is_finite()) {
+                let step = self.state.step;
+                return Err(self.stopped(BaselineError::NotFinite { step, value })?);
+            }
+            self.state.sums.add(&values(&losses), 1.0);
+        }
+        Ok(())
     }
 
     /// Why training ends here, and what is left of it.
@@ -346,38 +367,6 @@ impl Fit<'_, '_, '_> {
             elapsed: self.pace.started.elapsed(),
         };
         self.sinks.iter_mut().try_for_each(|sink| sink.record(&record))
-    }
-}
-
-/// The values of a step, the loss first.
-pub(crate) fn values(losses: &Losses) -> Vec<(String, f64)> {
-    let parts = losses.parts.iter().map(|&(name, value)| (name.to_owned(), f64::from(value)));
-    [("loss".to_owned(), f64::from(losses.total))].into_iter().chain(parts).collect()
-}
-
-/// Means in the making.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Sums {
-    values: Vec<(String, f64)>,
-    weight: f64,
-}
-
-impl Sums {
-    /// Adds values, weighed.
-    pub(crate) fn add(&mut self, values: &[(String, f64)], weight: f64) {
-        self.weight += weight;
-        for (name, value) in values {
-            match self.values.iter_mut().find(|(known, _)| known == name) {
-                Some((_, sum)) => *sum += value * weight,
-                None => self.values.push((name.clone(), value * weight)),
-            }
-        }
-    }
-
-    /// The means; then there is nothing.
-    pub(crate) fn take(&mut self) -> Vec<(String, f64)> {
-        let Self { values, weight } = std::mem::take(self);
-        values.into_iter().map(|(name, sum)| (name, sum / weight)).collect()
     }
 }
 

@@ -21,6 +21,7 @@ mod metrics;
 mod run;
 mod session;
 mod settings;
+mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -31,10 +32,10 @@ pub use data::{
 pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
-pub(crate) use fit::{Sums, values};
 pub use folder::{Checkpoint, RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::step_of;
 pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;
+pub(crate) use sums::{Sums, values};

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
+use crate::precision::Precision;
 
 /// Settings of [`super::fit`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,9 @@ pub struct FitSettings {
     pub norm_batches: usize,
     /// Stop when so many validations in a row were not better than the best; 0: never.
     pub patience: u64,
+    /// The precision of linear layers and attention.
+    #[serde(skip_serializing_if = "Precision::is_fp32")]
+    pub precision: Precision,
 }
 
 impl Default for FitSettings {
@@ -45,6 +49,7 @@ impl Default for FitSettings {
             validation_clips: 1024,
             norm_batches: 0,
             patience: 0,
+            precision: Precision::Fp32,
         }
     }
 }

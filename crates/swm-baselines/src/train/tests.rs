@@ -28,6 +28,8 @@ struct Toy {
     is_blind: bool,
     /// How long a step takes.
     pause: Duration,
+    /// The losses of steps that wait, if they wait as on a GPU.
+    waiting: Option<Vec<Result<Losses, BaselineError>>>,
 }
 
 /// A phase without a goal.
@@ -49,6 +51,7 @@ impl Toy {
             breaks_at: None,
             is_blind: false,
             pause: Duration::ZERO,
+            waiting: None,
         }
     }
 
@@ -108,6 +111,21 @@ impl Baseline for Toy {
             *weight -= rate * *momentum;
         }
         Ok(losses(gradient))
+    }
+
+    fn start_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Option<Losses>, BaselineError> {
+        let losses = self.train_step(batch, at);
+        match &mut self.waiting {
+            Some(waiting) => {
+                waiting.push(losses);
+                Ok(None)
+            }
+            None => losses.map(Some),
+        }
+    }
+
+    fn take_losses(&mut self) -> Result<Vec<Losses>, BaselineError> {
+        self.waiting.as_mut().map(std::mem::take).unwrap_or_default().into_iter().collect()
     }
 
     fn validate(&self, batch: &ClipBatch<'_>, _phase: usize) -> Result<Losses, BaselineError> {
@@ -266,6 +284,23 @@ fn losses_that_are_no_numbers_stop_and_keep_the_last_good_checkpoint() {
     }
     assert_eq!(run.steps().unwrap(), [5, 10]);
     assert_eq!(train(&run, Toy::new(), &settings()).unwrap().end, Some(End::Complete));
+}
+
+#[test]
+fn losses_that_wait_on_a_device_are_counted_as_those_that_do_not() {
+    let waits = || Toy { waiting: Some(Vec::new()), ..Toy::new() };
+    let [whole, other] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    train(&new_run(whole.path()), Toy::new(), &settings()).unwrap();
+    let run = new_run(other.path());
+    let cancel = Cancel::new();
+    let mut sinks: Vec<Box<dyn MetricSink>> =
+        vec![Box::new(JsonLines::after(&run, 0).unwrap()), Box::new(StopAt(7, cancel.clone()))];
+    fit(&run, &mut waits(), &data(), &settings(), &mut sinks, None, &cancel).unwrap();
+    let broken = Toy { breaks_at: Some(16), ..waits() };
+    let message = train(&run, broken, &settings()).unwrap_err().to_string();
+    assert!(message.contains("step 16") && message.contains("step-00000015.safetensors"), "{message}");
+    train(&run, waits(), &settings()).unwrap();
+    assert_eq!(outcome(&run), outcome(&RunFolder::open(whole.path()).unwrap()));
 }
 
 #[test]

@@ -233,6 +233,8 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(fails(",device=gpu").contains("use cpu, cuda"));
     assert!(fails(",device=cuda:999").contains("device `cuda:999`"));
     assert!(made(&format!("mpc:{run},device=cpu")).is_ok());
+    assert!(fails(",precision=fp16").contains("use fp32 or bf16"));
+    assert!(made(&format!("mpc:{run},precision=bf16")).is_ok());
     assert!(made(&format!("policy:{run}")).err().unwrap().contains("mpc:RUN"));
     assert!(paths(&format!("mpc:{run}"), 1, None).err().unwrap().contains("--image-size"));
 

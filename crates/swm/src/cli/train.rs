@@ -57,6 +57,9 @@ pub(super) struct Train {
     /// Device: cpu; in builds with the feature `cuda` also cuda, cuda:1 …
     #[arg(long, default_value = "cpu")]
     device: String,
+    /// Precision of linear layers and attention: fp32, or bf16 with fp32 weights. Default: fp32, or the run's.
+    #[arg(long)]
+    precision: Option<String>,
     /// Seed of weights, order and noise. Default: 42.
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
@@ -164,6 +167,7 @@ mod work {
                 steps: _,
                 batch: _,
                 device: _,
+                precision: _,
                 seed: _,
                 split: _,
                 held_out: _,

@@ -40,6 +40,7 @@ impl Train {
                 ("--norm-batches", self.norm_batches.is_some()),
                 ("--quality-every", self.quality_every.is_some()),
                 ("--patience", self.patience.is_some()),
+                ("--precision", self.precision.is_some()),
                 ("--split", (self.split - SPLIT).abs() > 0.0),
                 ("--held-out", self.held_out > 0.0),
             ];

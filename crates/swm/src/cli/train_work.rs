@@ -9,7 +9,7 @@ use swm_baselines::train::{
     Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, PreparedRun, Record, RunConfig,
     RunFolder, Split, State, Training, with_images,
 };
-use swm_baselines::{BASELINES, Baseline, BaselineError};
+use swm_baselines::{BASELINES, Baseline, BaselineError, Precision};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{ImageSize, Registry, WorldError};
 
@@ -33,13 +33,16 @@ impl Train {
             return self.run_online(out, registry, output);
         }
         let device = self.device.parse().map_err(failure)?;
+        let precision: Option<Precision> =
+            self.precision.as_deref().map(str::parse).transpose().map_err(failure)?;
         let measured = |model: &dyn Baseline, config: &RunConfig| {
             self.quality_every.map(|every| on_the_way(registry, every, model, config)).transpose()
         };
         let (mut training, mut measured) = if self.resume {
-            let training =
-                Training::resume(registry, out, device, self.data.as_deref(), |fit| self.apply(fit))
-                    .map_err(failure)?;
+            let training = Training::resume(registry, out, device, self.data.as_deref(), |fit| {
+                self.apply(fit, precision)
+            })
+            .map_err(failure)?;
             let measured = measured(training.model(), training.config())?;
             (training, measured)
         } else {
@@ -48,7 +51,7 @@ impl Train {
                 return Err(usage(format!("--data: name the dataset that {name} learns from")));
             };
             let mut fit = FitSettings::default();
-            self.apply(&mut fit);
+            self.apply(&mut fit, precision);
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
             let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
             let of_baseline = BASELINES.iter().find(|entry| entry.name == baseline);
@@ -122,7 +125,7 @@ impl Train {
     }
 
     /// The settings that were given.
-    fn apply(&self, fit: &mut FitSettings) {
+    fn apply(&self, fit: &mut FitSettings, precision: Option<Precision>) {
         let Self {
             epochs,
             steps,
@@ -146,6 +149,7 @@ impl Train {
         fit.keep = keep.unwrap_or(fit.keep);
         fit.norm_batches = norm_batches.unwrap_or(fit.norm_batches);
         fit.patience = patience.unwrap_or(fit.patience);
+        fit.precision = precision.unwrap_or(fit.precision);
     }
 }
 

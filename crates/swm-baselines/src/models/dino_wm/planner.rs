@@ -24,6 +24,9 @@ impl LatentDynamics for DinoWm {
     /// A candidate is hundreds of tokens.
     const GROUP: usize = 4;
 
+    /// The attention scores of a candidate take up to 38 MB: 16 heads × (3 frames × 256 tokens)².
+    const GROUP_ON_DEVICE: usize = 64;
+
     type Problem = Problem;
 
     fn form(&self) -> &Form {
@@ -50,7 +53,8 @@ impl LatentDynamics for DinoWm {
     }
 
     fn latent(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<2> {
-        self.observe(pixels, proprio).reshape([1, self.latent_dim()])
+        let count = pixels.dims()[0];
+        self.observe(pixels, proprio).reshape([count, self.latent_dim()])
     }
 
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {

@@ -1,15 +1,16 @@
 //! Goal-conditioned policies at work: the mean action.
 
 use burn::tensor::Tensor;
-use rayon::prelude::*;
 
 use super::Observer;
 use crate::baseline::GoalPolicy;
 use crate::data::{Form, PlanningBatch, Start};
+use crate::dynamics::for_each_group;
 use crate::error::BaselineError;
 use crate::nn::GoalPredictor;
 use crate::params::{device_of, host};
 use crate::pass::Pass;
+use crate::placement::Placement;
 
 /// A copy of what acts.
 pub(crate) struct ActingPolicy {
@@ -41,7 +42,8 @@ impl GoalPolicy for ActingPolicy {
     }
 
     fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
-        let start = Start::new(batch, &self.form, &device_of(&self.actor))?;
+        let device = device_of(&self.actor);
+        let start = Start::new(batch, &self.form, &device)?;
         let (steps, dim) = (batch.pixels.steps, self.form.action);
         if steps > self.history || actions.len() != batch.pixels.rows * dim {
             let reason = format!(
@@ -51,13 +53,20 @@ impl GoalPolicy for ActingPolicy {
             );
             return Err(BaselineError::data("pixels", reason));
         }
-        // One by one: the bits of a decision must not depend on its neighbors.
-        actions.par_chunks_exact_mut(dim).enumerate().for_each(|(row, out)| {
-            let of_row =
-                |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
-            let frames = self.observer.tokens(start.pixels.clone().narrow(0, row, 1), of_row(&start.proprio));
-            let goal = start.goal_pixels.clone().narrow(0, row, 1);
-            let goal = self.observer.tokens(goal, of_row(&start.goal_proprio));
+        // One by one on a CPU: the bits of a decision must not depend on its neighbors.
+        let most = match Placement::of(&device) {
+            Placement::Host => 1,
+            Placement::Device => batch.pixels.rows.max(1),
+        };
+        let groups = actions.chunks_mut(most * dim).enumerate().collect();
+        for_each_group(&device, groups, |(index, out): (usize, &mut [f32])| {
+            let (first, rows) = (index * most, out.len() / dim);
+            let of_rows =
+                |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, first, rows));
+            let frames = start.pixels.clone().narrow(0, first, rows);
+            let frames = self.observer.tokens(frames, of_rows(&start.proprio));
+            let goal = start.goal_pixels.clone().narrow(0, first, rows);
+            let goal = self.observer.tokens(goal, of_rows(&start.goal_proprio));
             let means = self.actor.forward(frames, goal, &mut Pass::evaluate());
             out.copy_from_slice(&host(means.narrow(1, steps - 1, 1)));
         });

@@ -129,7 +129,8 @@ impl Sac {
         let gradient = -(host(density.mean())[0] + self.settings.target_entropy(self.config.action_dim));
         let discount = self.settings.discount;
         let specs = params::specs(&self.network);
-        self.apply(specs.iter().map(|spec| (spec.name == TEMPERATURE).then(|| vec![gradient])).collect());
+        let gradient = specs.iter().map(|spec| (spec.name == TEMPERATURE).then(|| vec![gradient]));
+        self.apply(Gradients::Host(gradient.collect()));
         let critic = self
             .descend(&["critic"], index, |network| network.critic_loss(batch, temperature, discount, next))?;
         let actor = self.descend(&["actor"], index, |network| network.actor_loss(batch, temperature, now))?;
@@ -210,7 +211,7 @@ impl OnlineAgent for Sac {
 
     fn update(&mut self, clips: &Transitions<'_>, index: u64) -> Result<Losses, BaselineError> {
         let batch = self.minibatch(clips)?;
-        let mut pass = Pass::train(self.config.seed, index);
+        let mut pass = Pass::train_on(&self.device, self.config.seed, index);
         let noise = [0; 2].map(|_| pass.normal([clips.rows, self.config.action_dim], &self.device));
         self.update_with(&batch, noise, index)
     }

@@ -21,7 +21,7 @@ use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::learner::follow;
-use crate::optim::{AdamW, Gradients, OptimConfig, Schedule, clip_gradients};
+use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
 use crate::params;
 use crate::pass::Pass;
 use crate::weights;
@@ -143,7 +143,7 @@ impl Tdmpc2 {
         let tracked = params::track(&self.network, TRAINED);
         let (terms, scale) = loss(&tracked, &self.network, batch, &self.settings, noise, pass);
         let (mut losses, mut gradients) = differentiate(&tracked, terms, index)?;
-        clip_gradients(&mut gradients, self.settings.clip);
+        gradients.clip(self.settings.clip);
         let followed = follow(self.network.clone(), TARGETS, 1.0 - self.settings.tau);
         self.network = params::map(followed, |spec, tensor| match spec.name.as_str() {
             "scale.value" => params::from_host(spec, vec![scale], &tensor),
@@ -171,10 +171,8 @@ impl Tdmpc2 {
         ];
         let mut gradients = gradients;
         for (below, lr, epsilon) in groups {
-            let of_group = specs.iter().zip(&mut gradients);
-            let of_group =
-                of_group.map(|(spec, gradient)| spec.is_below(below).then(|| gradient.take()).flatten());
-            let (of_group, optim) = (of_group.collect(), OptimConfig { epsilon, ..adam.clone() });
+            let of_group = gradients.take(|index| specs[index].is_below(below));
+            let optim = OptimConfig { epsilon, ..adam.clone() };
             self.network = self.optimizer.step(self.network.clone(), of_group, &optim, lr);
         }
     }
@@ -251,7 +249,7 @@ impl OnlineAgent for Tdmpc2 {
 
     fn update(&mut self, clips: &Transitions<'_>, index: u64) -> Result<Losses, BaselineError> {
         let batch = self.minibatch(clips)?;
-        let mut pass = Pass::train(self.config.seed, index);
+        let mut pass = Pass::train_on(&self.device, self.config.seed, index);
         let noise = self.noise(clips.rows, index, &mut pass);
         self.update_with(&batch, noise, index, &mut pass)
     }
