@@ -170,7 +170,9 @@ def difference(ours, theirs):
 
 
 def toolkit():
-    """Variables for the CUDA libraries and headers that came with PyTorch, where the machine has no toolkit."""
+    """Variables for the CUDA libraries and headers that came with PyTorch, where the machine has no toolkit.
+
+    PyTorch's packages lack the headers of nvidia-cuda-crt and nvidia-cuda-cccl, which kernels for tensor cores include."""
     found = {}
     for folder in sys.path:
         libraries = [Path(name).parent for name in glob.glob(f"{folder}/nvidia/*/lib/libnvrtc.so*")]

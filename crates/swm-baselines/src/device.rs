@@ -70,7 +70,7 @@ fn open(number: usize) -> Result<TensorDevice, String> {
     if number < found {
         return Ok(TensorDevice::cuda(number));
     }
-    Err(format!("CUDA finds {found} on this machine, counted from 0; use one of them, or cpu"))
+    Err(format!("CUDA finds {found} GPUs on this machine, counted from 0; use one of them, or cpu"))
 }
 
 #[cfg(not(feature = "cuda"))]
