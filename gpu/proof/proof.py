@@ -73,6 +73,10 @@ class Proof:
             if interrupt and process.returncode in INTERRUPTED:
                 return None
             raise SystemExit(f"`swm {' '.join(map(str, words))}` did not end in the stage's {self.minutes} minutes")
+        finally:
+            # It has a session of its own: what ends this script does not end it.
+            if process.poll() is None:
+                process.kill()
         if process.returncode:
             raise SystemExit(f"`swm {' '.join(map(str, words))}` failed with status {process.returncode}")
         return json.loads(printed)
@@ -194,6 +198,7 @@ def main():
     parser.add_argument("--minutes", type=float, default=9.0, help="of each stage")
     parser.add_argument("--tiny", action="store_true", help="sizes for a test of this script")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     proof = Proof(options)
     passed = [proof.run(stage) for stage in options.stages]
     sys.exit(0 if all(passed) else 1)
