@@ -9,7 +9,7 @@ use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
 use crate::{
-    apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
+    apart, book, demo, deny, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
 };
 
 /// Options of `cargo xtask ci`.
@@ -94,7 +94,15 @@ const STEPS: &[Step] = &[
         about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says",
         run: sizes::check_each_alone,
     },
+    Step {
+        name: "gpu",
+        about: "the command with CUDA links, and says what a machine lacks for it",
+        run: || gpu::run(&gpu::Args::default()),
+    },
 ];
+
+/// Steps that take too long for every change, each with the variable that turns it on; `--only` does, too.
+const ON_REQUEST: &[(&str, &str)] = &[("gpu", "SWM_CI_GPU")];
 
 /// The demonstration, its report in a folder that git ignores.
 fn short_demo() -> Result<()> {
@@ -110,8 +118,8 @@ struct Outcome {
 
 /// Runs the steps and prints the table; an error if any of them failed.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let mut chosen =
-        STEPS.iter().filter(|step| args.only.is_empty() || args.only.iter().any(|name| name == step.name));
+    let is_set = |variable: &str| std::env::var_os(variable).is_some_and(|value| !value.is_empty());
+    let mut chosen = STEPS.iter().filter(|step| is_chosen(step.name, &args.only, is_set));
     let outcomes = run_steps(&mut chosen, args.keep_going);
     let not_run: Vec<&str> = chosen.map(|step| step.name).collect();
     println!("\n{}", table(&outcomes, &not_run));
@@ -121,6 +129,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         [] => Ok(()),
         failed => bail!("failed: {}", failed.join(", ")),
     }
+}
+
+/// Whether a step runs. `is_set` tells which variables the environment has.
+fn is_chosen(name: &str, only: &[String], is_set: impl Fn(&str) -> bool) -> bool {
+    if !only.is_empty() {
+        return only.iter().any(|named| named == name);
+    }
+    ON_REQUEST.iter().all(|&(step, variable)| step != name || is_set(variable))
 }
 
 /// Runs steps until one fails, or all of them.
@@ -236,6 +252,17 @@ test          61.2 s  FAILED
 doc                -  not run
 total         61.6 s\n";
         assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn a_step_on_request_runs_when_it_is_named_or_its_variable_is_set() {
+        let only = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert!(is_chosen("fmt", &[], |_| false));
+        assert!(!is_chosen("gpu", &[], |_| false));
+        assert!(is_chosen("gpu", &[], |variable| variable == "SWM_CI_GPU"));
+        assert!(is_chosen("gpu", &only(&["gpu"]), |_| false));
+        assert!(!is_chosen("gpu", &only(&["fmt"]), |_| true));
+        assert!(ON_REQUEST.iter().all(|(name, _)| STEPS.iter().any(|step| step.name == *name)));
     }
 
     #[test]

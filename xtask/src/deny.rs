@@ -1,12 +1,13 @@
-//! `cargo xtask deny`: licenses and origins of all dependencies, by cargo-deny against the policy in `deny.toml`.
+//! `cargo xtask deny`: licenses and origins of all dependencies, by cargo-deny against the policy in `deny.toml`, of this workspace
+//! and of that in `gpu/`.
 
 use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Result, ensure};
 
-use crate::process;
 use crate::setup::tools;
+use crate::{gpu, process};
 
 /// Options of `cargo xtask deny`.
 #[derive(clap::Args, Default)]
@@ -23,7 +24,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         program.is_file(),
         "cargo-deny is missing: run `cargo xtask setup`; where that cannot fetch it, `cargo install --locked cargo-deny` first"
     );
-    process::run(&mut check(&program, args.advisories, process::root()))
+    process::run(&mut check(&program, args.advisories, process::root()))?;
+    process::run(&mut check(&program, args.advisories, &gpu::Workspace::folder()))
 }
 
 /// Duplicate versions are warnings of a policy that allows them, and would fill the log.

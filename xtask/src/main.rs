@@ -14,6 +14,8 @@ mod deny;
 mod endure;
 mod gallery;
 mod golden;
+mod gpu;
+mod gpu_proof;
 mod interop;
 mod memcheck;
 mod metadata;
@@ -71,6 +73,10 @@ enum Command {
     Gallery(gallery::Args),
     /// Run the tests of the `unsafe` code under valgrind
     Memcheck(memcheck::Args),
+    /// Link the command with CUDA from the workspace in gpu/, and ask it for a GPU; builds for many minutes
+    Gpu(gpu::Args),
+    /// Parity, speed and a training on a GPU, in stages; or a package of all that needs, for a machine without network
+    GpuProof(gpu_proof::Args),
     /// Kill recordings, damage files and try hostile ones, thousands of times, for an hour or more
     Endure(endure::Args),
     /// Make the declarations of MuJoCo's C interface anew from its headers
@@ -109,6 +115,8 @@ fn main() -> ExitCode {
         Command::Endure(args) => endure::run(&args),
         Command::Bindgen(args) => bindgen::run(&args),
         Command::Ci(args) => ci::run(&args),
+        Command::Gpu(args) => gpu::run(&args),
+        Command::GpuProof(args) => gpu_proof::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
         Command::Datasets(args) => datasets::run(&args),

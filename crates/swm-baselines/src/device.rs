@@ -7,6 +7,9 @@ use burn::tensor::Device as TensorDevice;
 
 use crate::error::BaselineError;
 
+#[cfg(any(test, feature = "cuda"))]
+mod missing;
+
 /// What networks are computed on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Device {
@@ -22,7 +25,7 @@ impl Device {
     pub(crate) fn device(self) -> Result<TensorDevice, BaselineError> {
         match self {
             Self::Cpu => Ok(TensorDevice::flex()),
-            Self::Cuda(number) => gpu(number),
+            Self::Cuda(number) => open(number).map_err(|reason| refused(&self.to_string(), reason)),
         }
     }
 }
@@ -51,24 +54,30 @@ impl fmt::Display for Device {
     }
 }
 
+/// CUDA's libraries are loaded when they are first called, and a missing one is a panic of the crate that loads it, on a thread
+/// of the backend. So they are called here first, once in a process.
 #[cfg(feature = "cuda")]
-fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
-    let found = TensorDevice::enumerate(burn::tensor::DeviceType::Cuda).len();
+fn open(number: usize) -> Result<TensorDevice, String> {
+    use missing::quietly;
+    static FOUND: std::sync::LazyLock<Result<usize, String>> = std::sync::LazyLock::new(|| {
+        let kernel = "extern \"C\" __global__ void nothing() {}";
+        let found = missing::gpus(quietly(cudarc::driver::CudaContext::device_count))?;
+        missing::compiler(quietly(|| cudarc::nvrtc::compile_ptx(kernel).map(drop)))?;
+        missing::headers(cubecl::cuda::install::cuda_path())?;
+        Ok(found)
+    });
+    let found = FOUND.clone()?;
     if number < found {
         return Ok(TensorDevice::cuda(number));
     }
-    let name = Device::Cuda(number).to_string();
-    Err(refused(
-        &name,
-        format!("CUDA finds {found} GPUs on this machine, counted from 0; use one of them, or cpu"),
-    ))
+    Err(format!("CUDA finds {found} GPUs on this machine, counted from 0; use one of them, or cpu"))
 }
 
 #[cfg(not(feature = "cuda"))]
-fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
-    let reason = "this build has no CUDA; use cpu, or build it with it: \
-                  cargo install --locked --path crates/swm --features cuda";
-    Err(refused(&Device::Cuda(number).to_string(), reason.to_owned()))
+fn open(_number: usize) -> Result<TensorDevice, String> {
+    Err("this build has no CUDA; use cpu, or build it with CUDA in the folder `gpu` of a checkout: \
+         cargo install --locked --path ."
+        .to_owned())
 }
 
 fn refused(name: &str, reason: String) -> BaselineError {
