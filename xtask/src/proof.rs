@@ -102,14 +102,14 @@ const TASKS: &[Task] = &[
         images: "96x96",
         pairs: "pairs.h5",
         data: &[
-            ("slow.h5", &["--policy", SLOW, "--episodes", "1000", "--max-steps", "300", "--seed", "102"]),
+            ("slow.h5", &["--policy", SLOW, "--episodes", "500", "--max-steps", "300", "--seed", "102"]),
             ("pairs.h5", &["--policy", SLOW, "--episodes", "200", "--max-steps", "300", "--seed", "103"]),
         ],
         search: REPLANNED,
         trials: &[
             trial("lewm", "slow.h5", "3000"),
             trial("pldm", "slow.h5", "3000"),
-            Trial { baseline: "conv-jepa", data: "slow.h5", steps: "3000", train: MEASURED },
+            Trial { baseline: "conv-jepa", data: "slow.h5", steps: "1500", train: MEASURED },
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
             trial("gciql", "slow.h5", "1000"),
         ],
