@@ -38,7 +38,7 @@ pub struct GcbcConfig {
 pub enum LaterGoals {
     /// All equally often.
     Uniform,
-    /// Each 0.99 times as often as the one before it; the last takes all that would come after it.
+    /// Each `model.goal_gamma` times as often as the one before it; the last takes all that would come after it.
     Geometric,
 }
 

@@ -42,6 +42,14 @@ pub struct GoalConfig {
     pub frameskip: usize,
     /// Clips of a batch.
     pub batch: usize,
+    /// γ of goals that are drawn geometrically: 1 / (1 - γ) decisions ahead on average, and at most at the end of the
+    /// episode. A goal k decisions ahead is γ times as likely as one k - 1 ahead.
+    #[serde(default = "goal_gamma")]
+    pub goal_gamma: f64,
+}
+
+fn goal_gamma() -> f64 {
+    0.99
 }
 
 impl GoalConfig {
@@ -56,6 +64,7 @@ impl GoalConfig {
             history: 3,
             frameskip: 1,
             batch: 128,
+            goal_gamma: goal_gamma(),
         }
     }
 
@@ -78,6 +87,7 @@ impl GoalConfig {
             history: 1,
             frameskip: 5,
             batch: 64,
+            goal_gamma: goal_gamma(),
         }
     }
 
@@ -98,6 +108,12 @@ impl GoalConfig {
             ("predictor.head_dim", self.predictor.head_dim),
         ];
         check_sizes(&positive, self.predictor.dropout)?;
+        if !(0.0..1.0).contains(&self.goal_gamma) {
+            return Err(format!(
+                "`model.goal_gamma` is {}; use a number from 0 up to, but not, 1",
+                self.goal_gamma
+            ));
+        }
         self.encoder.check(self.image)
     }
 
@@ -143,7 +159,7 @@ impl GoalConfig {
 
     /// Goals of clips, seen from the last step of the history.
     pub(crate) fn goals(&self, weights: GoalWeights) -> Option<PhaseGoals> {
-        Some(PhaseGoals { weights, gamma: 0.99, offset: self.history })
+        Some(PhaseGoals { weights, gamma: self.goal_gamma, offset: self.history })
     }
 }
 
@@ -210,4 +226,25 @@ pub(crate) fn concatenate(tokens: Tensor<4>, state: Tensor<3>) -> Tensor<4> {
     let dim = state.dims()[2];
     let tiled = state.unsqueeze_dim::<4>(2).expand([batch, frames, patches, dim]);
     Tensor::cat(vec![tokens, tiled], 3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_goals_are_a_setting() {
+        let weights = GoalWeights { random: 0.0, geometric: 1.0, uniform: 0.0, current: 0.0 };
+        let gamma = |config: &GoalConfig| config.goals(weights).expect("goals").gamma;
+        let small = GoalConfig::small();
+        assert_eq!((gamma(&small), gamma(&GoalConfig { goal_gamma: 0.8, ..small.clone() })), (0.99, 0.8));
+        // Settings that were written before it existed.
+        let mut old = serde_json::to_value(&small).unwrap();
+        old.as_object_mut().unwrap().remove("goal_gamma").unwrap();
+        assert_eq!(serde_json::from_value::<GoalConfig>(old).unwrap(), small);
+        for wrong in [1.0, -0.1, f64::NAN] {
+            let refused = GoalConfig { goal_gamma: wrong, ..small.clone() }.check().unwrap_err();
+            assert!(refused.contains("model.goal_gamma"), "{refused}");
+        }
+    }
 }
