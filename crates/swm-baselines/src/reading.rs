@@ -18,6 +18,7 @@ pub(crate) fn read(terms: &Terms) -> Losses {
 }
 
 /// The losses of a training step, and the norm of its gradients.
+#[expect(clippy::large_enum_variant, reason = "there are as many as steps between two records")]
 pub(crate) enum Reading {
     /// Their values, which are finite.
     Known(Losses),

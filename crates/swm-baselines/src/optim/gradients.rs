@@ -8,6 +8,7 @@ use crate::params::host;
 use crate::placement::Placement;
 
 /// Gradients in the order of a network's tensors, flat and in our layout; `None` for tensors that do not change.
+#[expect(clippy::large_enum_variant, reason = "a step has one of them")]
 pub(crate) enum Gradients {
     /// One by one, on the host.
     Host(Vec<Option<Vec<f32>>>),
@@ -24,6 +25,7 @@ pub(crate) struct Joined {
 }
 
 /// The norm of all gradients together.
+#[expect(clippy::large_enum_variant, reason = "a step has one of them")]
 pub(crate) enum Norm {
     /// Its value.
     Known(f32),
