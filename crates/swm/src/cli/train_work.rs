@@ -40,7 +40,7 @@ impl Train {
         };
         let (mut training, mut measured) = if self.resume {
             let training = Training::resume(registry, out, device, self.data.as_deref(), |fit| {
-                self.apply(fit, precision)
+                self.apply(fit, precision);
             })
             .map_err(failure)?;
             let measured = measured(training.model(), training.config())?;
