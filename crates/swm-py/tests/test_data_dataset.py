@@ -274,6 +274,8 @@ def test_reading_can_be_interrupted(tmp_path: Path) -> None:
     code = f"""
 import signal, threading, time, os
 import stable_worldmodel_rs as swm
+# A shell starts background jobs with the signal ignored, and Python then leaves it so.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 dataset = swm.data.load_dataset({str(path)!r})
 reader = dataset.reader
 sent = []
