@@ -77,7 +77,7 @@ impl Task {
         let folder = folder
             .ok_or_else(|| usage(format!("{} holds no job; `swm submit` makes one", self.job.display())))?;
         let dir = folder.dir.display().to_string();
-        interrupt::within_task(way_on(&folder));
+        interrupt::within_task(folder.way_on());
         interrupt::watch_resumable(move || format!("what is committed is safe in {dir}"), interrupt::REPEAT);
         folder.check(version::long(), self.finish).map_err(usage)?;
         let here = &folder.job.folder;
@@ -117,7 +117,7 @@ impl Task {
                 Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
                 Err(failure) if failure.is_cancelled() => {
                     // What was told when the signal came is in the log of the shard.
-                    let how = way_on(&folder);
+                    let how = folder.way_on();
                     output.note(format!("interrupted in shard {shard}; to continue, {how}"));
                     return Err(failure);
                 }
@@ -148,15 +148,6 @@ impl Task {
             Some(index + 1 - first)
         });
         found.ok_or_else(|| usage("no scheduler says which shard this is; give --index I, --all or --finish"))
-    }
-}
-
-/// What continues an interrupted task.
-fn way_on(folder: &JobFolder) -> String {
-    let command = folder.command_for_the_rest();
-    match folder.is_with_an_engine() {
-        true => format!("start the task again, or `{command}`"),
-        false => format!("start the task again, or all that are left: {command}"),
     }
 }
 

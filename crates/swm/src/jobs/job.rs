@@ -315,6 +315,15 @@ impl JobFolder {
         self.dir.join("finished.json")
     }
 
+    /// What continues an interrupted task.
+    pub(crate) fn way_on(&self) -> String {
+        let command = self.command_for_the_rest();
+        match self.is_with_an_engine() {
+            true => format!("start the task again, or `{command}`"),
+            false => format!("start the task again, or all that are left: {command}"),
+        }
+    }
+
     /// Whether it was handed to an engine; else its shards are run by hand.
     pub(crate) fn is_with_an_engine(&self) -> bool {
         self.submissions().is_file()
