@@ -64,9 +64,7 @@ impl WriterLock {
             }
         }
     }
-}
 
-impl WriterLock {
     /// The writer of the dataset at `dataset`, if it is a process of this machine that has not ended: `process 123 on host`. Writers
     /// on other machines are not found. Nothing is locked, so that nobody is kept from writing.
     pub fn holder_here(dataset: &Path) -> Option<String> {

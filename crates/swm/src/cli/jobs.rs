@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-
 use swm_data::recording::WriterLock;
 
 use super::output::{counted, key_values, print, table};
@@ -213,6 +212,8 @@ struct Status<'a> {
     by_hand: BTreeMap<u64, String>,
     /// The node of the last start of other shards that have neither ended nor are with an engine: lost, or at work on another machine.
     started: BTreeMap<u64, String>,
+    /// What shards are called that nobody began, and those of `started`.
+    words: [&'static str; 2],
     finished: Option<Finished>,
 }
 
@@ -232,21 +233,20 @@ impl<'a> Status<'a> {
         let begun = begun.collect();
         let held: BTreeMap<u64, Queued> =
             left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
-        let is_at_work = |shard: u64| Some((shard, WriterLock::holder_here(&folder.shard_lock(shard))?));
-        let unheld = left.into_iter().filter(|shard| !held.contains_key(shard));
-        let (mut missing, mut by_hand) = (Vec::new(), BTreeMap::new());
-        for shard in unheld {
-            match is_at_work(shard) {
-                Some((shard, who)) => drop(by_hand.insert(shard, who)),
-                None => missing.push(shard),
-            }
-        }
+        let mut missing: Vec<u64> = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
+        let at_work = |&shard: &u64| Some((shard, WriterLock::holder_here(&folder.shard_lock(shard))?));
+        let by_hand: BTreeMap<u64, String> = missing.iter().filter_map(at_work).collect();
+        missing.retain(|shard| !by_hand.contains_key(shard));
         let unexplained = missing.iter().filter(|shard| !failed.contains_key(shard));
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
         let finished = read_json(&folder.finished())?;
-        Ok(Self { folder, done, failed, held, missing, begun, by_hand, started, finished })
+        let words = match folder.is_with_an_engine() {
+            true => ["not submitted", "started, not queued"],
+            false => ["not started", "interrupted"],
+        };
+        Ok(Self { folder, done, failed, held, missing, begun, by_hand, started, words, finished })
     }
 
     fn episodes(&self) -> u64 {
@@ -255,14 +255,6 @@ impl<'a> Status<'a> {
 
     fn running(&self) -> usize {
         self.held.values().filter(|task| task.is_running).count() + self.by_hand.len()
-    }
-
-    /// What shards are called that nobody began, and those that were begun by who is not known to be at work.
-    fn words(&self) -> [&'static str; 2] {
-        match self.folder.is_with_an_engine() {
-            true => ["not submitted", "started, not queued"],
-            false => ["not started", "interrupted"],
-        }
     }
 
     fn waiting(&self) -> usize {
@@ -288,7 +280,7 @@ impl<'a> Status<'a> {
         })
     }
 
-    /// The state of one shard: `done`, what its engine says, who runs it by hand, `failed`, or how [`Self::words`] calls it.
+    /// The state of one shard: `done`, what its engine says, who runs it by hand, `failed`, or one of `words`.
     fn shard(&self, shard: u64) -> Json {
         let job = &self.folder.job;
         let of = job.range(shard).count();
@@ -311,7 +303,7 @@ impl<'a> Status<'a> {
         if let Some(who) = self.by_hand.get(&shard) {
             return format!("running: {who}");
         }
-        let [untouched, begun] = self.words();
+        let [untouched, begun] = self.words;
         match (self.held.get(&shard), self.failed.get(&shard)) {
             (Some(task), _) => task.state.clone(),
             (None, Some(failed)) => format!("failed on {}", failed.node),
@@ -330,7 +322,7 @@ impl<'a> Status<'a> {
     /// One line: how far it is.
     fn line(&self) -> String {
         let untouched = |shard: &&u64| !self.failed.contains_key(shard) && !self.started.contains_key(shard);
-        let [untouched_name, begun] = self.words();
+        let [untouched_name, begun] = self.words;
         let counts = [
             (self.done.len(), "done"),
             (self.running(), "running"),
