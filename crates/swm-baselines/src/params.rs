@@ -101,13 +101,13 @@ const NAMES: &[(&str, &str, &str)] = &[
 
 /// Where a visitor stands.
 #[derive(Default)]
-pub(crate) struct Path {
+struct Path {
     /// Container and field, from the root on.
     stack: Vec<(&'static str, String)>,
 }
 
 impl Path {
-    pub(crate) fn enter(&mut self, field: &str, container: &str) {
+    fn enter(&mut self, field: &str, container: &str) {
         let container = container.strip_prefix("Struct:").unwrap_or(container);
         let known = NAMES.iter().find(|(of, name, _)| *of == container && *name == field);
         let kept = known.map_or_else(|| kind(container), |(of, ..)| of);
@@ -116,11 +116,11 @@ impl Path {
         self.stack.push((kept, known.map_or(field, |(.., name)| name).to_owned()));
     }
 
-    pub(crate) fn exit(&mut self) {
+    fn exit(&mut self) {
         self.stack.pop();
     }
 
-    pub(crate) fn spec(&self, id: ParamId, mut shape: Vec<usize>) -> Spec {
+    fn spec(&self, id: ParamId, mut shape: Vec<usize>) -> Spec {
         let segments: Vec<&str> =
             self.stack.iter().map(|(_, name)| name.as_str()).filter(|name| !name.is_empty()).collect();
         let place = self.stack.last().cloned().unwrap_or(("", String::new()));

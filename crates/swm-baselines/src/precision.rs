@@ -7,12 +7,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{FloatDType, Tensor};
+use burn::module::Module;
+use burn::tensor::FloatDType;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
-use crate::params::Path;
+use crate::params;
 
 /// The precision of linear layers and attention.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,7 +35,11 @@ impl Precision {
     pub(crate) fn copy_of<M: Module>(self, network: &M) -> M {
         match self {
             Self::Fp32 => network.clone(),
-            Self::Bf16 => network.clone().map(&mut Narrow::default()),
+            Self::Bf16 => params::map(network.clone(), |spec, tensor| {
+                // What is multiplied by matrices: linear layers, and the patch embeddings of vision transformers.
+                let is_product = spec.place.0 == "Linear" || (spec.place.0 == "Conv" && spec.is_in_vit);
+                if is_product { tensor.cast(FloatDType::BF16) } else { tensor }
+            }),
         }
     }
 }
@@ -59,28 +63,5 @@ impl FromStr for Precision {
 impl fmt::Display for Precision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.is_fp32() { "fp32" } else { "bf16" })
-    }
-}
-
-/// Casts what is multiplied by matrices: linear layers, and the patch embeddings of vision transformers.
-#[derive(Default)]
-struct Narrow {
-    path: Path,
-}
-
-impl ModuleMapper for Narrow {
-    fn enter_module(&mut self, name: &str, container: &str) {
-        self.path.enter(name, container);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container: &str) {
-        self.path.exit();
-    }
-
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (id, tensor, _) = param.consume();
-        let spec = self.path.spec(id, tensor.dims().to_vec());
-        let is_product = spec.place.0 == "Linear" || (spec.place.0 == "Conv" && spec.is_in_vit);
-        Param::initialized(id, if is_product { tensor.cast(FloatDType::BF16) } else { tensor })
     }
 }

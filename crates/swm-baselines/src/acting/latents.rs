@@ -26,6 +26,7 @@ pub const MODELS: &[ModelEntry] = &[
 const fn model(name: &'static str, summary: &'static str) -> ModelEntry {
     ModelEntry::new(name, summary, |context, args| Ok(Box::new(LatentModel::new(args, context.env.id)?)))
         .image(image_size)
+        .planned_by("mpc:RUN")
 }
 
 const ANY: &str = "model";

@@ -16,6 +16,8 @@ pub struct ModelEntry {
     pub name: &'static str,
     /// What it is, in one line.
     pub summary: &'static str,
+    /// The policy that plans with it, if it has another name: `mpc:RUN`.
+    pub planned_by: Option<&'static str>,
     make: MakeModel,
     image: ImageOf,
 }
@@ -23,13 +25,20 @@ pub struct ModelEntry {
 impl ModelEntry {
     /// A model that sees no images.
     pub const fn new(name: &'static str, summary: &'static str, make: MakeModel) -> Self {
-        Self { name, summary, make, image: |_| None }
+        Self { name, summary, planned_by: None, make, image: |_| None }
     }
 
     /// What images it was trained on.
     #[must_use]
     pub const fn image(mut self, image: ImageOf) -> Self {
         self.image = image;
+        self
+    }
+
+    /// The policy that plans with it: who takes the model's name for a policy is told.
+    #[must_use]
+    pub const fn planned_by(mut self, policy: &'static str) -> Self {
+        self.planned_by = Some(policy);
         self
     }
 

@@ -116,9 +116,9 @@ impl Registry {
         let found = self.policies(env).find(|entry| entry.name == name);
         found.ok_or_else(|| {
             let unknown = self.unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name));
-            let is_model = self.all::<ModelEntry>().any(|entry| entry.name == name);
-            let plan = || "it is a model; to plan with a trained one, use `mpc:RUN`".to_owned();
-            let fix = unknown.fix.or_else(|| is_model.then(plan));
+            let planner = || self.all::<ModelEntry>().find(|entry| entry.name == name)?.planned_by;
+            let plan = |policy| format!("it is a model; to plan with a trained one, use `{policy}`");
+            let fix = unknown.fix.or_else(|| planner().map(plan));
             UnknownName { command: format!("{} {}", unknown.command, env.id), fix, ..unknown }
         })
     }
