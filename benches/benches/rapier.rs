@@ -41,7 +41,7 @@ fn saved_states(c: &mut Criterion) {
     for (name, entry, _) in CASES {
         let mut env = entry.make(&EnvConfig::default()).expect("the defaults are valid");
         let options = ResetOptions::default();
-        env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("the defaults are valid");
+        env.reset(&Episode::new(EpisodeSeed::new(0), &options)).expect("the defaults are valid");
         env.step(Slice::F32(&[0.3, -0.2])).expect("the action is valid");
         let mut state = EnvState::new();
         group.bench_function(format!("{name}/snapshot"), |b| {

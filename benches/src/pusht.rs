@@ -125,7 +125,7 @@ impl BareEnv {
     ///
     /// The environment cannot be reset.
     pub fn reset(&mut self, seed: u64) -> Result<()> {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &ResetOptions::default() })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), &ResetOptions::default()))?;
         self.env.write_episode(&mut self.row.rows_mut());
         Ok(())
     }

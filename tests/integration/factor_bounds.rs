@@ -22,7 +22,7 @@ fn run(env: &mut dyn Env, factor: &FactorSpec, upper: bool, episodes: usize) -> 
     let mut action = Column::zeros(action_space.dtype().unwrap_or(Dtype::F32), action_space.dim());
     let options = ResetOptions::default().vary(&[]).fix(&factor.name, at_bound(factor, upper));
     for index in 0..episodes as u64 {
-        env.reset(&Episode { seed: EpisodeSeed::of(5, index), options: &options })?;
+        env.reset(&Episode::new(EpisodeSeed::of(5, index), &options))?;
         for step in 0..STEPS as u64 {
             let mut rng = keyed(5, "factor bounds", [index, step]);
             action_space.sample_into(&mut rng, action.as_slice_mut());

@@ -132,7 +132,7 @@ impl Bare {
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<()> {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options))?;
         self.env.write_episode(&mut self.row.rows_mut());
         Ok(())
     }

@@ -12,6 +12,7 @@ mod missing;
 
 /// What networks are computed on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Device {
     /// That of this machine, with all its threads.
     #[default]

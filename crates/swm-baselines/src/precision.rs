@@ -17,6 +17,7 @@ use crate::params;
 /// The precision of linear layers and attention.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Precision {
     /// 32-bit floats.
     #[default]

@@ -5,6 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::batch::{Dtype, FieldKind, RowsMut, Schema};
+use crate::env::ImageSize;
 use crate::run::LiveEpisode;
 use crate::seed::{EpisodeSeed, Stream};
 
@@ -23,6 +24,7 @@ pub trait Transform: Send + Sync {
 }
 
 /// An image, and what its change may depend on.
+#[non_exhaustive]
 pub struct Frame<'a> {
     /// `[H, W, 3]`, row-major.
     pub pixels: &'a mut [u8],
@@ -40,7 +42,12 @@ pub struct Frame<'a> {
     pub scratch: &'a mut Scratch,
 }
 
-impl Frame<'_> {
+impl<'a> Frame<'a> {
+    /// An image `[H, W, 3]` of `size`, at the start of the episode of `seed`.
+    pub fn new(pixels: &'a mut [u8], size: ImageSize, seed: EpisodeSeed, scratch: &'a mut Scratch) -> Self {
+        Self { pixels, height: size.height, width: size.width, seed, step: 0, view: 0, scratch }
+    }
+
     /// The stream for `purpose`, of the whole episode.
     pub fn of_episode(&self, purpose: &str) -> Stream {
         self.seed.indexed(purpose, [u64::MAX, self.view])

@@ -22,6 +22,7 @@ pub type Repair = fn(&Path, bool) -> Result<Vec<String>, DataError>;
 
 /// How a format keeps images, which says what of [`WriteOptions`] acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StoredImages {
     /// Every pixel as it was.
     Exact,

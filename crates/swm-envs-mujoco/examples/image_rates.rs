@@ -36,7 +36,7 @@ fn video(entry: &EnvEntry, side: usize, frames: u32, seed: u64) -> Result<(), Bo
     let mut env = entry.make(&config)?;
     let mut row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
-    let episode = Episode { seed: EpisodeSeed::new(seed), options: &options };
+    let episode = Episode::new(EpisodeSeed::new(seed), &options);
     env.reset(&episode)?;
     let (wide, narrow) = (vec![0.0_f64; env.spec().action.dim()], vec![0.0_f32; env.spec().action.dim()]);
     let is_narrow = env.spec().action.dtype() == Some(swm_core::Dtype::F32);

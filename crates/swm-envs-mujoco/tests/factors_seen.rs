@@ -109,7 +109,7 @@ impl Stage {
             start: self.start.clone(),
             ..ResetOptions::default()
         };
-        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
+        self.env.reset(&Episode::new(EpisodeSeed::new(0), &options)).expect("a start");
         self.env.observe(&mut self.row.rows_mut());
         let pixels = self.row.get::<u8>(PIXELS).expect("images").as_chunks::<3>().0.to_vec();
         let segments = self.row.get::<i32>("pixels_segmentation").expect("segments").to_vec();

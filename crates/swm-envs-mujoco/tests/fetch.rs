@@ -27,7 +27,7 @@ impl Bench {
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("options are valid");
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options)).expect("options are valid");
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
     }
@@ -103,7 +103,7 @@ fn a_recorded_row_is_a_goal() {
     bench.reset(2, &ResetOptions { goal: Some(goal.clone()), ..ResetOptions::default() });
     assert_eq!(Value::vector(&bench.values("desired_goal")), goal["achieved_goal"]);
     let mut refused = |name: &str, options: ResetOptions| {
-        let episode = Episode { seed: EpisodeSeed::new(3), options: &options };
+        let episode = Episode::new(EpisodeSeed::new(3), &options);
         let message = bench.env.reset(&episode).unwrap_err().to_string();
         assert!(message.contains(name), "{message}");
     };

@@ -67,7 +67,7 @@ fn render((env, row): &mut (Box<dyn Env>, Batch), case: &Recorded) -> Vec<u8> {
     }
     let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
     options.start = Some(start.collect());
-    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
+    env.reset(&Episode::new(EpisodeSeed::new(0), &options)).expect("a start");
     env.observe(&mut row.rows_mut());
     row.get::<u8>(PIXELS).expect("images were asked for").to_vec()
 }

@@ -47,7 +47,7 @@ fn steps_are_the_references() {
             goal: row(&[("qpos", &goal)]),
             ..ResetOptions::default()
         };
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
         let mut batch = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
         let mut met = 0;
         for (step, action) in recorded.actions.iter().enumerate() {
@@ -152,7 +152,7 @@ fn a_teleporter_leads_to_one_of_three_exits_by_chance() {
             start: row(&[("qpos", &[0.0, 14.0]), ("qvel", &[0.0, 0.0])]),
             ..ResetOptions::default()
         };
-        env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
         let mut batch = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
         for _ in 0..3 {
             env.step(Slice::F32(&[0.0, 1.0])).unwrap();
@@ -181,7 +181,7 @@ impl Bench {
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("valid options");
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options)).expect("valid options");
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
     }
@@ -274,6 +274,6 @@ fn wrong_settings_and_goals_are_told() {
     assert!(soccer.to_string().contains("`arena` and `medium`"), "{soccer}");
     let mut env = OGB_ANT_MAZE.make(&EnvConfig::default()).unwrap();
     let options = ResetOptions { goal: row(&[("qvel", &[0.0; 14])]), ..ResetOptions::default() };
-    let error = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err();
+    let error = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err();
     assert!(error.to_string().contains("`qvel` is no goal"), "{error}");
 }

@@ -96,7 +96,7 @@ impl Bench {
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) -> Outcome {
-        let outcome = self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("a reset");
+        let outcome = self.env.reset(&Episode::new(EpisodeSeed::new(seed), options)).expect("a reset");
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
         outcome
@@ -247,7 +247,7 @@ fn a_start_of_another_task_is_refused() {
     let start = ["qpos", "qvel", "task_id"].map(|name| (name.to_owned(), bench.value(name)));
     let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() };
     let mut other = Bench::new(&OGB_SCENE, &json!({"mode": "task", "task": 3}));
-    let error = other.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).err();
+    let error = other.env.reset(&Episode::new(EpisodeSeed::new(0), &options)).err();
     let said = error.map(|error| error.to_string()).unwrap_or_default();
     assert!(said.contains("task 2") && said.contains("`task=3`"), "{said}");
 }

@@ -46,7 +46,7 @@ fn render((env, row): &mut (Box<dyn Env>, Batch), case: &Recorded) -> Vec<u8> {
     let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
     let options =
         ResetOptions { variation: Some(Vec::new()), start: Some(start.collect()), ..ResetOptions::default() };
-    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
+    env.reset(&Episode::new(EpisodeSeed::new(0), &options)).expect("a start");
     env.observe(&mut row.rows_mut());
     row.get::<u8>(PIXELS).expect("images were asked for").to_vec()
 }
@@ -110,7 +110,7 @@ fn images_do_not_depend_on_what_was_drawn_before() {
     let mut env = make(case);
     let first = render(&mut env, case);
     env.0
-        .reset(&Episode { seed: EpisodeSeed::new(7), options: &ResetOptions::default().vary(&["all"]) })
+        .reset(&Episode::new(EpisodeSeed::new(7), &ResetOptions::default().vary(&["all"])))
         .expect("a reset");
     env.0.observe(&mut env.1.rows_mut());
     assert!(render(&mut env, case) == first, "another image after another episode");

@@ -14,7 +14,7 @@ fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
 }
 
 fn reset(env: &mut dyn Env, seed: u64, options: &ResetOptions) -> Result<Outcome, String> {
-    env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).map_err(|error| error.to_string())
+    env.reset(&Episode::new(EpisodeSeed::new(seed), options)).map_err(|error| error.to_string())
 }
 
 fn row(env: &mut dyn Env) -> Batch {

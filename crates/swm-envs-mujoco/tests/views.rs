@@ -27,7 +27,7 @@ fn row(settings: Json) -> Batch {
 fn row_of(entry: &EnvEntry, settings: Json, options: &ResetOptions) -> Batch {
     let mut env = make_of(entry, settings).expect("it was set up");
     let mut row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
-    env.reset(&Episode { seed: EpisodeSeed::new(4), options }).expect("a start");
+    env.reset(&Episode::new(EpisodeSeed::new(4), options)).expect("a start");
     env.write_episode(&mut row.rows_mut());
     env.observe(&mut row.rows_mut());
     row

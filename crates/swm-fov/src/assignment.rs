@@ -104,7 +104,7 @@ impl FovSpace {
         let mut options = episode.options.clone();
         let values = in_use.iter().map(|(name, value)| ((*name).to_owned(), value.clone()));
         options.variation_values.extend(values);
-        space.sample(env, &Episode { seed: episode.seed, options: &options })
+        space.sample(env, &Episode::new(episode.seed, &options))
     }
 
     fn try_sample(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {

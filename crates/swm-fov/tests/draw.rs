@@ -25,9 +25,7 @@ fn space() -> FovSpace {
 }
 
 fn sample(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
-    space()
-        .sample("swm/Test-v0", &Episode { seed: EpisodeSeed::new(seed), options })
-        .map_err(|e| e.to_string())
+    space().sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(seed), options)).map_err(|e| e.to_string())
 }
 
 #[test]

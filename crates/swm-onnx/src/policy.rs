@@ -16,7 +16,7 @@ pub const POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
         let (folder, given) = split(args)?;
         let cost = OnnxCost::load(&folder).map_err(|error| args.wrong(error.to_string()))?;
         let ModelSettings { action_block, action_scale, .. } = cost.settings().clone();
-        let learned = LearnedCost { cost: Box::new(cost), action_block, scale: action_scale, settings: &[] };
+        let learned = LearnedCost::new(Box::new(cost), action_block).scaled(action_scale);
         Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
     },
 )

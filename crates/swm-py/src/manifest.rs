@@ -7,15 +7,14 @@ use std::time::Instant;
 use pyo3::prelude::*;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{
-    ChosenPair, EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, is_held_out,
-    make_manifest as make,
+    ChosenPair, EpisodeResult, ManifestOptions, OutcomeRecorder, is_held_out, make_manifest as make,
 };
 use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
 };
 use swm::evaluation::{
-    Candidate, Ledger, Receipt, Reference, Role, RunOptions, file_hash, fingerprints, read_manifest,
-    read_receipt, roles, run_pairs, tier_rules, write_manifest, write_receipt,
+    Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, read_manifest, read_receipt,
+    recorded_pairs, roles, run_pairs, tier_rules, write_manifest, write_receipt,
 };
 
 use crate::errors::{IntoPy as _, OrRaise as _, SwmError};
@@ -122,14 +121,13 @@ fn make_manifest(
     };
     let manifest = py.detach(|| {
         let pairs = match (&mut source, &dataset) {
-            (Some(source), Some((path, goal_offset, held_out))) => Some(RecordedPairs {
-                source,
-                name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-                hash: file_hash(path).map_err(boxed)?,
-                goal_offset: *goal_offset,
-                held_out: *held_out,
-                chosen: chosen.clone(),
-            }),
+            (Some(source), Some((path, goal_offset, held_out))) => {
+                let mut recorded = recorded_pairs(source, path).map_err(boxed)?;
+                recorded.goal_offset = *goal_offset;
+                recorded.held_out = *held_out;
+                recorded.chosen.clone_from(&chosen);
+                Some(recorded)
+            }
             _ => None,
         };
         make(entry, &config, &options, pairs).or_raise()
@@ -283,7 +281,7 @@ fn evaluate_manifest(
     let entry = registry().env(&manifest.env).or_raise()?;
     let (candidate, description, files) = match &foreign {
         None => {
-            let candidate = Candidate { policy: PolicyArgs::parse(policy).or_raise()?, seed: policy_seed };
+            let candidate = Candidate::new(PolicyArgs::parse(policy).or_raise()?).seeded(policy_seed);
             let candidate = candidate.on(registry(), entry, &manifest);
             let made = candidate.make(registry(), entry, &manifest).map_err(boxed)?;
             let files = candidate.files(registry(), entry).map_err(boxed)?;
@@ -291,7 +289,7 @@ fn evaluate_manifest(
         }
         Some(_) => {
             let args = PolicyArgs::new(policy, serde_json::Map::new());
-            (Candidate { policy: args, seed: policy_seed }, policy.to_owned(), BTreeMap::new())
+            (Candidate::new(args).seeded(policy_seed), policy.to_owned(), BTreeMap::new())
         }
     };
     let wanted = wanted(entry, &manifest, &candidate, &references, oracle)?;
@@ -347,7 +345,7 @@ fn wanted(
     let mut all = roles(registry(), entry, manifest, candidate);
     if let Some(text) = oracle {
         all.retain(|(role, _)| *role != Role::Oracle);
-        let oracle = Candidate { policy: PolicyArgs::parse(text).or_raise()?, seed: candidate.seed };
+        let oracle = Candidate::new(PolicyArgs::parse(text).or_raise()?).seeded(candidate.seed);
         all.push((Role::Oracle, oracle.on(registry(), entry, manifest)));
     }
     all.retain(|(role, _)| is_wanted(*role));

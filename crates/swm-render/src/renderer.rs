@@ -8,6 +8,7 @@ use crate::painter::{Painter, Rgb};
 
 /// How frames are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Style {
     /// As the reference draws them, to the byte.
     #[default]

@@ -18,6 +18,7 @@ pub const SOLVER_SETTING: Setting =
     Setting::new("solver", "A solver of `swm solvers`; its settings follow", "cem");
 
 /// The cost of a learned model, with its requirements on plans.
+#[non_exhaustive]
 pub struct LearnedCost {
     /// The cost.
     pub cost: Box<dyn Cost>,
@@ -27,6 +28,25 @@ pub struct LearnedCost {
     pub scale: Option<ActionScale>,
     /// Settings of the model, which the caller has taken already: for suggestions where one is misspelled.
     pub settings: &'static [Setting],
+}
+
+impl LearnedCost {
+    /// A cost of plans in blocks of `action_block` actions that are not normalized.
+    pub fn new(cost: Box<dyn Cost>, action_block: usize) -> Self {
+        Self { cost, action_block, scale: None, settings: &[] }
+    }
+
+    /// The same, for actions normalized by `scale`.
+    #[must_use]
+    pub fn scaled(self, scale: Option<ActionScale>) -> Self {
+        Self { scale, ..self }
+    }
+
+    /// The same, of a model with these settings.
+    #[must_use]
+    pub fn with_settings(self, settings: &'static [Setting]) -> Self {
+        Self { settings, ..self }
+    }
 }
 
 /// Takes [`SOLVER_SETTING`] out of `given` and returns the solver that it names, or `cem`: of the registry of `context`, or

@@ -145,6 +145,7 @@ impl PlanKey {
 
 /// Plans of B episodes, and what is known of them.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// `[B, H, D]`: the plans.
     pub actions: Vec<f32>,

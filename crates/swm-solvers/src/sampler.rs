@@ -223,16 +223,9 @@ fn run<S: Sampler>(
         if search.return_best {
             keep_best(candidates, costs, best, best_costs);
         }
-        trace.iteration(&Iteration {
-            number: iteration,
-            keys: problem.keys,
-            candidates: problem.candidates(candidates, samples),
-            costs,
-            elites: search.elites,
-            mean: episodes.means,
-            std: episodes.stds,
-            gradient: &[],
-        });
+        let candidates = problem.candidates(candidates, samples);
+        let done = Iteration::new(iteration, problem.keys, candidates, costs);
+        trace.iteration(&done.with_distribution(search.elites, episodes.means, episodes.stds));
     }
 
     let ended = episodes.at(search.iterations as u32).zip(memory);

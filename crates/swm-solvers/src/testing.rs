@@ -21,6 +21,7 @@ pub struct Probe {
 
 /// The costs of the plans of a [`Probe`].
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct ProbeResult {
     /// `[S]`: without gradients.
     pub costs: Vec<f64>,

@@ -23,7 +23,7 @@ static POLICIES: [PolicyEntry; 1] =
         let objective = GoalMse::new(&["state"], Steps::Last, Reduction::Mean);
         let cost = ShootingCost::new(Half::default(), Box::new(objective), Vec::new())
             .map_err(|error| args.wrong(error.to_string()))?;
-        let learned = LearnedCost { cost: Box::new(cost), action_block: 1, scale: None, settings: &[] };
+        let learned = LearnedCost::new(Box::new(cost), 1);
         Ok(Box::new(
             plan_on(context, learned, args.named.clone()).map_err(|error| args.wrong(error.to_string()))?,
         ))

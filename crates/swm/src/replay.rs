@@ -163,7 +163,7 @@ impl Worker {
             source.read(episode, 0..steps, pieces)?;
         }
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
-        env.reset(&Episode { seed, options: &options })?;
+        env.reset(&Episode::new(seed, &options))?;
         for step in 0..steps {
             env.observe(&mut live.rows_mut());
             columns.compare(recorded, step, live, step + 1 == steps, &mut found.columns);

@@ -18,7 +18,7 @@ pub const FITTED_MODEL: PolicyEntry = PolicyEntry::new(
     |context, args| {
         let (file, given) = split(args).ok_or_else(|| args.wrong("name one dataset: `fitted-model:FILE`"))?;
         let cost = fit(file.as_ref()).map_err(|error| args.wrong(error.to_string()))?;
-        let learned = LearnedCost { cost: Box::new(cost), action_block: BLOCK, scale: None, settings: &[] };
+        let learned = LearnedCost::new(Box::new(cost), BLOCK);
         Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
     },
 )

@@ -62,7 +62,7 @@ fn image(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result
     let mut env = entry.make(&config)?;
     let mut row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let options = ResetOptions { variation: Some(vary.to_vec()), ..ResetOptions::default() };
-    env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options })?;
+    env.reset(&Episode::new(EpisodeSeed::new(1), &options))?;
     env.observe(&mut row.rows_mut());
     Ok(row.get::<u8>(PIXELS)?.to_vec())
 }

@@ -221,7 +221,7 @@ impl Run {
     }
 
     pub(super) fn reset(&mut self, options: &ResetOptions) -> Result<()> {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(0), options))?;
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
         Ok(())

@@ -32,7 +32,7 @@ pub const POLICIES: &[PolicyEntry] = &[
             let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
             let cost = cost.with_aggregate(aggregate);
             let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
-            let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_PLANNERS };
+            let learned = LearnedCost::new(Box::new(cost), action_block).scaled(scale).with_settings(OF_PLANNERS);
             let policy = plan_on(context, learned, given.rest);
             Ok(Box::new(policy.map_err(|error| args.wrong(error.to_string()))?))
         },

@@ -14,6 +14,7 @@ const OBSERVED: [&str; 3] = ["observation", "state", "proprio"];
 /// Which columns are observed, and the bounds of actions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Interface {
     /// The observed columns, in their order.
     pub columns: Vec<String>,

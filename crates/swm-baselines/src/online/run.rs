@@ -17,6 +17,7 @@ use crate::train::{Checkpoint, RUN_VERSION, RunFolder, Which, step_of};
 /// An online run, but for its weights and episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct OnlineConfig {
     /// [`RUN_VERSION`].
     pub version: u32,
@@ -69,6 +70,7 @@ pub(crate) fn online_agent(run: &RunFolder) -> Result<Option<String>, BaselineEr
 }
 
 /// A trained agent and what it must be used with.
+#[non_exhaustive]
 pub struct TrainedAgent {
     /// The agent.
     pub agent: Box<dyn OnlineAgent>,

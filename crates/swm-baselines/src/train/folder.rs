@@ -29,6 +29,7 @@ pub struct RunFolder {
 
 /// A checkpoint that is whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Checkpoint<S> {
     /// Optimizer steps before it.
     pub step: u64,

@@ -40,6 +40,7 @@ impl Part {
 
 /// What there is to say after some steps.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Record {
     /// What it is about.
     pub part: Part,

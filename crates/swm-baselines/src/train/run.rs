@@ -21,6 +21,7 @@ pub const RUN_VERSION: u32 = 1;
 /// A run, but for its weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct RunConfig {
     /// [`RUN_VERSION`].
     pub version: u32,
@@ -55,6 +56,7 @@ impl RunConfig {
 
 /// Which checkpoint of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Which {
     /// The last.
     #[default]

@@ -321,9 +321,17 @@ impl ResetOptions {
 
 /// One episode, as its environment sees it at reset.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Episode<'a> {
     /// Where its randomness comes from.
     pub seed: EpisodeSeed,
     /// What was asked for.
     pub options: &'a ResetOptions,
+}
+
+impl<'a> Episode<'a> {
+    /// The episode of `seed`, reset as `options` say.
+    pub fn new(seed: EpisodeSeed, options: &'a ResetOptions) -> Self {
+        Self { seed, options }
+    }
 }

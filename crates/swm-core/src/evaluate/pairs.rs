@@ -70,6 +70,7 @@ impl Default for ManifestOptions {
 }
 
 /// Recorded rows to sample pairs from.
+#[non_exhaustive]
 pub struct RecordedPairs<'a> {
     /// The episodes.
     pub source: &'a mut dyn Dataset,
@@ -83,6 +84,13 @@ pub struct RecordedPairs<'a> {
     pub held_out: f64,
     /// The pairs themselves, in place of sampled ones: then `goal_offset`, `held_out` and the number of pairs do not count.
     pub chosen: Option<Vec<ChosenPair>>,
+}
+
+impl<'a> RecordedPairs<'a> {
+    /// Pairs of all episodes of `source`, whose file has this name and SHA-256; goals lie 25 rows after starts.
+    pub fn new(source: &'a mut dyn Dataset, name: String, hash: String) -> Self {
+        Self { source, name, hash, goal_offset: 25, held_out: 1.0, chosen: None }
+    }
 }
 
 /// Whether an episode of a dataset is held out from training and kept for evaluation: a share of all episodes, by a hash
@@ -191,7 +199,7 @@ impl<'a> Sample<'a> {
     fn stand(&mut self, pair: &mut Pair) -> Result<[bool; 2], WorldError> {
         let options = pair.reset()?;
         let seed = EpisodeSeed::new(pair.seed as u64);
-        let outcome = self.env.reset(&Episode { seed, options: &options })?;
+        let outcome = self.env.reset(&Episode::new(seed, &options))?;
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
         let row = self.row.row(0);

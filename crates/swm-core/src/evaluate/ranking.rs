@@ -145,7 +145,7 @@ pub fn action_ranking(
 }
 
 fn reset(env: &mut dyn Env, seed: u64, index: u64, options: &ResetOptions) -> Result<(), EnvError> {
-    env.reset(&Episode { seed: EpisodeSeed::of(seed, index), options }).map(drop)
+    env.reset(&Episode::new(EpisodeSeed::of(seed, index), options)).map(drop)
 }
 
 /// An episode and one of its rows that `horizon` others follow, uniformly.

@@ -106,7 +106,7 @@ impl WorldModel for StateModel {
             start.insert((*name).to_owned(), Value { shape: field.shape.clone(), ..Value::vector(numbers) });
         }
         let options = ResetOptions { start: Some(start), ..defaults() };
-        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(0), &options))?;
         self.action.set(action.iter().map(|number| number * gain))?;
         self.env.step(self.action.as_slice())?;
         self.env.observe(&mut self.row.rows_mut());

@@ -158,7 +158,7 @@ impl Maker<'_> {
 
     fn begin(&mut self, pair: u64, options: &ResetOptions) -> Result<(), BoxError> {
         let seed = EpisodeSeed::of(self.options.seed, pair);
-        self.env.reset(&Episode { seed, options })?;
+        self.env.reset(&Episode::new(seed, options))?;
         Ok(())
     }
 

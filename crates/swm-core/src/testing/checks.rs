@@ -35,7 +35,7 @@ impl Bench {
     }
 
     fn try_reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), EnvError> {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options))?;
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
         Ok(())

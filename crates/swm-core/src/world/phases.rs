@@ -33,7 +33,7 @@ pub(super) type OptionsOf<'a> = &'a (dyn Fn(usize, u64) -> &'a ResetOptions + Sy
 
 /// Checkpoints that have room for the states of this kind of environment, as one reset tells.
 pub(super) fn checkpoints(slot: &mut Slot, every: usize) -> Result<Checkpoints, EnvError> {
-    slot.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &ResetOptions::default() })?;
+    slot.env.reset(&Episode::new(EpisodeSeed::new(0), &ResetOptions::default()))?;
     slot.env.snapshot(&mut slot.saved)?;
     Ok(Checkpoints::for_states_of(slot.saved.bytes().len(), every))
 }
@@ -122,7 +122,7 @@ impl Slot {
         out: &mut RowsMut<'_>,
     ) -> Result<(), EnvError> {
         episode.seed = options.seed.unwrap_or(episode.seed);
-        let outcome = self.env.reset(&Episode { seed: episode.seed, options })?;
+        let outcome = self.env.reset(&Episode::new(episode.seed, options))?;
         self.env.write_episode(out);
         self.env.observe(out);
         if let Some(frames) = rules.frames {

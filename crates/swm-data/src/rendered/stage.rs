@@ -219,9 +219,7 @@ impl Stage {
         let mut options = options.map_err(|error| replay_error(dataset, episode, 0, error.to_string()))?;
         options.variation_values.extend(script.factors.clone());
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
-        self.sim
-            .reset(&Episode { seed, options: &options })
-            .map_err(|error| failed(dataset, episode, 0, &error))?;
+        self.sim.reset(&Episode::new(seed, &options)).map_err(|error| failed(dataset, episode, 0, &error))?;
         self.sim.write_episode(&mut self.observed.rows_mut());
         self.sim.observe(&mut self.observed.rows_mut());
         if script.verify {

@@ -111,7 +111,7 @@ impl Bench {
     }
 
     fn reset(&mut self, options: &ResetOptions) {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options }).unwrap();
+        self.env.reset(&Episode::new(EpisodeSeed::new(0), options)).unwrap();
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
     }
@@ -281,7 +281,7 @@ fn starts_from_observations_show_them_again() {
         assert!(largest <= 1e-6, "{}: {again:?} instead of {seen:?}", entry.id);
         let wrong = |options: &ResetOptions| {
             let mut bench = Bench::new(entry, None, &serde_json::json!({}));
-            bench.env.reset(&Episode { seed: EpisodeSeed::new(0), options }).unwrap_err().to_string()
+            bench.env.reset(&Episode::new(EpisodeSeed::new(0), options)).unwrap_err().to_string()
         };
         let message = wrong(&options("qpos", &values));
         assert!(message.contains("needs the column `simulator_state` or `state`"), "{message}");
@@ -315,7 +315,7 @@ fn fast_images_look_like_exact_ones() {
             for seed in 0..3 {
                 let options = ResetOptions { seed: None, ..ResetOptions::default() }.vary(&["all"]);
                 for bench in &mut benches {
-                    bench.env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
+                    bench.env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
                     for _ in 0..5 {
                         bench.step(1.0);
                     }

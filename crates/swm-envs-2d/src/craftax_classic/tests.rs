@@ -46,7 +46,7 @@ impl Game {
         for (name, value) in constants {
             options = options.fix(factor(name), Value::from_json(name, value).unwrap());
         }
-        env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(0), &options)).unwrap();
         let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
         let mut game = Self { env, row };
         game.env.observe(&mut game.row.rows_mut());
@@ -144,6 +144,6 @@ fn foreign_states_and_actions_are_refused() {
     assert!(env.restore(&state).is_ok());
     let row = [("state".to_owned(), Value::vector(&[0_i64; 21]))];
     let options = ResetOptions { start: Some(row.into()), ..ResetOptions::default() };
-    let error = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err().to_string();
+    let error = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err().to_string();
     assert!(error.contains("without a goal"), "{error}");
 }

@@ -48,8 +48,7 @@ fn wrong_settings_and_starts_are_refused() {
     let mut env = Piecewise::new(&EnvConfig::default()).unwrap();
     let row = [("state".to_owned(), Value::vector(&[300.0_f32, 20.0]))];
     let options = ResetOptions { start: Some(row.into()), ..ResetOptions::default() };
-    let message =
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err().to_string();
+    let message = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err().to_string();
     assert!(message.contains("`state`") && message.contains("224"), "{message}");
     assert!(env.step(Slice::F32(&[f32::NAN, 0.0])).is_err());
 }
@@ -61,7 +60,7 @@ fn a_target_is_as_far_as_the_task_asks() {
         let options = ResetOptions::default()
             .vary(&["agent.position", "target.position"])
             .fix("task.min_steps", Value::scalar(20_i64));
-        env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
         assert!(env.task_cost().unwrap() >= 100.0, "seed {seed}");
     }
 }

@@ -9,7 +9,7 @@ use swm_core::{
 use super::{POINT_MAZE, PointMaze};
 
 fn reset(env: &mut PointMaze, options: &ResetOptions) -> Result<(), String> {
-    let episode = Episode { seed: EpisodeSeed::new(3), options };
+    let episode = Episode::new(EpisodeSeed::new(3), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
 

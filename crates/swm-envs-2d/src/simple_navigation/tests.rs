@@ -70,7 +70,7 @@ fn actions_turn_and_walk_and_walls_stop() {
     let goal = [("state".to_owned(), Value::vector(&[7_i64, 1, 0, 7, 1]))];
     let options =
         ResetOptions { start: Some(start.into()), goal: Some(goal.into()), ..ResetOptions::default() };
-    env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+    env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     assert_eq!(env.task_cost(), Some(3.0));
     let mut step = |action: i64| {
         let outcome = env.step(Slice::I64(&[action])).unwrap();
@@ -90,7 +90,7 @@ fn the_last_row_of_an_episode_is_a_start_too() {
     let mut env = SimpleNavigation::new(&EnvConfig::default()).unwrap();
     let start = [("state".to_owned(), Value::vector(&[7_i64, 7, 2, 7, 7]))];
     let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() }.vary(&[]);
-    let outcome = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+    let outcome = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     assert_eq!((outcome.success, env.task_cost()), (Some(true), Some(0.0)));
 }
 
@@ -100,7 +100,7 @@ fn wrong_starts_mazes_and_actions_are_refused() {
     let mut refused = |start: Vec<(&str, Value)>| {
         let start = start.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         let options = ResetOptions { start: Some(start), ..ResetOptions::default() };
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err().to_string()
+        env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err().to_string()
     };
     let state = |x: i64, y: i64| ("state", Value::vector(&[x, y, 0, 7, 7]));
     let message = refused(vec![state(8, 1)]);
@@ -115,7 +115,7 @@ fn wrong_starts_mazes_and_actions_are_refused() {
     assert!(refused(vec![]).contains("needs the column `state`"));
     assert!(env.step(Slice::I64(&[3])).unwrap_err().to_string().contains("no action"));
     let options = ResetOptions::default().vary(&[]).fix("agent.position", Value::vector(&[2_i64, 2]));
-    let error = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err();
+    let error = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err();
     assert!(error.to_string().contains("no wall (cells of odd column and row never are)"), "{error}");
 }
 

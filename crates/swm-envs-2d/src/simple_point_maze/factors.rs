@@ -139,7 +139,7 @@ impl Factors {
             let placed = place(env, &fov, episode, &still.collect::<Vec<_>>())?;
             options = options.fix("walls.positions", placed);
         }
-        let episode = Episode { seed: episode.seed, options: &options };
+        let episode = Episode::new(episode.seed, &options);
         match [start.is_some(), goal.is_some()] {
             [false, false] => self.space.sample(env, &episode),
             recorded => factors(recorded).with_defaults(env, &self.defaults)?.sample(env, &episode),

@@ -51,7 +51,7 @@ fn sampled_walls_lie_in_the_room_clear_of_what_stands_still() {
     for seed in 0..200 {
         for vary in [&["walls"][..], &["all"], &["walls.positions", "goal.position"]] {
             let options = ResetOptions::default().vary(vary);
-            env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options })
+            env.reset(&Episode::new(EpisodeSeed::new(seed), &options))
                 .unwrap_or_else(|error| panic!("seed {seed}, {vary:?}: {error}"));
         }
     }
@@ -64,7 +64,7 @@ fn wrong_settings_starts_and_places_are_refused() {
     assert!(SIMPLE_POINT_MAZE.make(&config).is_err());
     let mut env = env();
     let mut reset = |options: &ResetOptions| {
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options }).map(|_| ()).map_err(|error| match error {
+        env.reset(&Episode::new(EpisodeSeed::new(1), options)).map(|_| ()).map_err(|error| match error {
             EnvError::Reset { reason, .. } | EnvError::Constraint { reason, .. } => reason,
             other => panic!("{other}"),
         })
@@ -83,7 +83,7 @@ fn a_recorded_position_starts_and_ends_an_episode() {
     let mut env = env();
     let row = |x: f32, y: f32| Some([("state".to_owned(), Value::vector(&[x, y]))].into());
     let options = ResetOptions { start: row(0.5, 0.6), goal: row(0.5, 1.0), ..ResetOptions::default() };
-    env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+    env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     assert!((env.task_cost().unwrap() - 0.4).abs() < 1e-6);
     let first = env.step(Slice::F32(&[0.0, 0.1])).unwrap();
     assert_eq!((first.reward, first.terminated), (-0.01, false));

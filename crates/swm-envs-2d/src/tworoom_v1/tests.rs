@@ -28,7 +28,7 @@ fn env(config: &EnvConfig) -> (TwoRoom, Batch) {
 }
 
 fn reset(env: &mut TwoRoom, options: &ResetOptions) -> Result<(), String> {
-    let episode = Episode { seed: EpisodeSeed::new(0), options };
+    let episode = Episode::new(EpisodeSeed::new(0), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
 
@@ -268,13 +268,12 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
 fn drawing_agent_position_alone_fails_about_every_other_time() {
     let (mut env, _) = env(&EnvConfig::default());
     let options = ResetOptions::default().vary(&["agent.position"]);
-    let failures = (0..60)
-        .filter(|&seed| env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options }).is_err())
-        .count();
+    let failures =
+        (0..60).filter(|&seed| env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).is_err()).count();
     assert!((15..45).contains(&failures), "{failures} of 60");
     let both = ResetOptions::default().vary(&["agent.position", "goal.position"]);
     for seed in 0..60 {
-        env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &both }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(seed), &both)).unwrap();
     }
 }
 
@@ -365,7 +364,7 @@ fn between_solid_walls_the_expert_fails_only_where_no_door_leads_through() {
     for options in [ResetOptions::default(), ResetOptions::default().vary(&["all"])] {
         let result = evaluate("expert", true, &options);
         for (&seed, success) in result.seeds.iter().zip(&result.episode_successes) {
-            let episode = Episode { seed: EpisodeSeed::new(seed as u64), options: &options };
+            let episode = Episode::new(EpisodeSeed::new(seed as u64), &options);
             let fov = factors().sample(TWO_ROOM.id, &episode).unwrap();
             let setup = setup(&fov, &Settings::default());
             // A door may reach beyond the wall's end, which leaves a part of it.

@@ -33,7 +33,7 @@ impl Bench {
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), EnvError> {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options })?;
+        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options))?;
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
         Ok(())
@@ -224,7 +224,7 @@ fn a_way_leads_through_a_door_along_the_border() {
 
 fn leads_to_its_target(seed: u64) -> Result<(), TestCaseError> {
     let options = ResetOptions::default().vary(&["all"]);
-    let fov = factors().sample("test", &Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
+    let fov = factors().sample("test", &Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
     let room = Room::new(&fov);
     let target = fov.vector::<f32, 2>("target.position").map(f64::from);
     let mut agent: [f32; 2] = fov.vector("agent.position");
@@ -312,8 +312,7 @@ fn the_expert_solves_what_can_be_solved_under_all_factors() {
     let (mut solvable, mut solved) = (0, 0);
     for (episode, &success) in evaluation.episode_successes.iter().enumerate() {
         bench.reset(EpisodeSeed::of(SEED, episode as u64).value() as u64, &options).unwrap();
-        let fov = factors()
-            .sample("test", &Episode { seed: EpisodeSeed::of(SEED, episode as u64), options: &options });
+        let fov = factors().sample("test", &Episode::new(EpisodeSeed::of(SEED, episode as u64), &options));
         let [agent, target] = ["state", "goal_state"].map(|field| bench.pair(field).map(f64::from));
         let can_be = route::way(&Room::new(&fov.unwrap()), agent, target).succeeds;
         solvable += u32::from(can_be);

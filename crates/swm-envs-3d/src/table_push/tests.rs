@@ -46,7 +46,7 @@ fn pushed(factors: &[(&str, f64)], steps: usize) -> State {
     for (name, value) in factors {
         options = options.fix(name, Value::scalar(*value));
     }
-    env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+    env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     for _ in 0..steps {
         env.step(Slice::F32(&[1.0, 0.0])).unwrap();
     }
@@ -84,7 +84,7 @@ fn objects_slide_to_rest_and_fall_off_the_edge() {
         let goal = State::at_rest([-0.2, 0.2, 0.024], 0.0, [0.0, 0.0]);
         let goal = Some([("state".to_owned(), Value::vector(&goal.to_row()))].into());
         let options = ResetOptions { start, goal, ..ResetOptions::default() }.vary(&[]);
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
         let mut ended = false;
         for _ in 0..steps {
             ended |= env.step(Slice::F32(&[0.0, 0.0])).unwrap().terminated;
@@ -111,7 +111,7 @@ fn every_row_of_an_episode_starts_one() {
         let state = State { position: [goal[0], goal[1], 0.024], ..pushed };
         let start = Some([("state".to_owned(), Value::vector(&state.to_row()))].into());
         let options = ResetOptions { start, ..ResetOptions::default() }.vary(&[]);
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap();
+        env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
         assert_eq!(*env.state(), state);
     }
 }
@@ -123,7 +123,7 @@ fn wrong_settings_starts_and_actions_are_refused() {
     assert!(TABLE_PUSH.make(&config).is_err());
     let mut env = TablePush::new(&EnvConfig::default()).unwrap();
     let mut message = |options: &ResetOptions| {
-        env.reset(&Episode { seed: EpisodeSeed::new(1), options }).unwrap_err().to_string()
+        env.reset(&Episode::new(EpisodeSeed::new(1), options)).unwrap_err().to_string()
     };
     let row = [("state".to_owned(), Value::vector(&[0.0; 17]))];
     let start = ResetOptions { start: Some(row.into()), ..ResetOptions::default() };

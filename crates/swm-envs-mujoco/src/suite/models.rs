@@ -244,7 +244,7 @@ mod tests {
         for domain in DOMAINS {
             let (mut models, space) = Models::new(domain, domain.tasks[0].name, false).unwrap();
             let options = ResetOptions::default().vary(&["all"]);
-            let episode = Episode { seed: EpisodeSeed::new(5), options: &options };
+            let episode = Episode::new(EpisodeSeed::new(5), &options);
             let fov = space.sample(domain.id, &episode).unwrap();
             models.model(&fov).unwrap();
             let lent = models.textured_model(&fov).unwrap();

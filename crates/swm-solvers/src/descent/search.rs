@@ -183,16 +183,8 @@ impl<'a, 'w> Search<'a, 'w> {
 
     /// Reports iteration `number`.
     pub(crate) fn show(&self, number: usize, trace: &mut dyn Trace) {
-        trace.iteration(&Iteration {
-            number,
-            keys: self.problem.keys,
-            candidates: self.candidates(),
-            costs: self.costs,
-            elites: 0,
-            mean: &[],
-            std: &[],
-            gradient: self.gradient,
-        });
+        let done = Iteration::new(number, self.problem.keys, self.candidates(), self.costs);
+        trace.iteration(&done.with_gradient(self.gradient));
     }
 
     /// Resets the optimizer.

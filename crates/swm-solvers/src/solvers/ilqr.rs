@@ -123,16 +123,8 @@ impl SolverConfig for Ilqr {
             for (iterations, done) in plan.iterations.iter_mut().zip(done.chunks_exact(samples)) {
                 *iterations += u32::from(done.contains(&0));
             }
-            trace.iteration(&Iteration {
-                number: iteration,
-                keys: problem.keys,
-                candidates: problem.candidates(points, samples),
-                costs,
-                elites: 0,
-                mean: &[],
-                std: &[],
-                gradient: &[],
-            });
+            let candidates = problem.candidates(points, samples);
+            trace.iteration(&Iteration::new(iteration, problem.keys, candidates, costs));
             if !done.contains(&0) {
                 break;
             }

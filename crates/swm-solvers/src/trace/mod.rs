@@ -35,6 +35,7 @@ pub trait Trace: Send {
 
 /// One iteration of one solve: all its episodes.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Iteration<'a> {
     /// Its number, from 0.
     pub number: usize,
@@ -54,7 +55,25 @@ pub struct Iteration<'a> {
     pub gradient: &'a [f32],
 }
 
-impl Iteration<'_> {
+impl<'a> Iteration<'a> {
+    /// Iteration `number` of a solver without elites, distribution and gradient.
+    pub fn new(number: usize, keys: &'a [PlanKey], candidates: Candidates<'a>, costs: &'a [f64]) -> Self {
+        Self { number, keys, candidates, costs, elites: 0, mean: &[], std: &[], gradient: &[] }
+    }
+
+    /// The same, of a solver that samples from a distribution and uses the cheapest `elites` candidates; `mean` and `std`,
+    /// `[B, H, D]`, are those after this iteration.
+    #[must_use]
+    pub fn with_distribution(self, elites: usize, mean: &'a [f32], std: &'a [f32]) -> Self {
+        Self { elites, mean, std, ..self }
+    }
+
+    /// The same, of a solver that uses the derivative of the costs, `[B, S, H, D]`.
+    #[must_use]
+    pub fn with_gradient(self, gradient: &'a [f32]) -> Self {
+        Self { gradient, ..self }
+    }
+
     /// The costs of `episode`: `[S]`.
     pub fn costs_of(&self, episode: usize) -> &[f64] {
         let samples = self.candidates.samples;

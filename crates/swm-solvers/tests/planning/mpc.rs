@@ -208,7 +208,7 @@ fn learned_costs_see_candidates_as_they_are_executed() {
     let seen_with = |settings: serde_json::Value| {
         let seen = Arc::new(Mutex::new(Vec::new()));
         let cost = Box::new(Sum { seen: Arc::clone(&seen) });
-        let learned = LearnedCost { cost, action_block: 1, scale: None, settings: &[] };
+        let learned = LearnedCost::new(cost, 1);
         let config = EnvConfig::default();
         let context = PolicyContext::new(&TOY, &config);
         let given = settings.as_object().expect("settings").clone();

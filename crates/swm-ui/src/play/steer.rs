@@ -44,7 +44,7 @@ impl Steer {
         }
         let options = ResetOptions::default();
         for seed in 0..STARTS {
-            env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options })?;
+            env.reset(&Episode::new(EpisodeSeed::new(seed), &options))?;
             if env.places().is_empty() {
                 return Ok(None);
             }

@@ -56,7 +56,7 @@ impl EvalManifest<'_> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
         note_rewards_only(entry, &manifest.success, output);
-        let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
+        let candidate = Candidate::new(policy_args(self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
@@ -150,7 +150,7 @@ impl EvalManifest<'_> {
     pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
-        let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
+        let candidate = Candidate::new(policy_args(self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         let others = self.wanted(registry, entry, &manifest, &candidate)?;
         let mut cells = 1;
@@ -177,7 +177,7 @@ impl EvalManifest<'_> {
         let mut all = roles(registry, entry, manifest, candidate);
         if let Some(text) = self.oracle {
             all.retain(|(role, _)| *role != Role::Oracle);
-            let oracle = Candidate { policy: policy_args(text)?, seed: candidate.seed };
+            let oracle = Candidate::new(policy_args(text)?).seeded(candidate.seed);
             all.push((Role::Oracle, oracle.on(registry, entry, manifest)));
         }
         let is_wanted = |role: &Role| {

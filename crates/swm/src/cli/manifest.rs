@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Map, Value as Json, json};
-use swm_core::evaluate::{ChosenPair, ManifestOptions, RecordedPairs, Tier, make_manifest};
+use swm_core::evaluate::{ChosenPair, ManifestOptions, Tier, make_manifest};
 use swm_core::{EnvConfig, EnvEntry, Manifest, Registry, SuccessRule};
 
 use super::args::{EnvArgs, ImageArg};
@@ -14,7 +14,7 @@ use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
 use super::{Failure, Output, usage};
 use crate::distractors;
-use crate::evaluation::{TierRules, file_hash, read_manifest, tier_rules, write_manifest};
+use crate::evaluation::{TierRules, read_manifest, recorded_pairs, tier_rules, write_manifest};
 
 /// Actions allowed per episode, online and on recorded pairs (the reference's).
 const BUDGET_ONLINE: u64 = 200;
@@ -191,14 +191,13 @@ impl Make {
             rest: rules.rest,
         };
         let pairs = match (&mut dataset, &self.dataset) {
-            (Some(dataset), Some(path)) => Some(RecordedPairs {
-                source: dataset,
-                name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-                hash: file_hash(path)?,
-                goal_offset: self.goal_offset,
-                held_out: self.held_out,
-                chosen: self.pairs.clone(),
-            }),
+            (Some(dataset), Some(path)) => {
+                let mut recorded = recorded_pairs(dataset, path)?;
+                recorded.goal_offset = self.goal_offset;
+                recorded.held_out = self.held_out;
+                recorded.chosen.clone_from(&self.pairs);
+                Some(recorded)
+            }
             _ => None,
         };
         let mut manifest = make_manifest(entry, &config, &options, pairs)?;

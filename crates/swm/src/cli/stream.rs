@@ -62,7 +62,7 @@ impl Stream {
                 pair.vary.get_or_insert_with(|| drawn.clone()).extend(phase.vary.clone());
             }
             let reset = pair.reset()?;
-            env.reset(&Episode { seed: EpisodeSeed::new(pair.seed as u64), options: &reset })?;
+            env.reset(&Episode::new(EpisodeSeed::new(pair.seed as u64), &reset))?;
             env.write_episode(&mut row.rows_mut());
             env.observe(&mut row.rows_mut());
             pair.witness = witness(&spec, row.row(0));

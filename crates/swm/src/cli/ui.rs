@@ -115,7 +115,7 @@ impl Commands for Own {
         manifest: &Manifest,
         (policy, seed): swm_ui::Candidate,
     ) -> swm_ui::Candidate {
-        let candidate = Candidate { policy, seed };
+        let candidate = Candidate::new(policy).seeded(seed);
         let oracle = match registry.env(&manifest.env) {
             Ok(entry) => candidate.oracle(registry, entry, manifest),
             // That the environment is unknown is said when it is made.

@@ -162,8 +162,8 @@ fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use swm_core::EpisodeSeed;
     use swm_core::view::Scratch;
+    use swm_core::{EpisodeSeed, ImageSize};
 
     use super::*;
 
@@ -182,16 +182,14 @@ mod tests {
     fn shown(text: &str, seed: u64, step: u64) -> Vec<u8> {
         let mut pixels = image();
         let mut scratch = Scratch::default();
-        let seed = EpisodeSeed::new(seed);
-        parse(text).unwrap().apply(&mut Frame {
-            pixels: &mut pixels,
-            height: SIDE,
-            width: SIDE,
-            seed,
-            step,
-            view: 0,
-            scratch: &mut scratch,
-        });
+        let mut frame = Frame::new(
+            &mut pixels,
+            ImageSize { height: SIDE, width: SIDE },
+            EpisodeSeed::new(seed),
+            &mut scratch,
+        );
+        frame.step = step;
+        parse(text).unwrap().apply(&mut frame);
         pixels
     }
 

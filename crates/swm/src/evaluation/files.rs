@@ -6,13 +6,26 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::Manifest;
+use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
+use swm_core::evaluate::RecordedPairs;
 
+use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
 use crate::text_file::read_text;
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
+
+/// Pairs of the dataset at `path`, opened as `source`: its name, its hash, and the rest as [`RecordedPairs::new`] has it.
+///
+/// # Errors
+///
+/// The file cannot be read.
+pub fn recorded_pairs<'a>(source: &'a mut dyn Dataset, path: &Path) -> Result<RecordedPairs<'a>, BoxError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(RecordedPairs::new(source, name, file_hash(path)?))
+}
 
 /// Reads a manifest: JSON if the name ends so, else TOML. One that was changed after it was written is refused, unless the
 /// line with its hash was taken out.

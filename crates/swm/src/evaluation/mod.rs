@@ -20,7 +20,7 @@ mod verify;
 
 pub use cells::CellLedger;
 pub use compare::{Compared, Side, compare};
-pub use files::{read_manifest, read_receipt, write_manifest, write_receipt};
+pub use files::{read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;
 pub use image_model::ImageModel;

@@ -53,7 +53,7 @@ pub fn fingerprints(
     let pixels = row.schema().index("pixels");
     let reset = manifest.pairs.first().ok_or("the manifest holds no pairs")?.reset()?;
     let seed = reset.seed.unwrap_or(EpisodeSeed::new(0));
-    env.reset(&Episode { seed, options: &reset })?;
+    env.reset(&Episode::new(seed, &reset))?;
     env.write_episode(&mut row.rows_mut());
     let mut action = Column::zeros(spec.action.dtype().unwrap_or(Dtype::F32), spec.action.dim());
     let (mut rows, mut images) = (String::new(), Vec::new());

@@ -17,6 +17,7 @@ use crate::distractors;
 
 /// A policy, and the seed of its noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Candidate {
     /// The policy's name and arguments.
     pub policy: PolicyArgs,
@@ -29,6 +30,12 @@ impl Candidate {
     /// The policy as it is asked for, without a seed.
     pub fn new(policy: PolicyArgs) -> Self {
         Self { policy, seed: 0 }
+    }
+
+    /// The same, with noise of this seed.
+    #[must_use]
+    pub fn seeded(self, seed: u64) -> Self {
+        Self { seed, ..self }
     }
 
     /// The policy as it is run on `manifest`. A planner on the true dynamics is told to look past the environment's own

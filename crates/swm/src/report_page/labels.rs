@@ -81,10 +81,7 @@ mod tests {
     fn named(results: &[(&str, &str, u64)]) -> Vec<String> {
         let candidates: Vec<Candidate> = results
             .iter()
-            .map(|(_, policy, seed)| Candidate {
-                seed: *seed,
-                ..Candidate::new(PolicyArgs::parse(policy).unwrap())
-            })
+            .map(|(_, policy, seed)| Candidate::new(PolicyArgs::parse(policy).unwrap()).seeded(*seed))
             .collect();
         let results: Vec<_> = results
             .iter()

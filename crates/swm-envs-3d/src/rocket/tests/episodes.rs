@@ -40,7 +40,7 @@ fn the_expert_lands() {
 }
 
 fn reset(env: &mut RocketLanding, options: &ResetOptions) -> Result<(), String> {
-    let episode = Episode { seed: EpisodeSeed::new(3), options };
+    let episode = Episode::new(EpisodeSeed::new(3), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
 

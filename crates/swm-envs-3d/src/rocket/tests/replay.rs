@@ -116,7 +116,7 @@ impl Bench {
     }
 
     fn reset(&mut self, options: &ResetOptions) {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options }).unwrap();
+        self.env.reset(&Episode::new(EpisodeSeed::new(0), options)).unwrap();
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
     }

@@ -100,7 +100,7 @@ impl Trial {
 
     /// Why the environment does not take a reset, if it does not.
     fn refusal(&mut self, pair: &Pair, options: &ResetOptions) -> Result<Option<String>, BoxError> {
-        match self.env.reset(&Episode { seed: EpisodeSeed::new(pair.seed as u64), options }) {
+        match self.env.reset(&Episode::new(EpisodeSeed::new(pair.seed as u64), options)) {
             Ok(_) => Ok(None),
             Err(error @ (EnvError::Constraint { .. } | EnvError::Reset { .. })) => {
                 Ok(Some(error.to_string()))
