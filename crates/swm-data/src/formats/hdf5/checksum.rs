@@ -18,7 +18,7 @@ pub(super) fn check_chunk(stored: &[u8]) -> Result<()> {
 const LANES: usize = 8;
 
 /// HDF5's checksum of chunks: Fletcher's over big-endian words of 16 bits (`H5checksum.c`).
-fn fletcher32(bytes: &[u8]) -> u32 {
+pub(super) fn fletcher32(bytes: &[u8]) -> u32 {
     let (words, rest) = bytes.as_chunks::<2>();
     let (mut low, mut high) = (0u32, 0u32);
     let fold = |sum: u32| (sum & 0xffff) + (sum >> 16);

@@ -4,13 +4,80 @@
 use std::mem;
 
 use hdf5_metno::Dataset;
-use hdf5_metno::filters::{Blosc, Filter};
+use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
 use swm_core::{Dtype, Field, Slice};
 
 use super::handles::library_error;
 use super::{blosc, checksum, ffi, library};
 use crate::dataset::EncodedRows;
 use crate::error::{Result, invalid};
+
+/// Compression of rows as a column's filters do it.
+#[derive(Debug)]
+struct Compression {
+    level: u8,
+    shuffle: BloscShuffle,
+}
+
+/// Encodes rows as the library would, without its copies of each, and a row that is equal to the one before, such as the
+/// image of a goal, once.
+#[derive(Debug)]
+pub(super) struct RowEncoder {
+    compression: Compression,
+    values: Vec<u8>,
+    stored: Vec<u8>,
+    is_compressed: bool,
+}
+
+impl RowEncoder {
+    /// Writes `rows` from row `first` on, but for the last, which is left in `last`.
+    pub(super) fn append(
+        &mut self,
+        dataset: &Dataset,
+        field: &Field,
+        first: usize,
+        rows: &[u8],
+        last: &mut LastRow,
+    ) -> Result<()> {
+        for (row, values) in (first..).zip(rows.chunks_exact(field.dim())) {
+            if self.stored.is_empty() || self.values != values {
+                self.encode(values);
+            }
+            last.replace(dataset, row, &self.stored, self.is_compressed)?;
+        }
+        Ok(())
+    }
+
+    /// Sets `stored` to the stored form of a row, which stays as it is where compression would make it no smaller.
+    fn encode(&mut self, values: &[u8]) {
+        let Compression { level, shuffle } = self.compression;
+        self.stored.resize(values.len(), 0);
+        let size = ffi::compress(level, shuffle, values, &mut self.stored);
+        self.is_compressed = size > 0;
+        if self.is_compressed {
+            self.stored.truncate(size);
+        } else {
+            self.stored.copy_from_slice(values);
+        }
+        let checksum = checksum::fletcher32(&self.stored);
+        self.stored.extend_from_slice(&checksum.to_le_bytes());
+        self.values.clear();
+        self.values.extend_from_slice(values);
+    }
+}
+
+/// The encoder of a column that has an [`encoding`].
+pub(super) fn encoder(dataset: &Dataset) -> hdf5_metno::Result<Option<RowEncoder>> {
+    Ok(match dataset.dcpl()?.get_filters()?.first() {
+        Some(&Filter::Blosc(Blosc::LZ4, level, shuffle)) => Some(RowEncoder {
+            compression: Compression { level, shuffle },
+            values: Vec::new(),
+            stored: Vec::new(),
+            is_compressed: false,
+        }),
+        _ => None,
+    })
+}
 
 /// The encoding of a column of bytes whose rows are compressed each on its own, with a checksum, as ours are.
 pub(super) fn encoding(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<Option<String>> {
@@ -23,30 +90,39 @@ pub(super) fn encoding(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<O
     Ok(is_ours.then(|| format!("hdf5 {filters:?}")))
 }
 
-/// The last row of a column that came as it is stored. The library keeps a row that it is given until the next one comes
+/// The last row of a column whose rows are written as they are stored. The library keeps a row that it is given until the next one comes
 /// or the file is flushed, and only then finds a place for it in the file. So does this: the copy of a file is equal to the
 /// file that was recorded in one go in every byte.
 #[derive(Debug, Default)]
 pub(super) struct LastRow {
     row: usize,
     stored: Vec<u8>,
+    /// Whether `stored` is compressed, or the values themselves; a checksum follows either.
+    is_compressed: bool,
 }
 
 impl LastRow {
     /// Writes rows from `first` on, but for the last.
     pub(super) fn append(&mut self, dataset: &Dataset, first: usize, rows: &EncodedRows) -> Result<()> {
         for (index, stored) in rows.iter().enumerate() {
-            self.write(dataset)?;
-            self.row = first + index;
-            self.stored.extend_from_slice(stored);
+            self.replace(dataset, first + index, stored, true)?;
         }
+        Ok(())
+    }
+
+    /// Writes the row, as it is, if there is one, and keeps another in its place.
+    fn replace(&mut self, dataset: &Dataset, row: usize, stored: &[u8], is_compressed: bool) -> Result<()> {
+        self.write(dataset)?;
+        self.row = row;
+        self.is_compressed = is_compressed;
+        self.stored.extend_from_slice(stored);
         Ok(())
     }
 
     /// Writes the row, as it is, if there is one.
     pub(super) fn write(&mut self, dataset: &Dataset) -> Result<()> {
         if !self.stored.is_empty() {
-            ffi::write_row(dataset, self.row, &self.stored).map_err(library_error)?;
+            ffi::write_row(dataset, self.row, &self.stored, self.is_compressed).map_err(library_error)?;
             self.stored.clear();
         }
         Ok(())
@@ -57,18 +133,68 @@ impl LastRow {
         let mut stored = mem::take(&mut self.stored);
         if let Some((bytes, _)) = stored.split_last_chunk::<{ checksum::BYTES }>() {
             let mut values = vec![0; field.dim()];
-            let decoded = blosc::decode(
-                bytes,
-                values.len(),
-                0..values.len(),
-                &mut values,
-                &mut blosc::Scratch::default(),
-            );
-            decoded.map_err(|reason| invalid(format!("its chunk is {reason}")))?;
+            if self.is_compressed {
+                let mut scratch = blosc::Scratch::default();
+                let decoded = blosc::decode(bytes, values.len(), 0..values.len(), &mut values, &mut scratch);
+                decoded.map_err(|reason| invalid(format!("its chunk is {reason}")))?;
+            } else {
+                values.copy_from_slice(bytes);
+            }
             library::write(dataset, field, self.row, 1, Slice::U8(&values))?;
         }
         stored.clear();
         self.stored = stored;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use swm_core::Metadata;
+
+    use super::*;
+    use crate::formats::hdf5::create;
+
+    const SIDE: usize = 40;
+    const ROW: usize = SIDE * SIDE * 3;
+
+    /// Rows that compress well, two equal ones, one that does not compress, a constant one.
+    fn rows() -> Vec<u8> {
+        let noise = |at: usize| (at as u32).wrapping_mul(2_654_435_761).rotate_left(at as u32 % 31) as u8;
+        let smooth = |row: usize| (0..ROW).map(move |at| (at / 97 * (row + 1)) as u8);
+        let rows = smooth(0).chain(smooth(1)).chain(smooth(1)).chain((0..ROW).map(noise));
+        rows.chain(smooth(3)).chain(smooth(3)).chain([7; ROW]).collect()
+    }
+
+    /// A file with one column, written as `write` does.
+    fn file(write: impl FnOnce(&Dataset, &Field)) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.h5");
+        let field = Field::step("image", Dtype::U8, &[SIDE, SIDE, 3]);
+        let handles = create::create(&path, std::slice::from_ref(&field), &Metadata::default()).unwrap();
+        create::set_rows(&handles.columns[0], rows().len() / ROW).unwrap();
+        write(&handles.columns[0], &field);
+        handles.close().unwrap();
+        fs::read(path).unwrap()
+    }
+
+    #[test]
+    fn rows_are_encoded_as_the_library_encodes_them() {
+        let by_library = file(|dataset, field| {
+            library::write(dataset, field, 0, rows().len() / ROW, Slice::U8(&rows())).unwrap();
+        });
+        for pieces in [1, 3] {
+            let by_encoder = file(|dataset, field| {
+                let mut encoder = encoder(dataset).unwrap().unwrap();
+                let mut last = LastRow::default();
+                for (index, rows) in rows().chunks(pieces * ROW).enumerate() {
+                    encoder.append(dataset, field, index * pieces, rows, &mut last).unwrap();
+                }
+                last.hand_over(dataset, field).unwrap();
+            });
+            assert!(by_encoder == by_library, "in pieces of {pieces} rows");
+        }
     }
 }

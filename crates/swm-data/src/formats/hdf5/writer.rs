@@ -9,7 +9,7 @@ use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};
-use super::encoding::{LastRow, encoding};
+use super::encoding::{LastRow, RowEncoder, encoder, encoding};
 use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
@@ -42,7 +42,8 @@ struct Given {
     column: usize,
     /// How its rows are stored, if each on its own.
     encoding: Option<String>,
-    /// The last row that came as it is stored.
+    encoder: Option<RowEncoder>,
+    /// The last row that is to be written as it is stored.
     last: LastRow,
 }
 
@@ -92,7 +93,8 @@ impl Backend for Hdf5Backend {
         let given = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
         let given = given.zip(&handles.columns).map(|(column, dataset)| {
             let encoding = encoding(dataset, &schema.fields()[column]).map_err(library_error)?;
-            Ok(Given { column, encoding, last: LastRow::default() })
+            let encoder = encoding.as_ref().map_or(Ok(None), |_| encoder(dataset)).map_err(library_error)?;
+            Ok(Given { column, encoding, encoder, last: LastRow::default() })
         });
         let given = given.collect::<Result<_>>().map_err(|error| DataError::record(path, error))?;
         Ok(Hdf5Session {
@@ -123,7 +125,8 @@ impl Session for Hdf5Session {
     ) -> Result<()> {
         let first = self.rows + at.step;
         let end = first + batch.rows();
-        for (dataset, Given { column, encoding, last }) in self.handles.columns.iter().zip(&mut self.given) {
+        for (dataset, given) in self.handles.columns.iter().zip(&mut self.given) {
+            let Given { column, encoding, encoder, last } = given;
             let field = &self.schema.fields()[*column];
             let encoded = encoded.iter().find(|(encoded, _)| encoded == column);
             let write = || {
@@ -132,9 +135,13 @@ impl Session for Hdf5Session {
                     (Some((_, rows)), Some(_)) => last.append(dataset, first, rows),
                     (Some(_), None) => Err(unsupported("its rows are not stored each on its own")),
                     (None, _) => {
-                        last.write(dataset)?;
                         let values = batch.schema().require(&field.name).map_err(FormatError::other)?;
-                        library::write(dataset, field, first, batch.rows(), batch.column(values))
+                        match (encoder, batch.column(values)) {
+                            (Some(encoder), Slice::U8(rows)) => {
+                                encoder.append(dataset, field, first, rows, last)
+                            }
+                            (_, values) => library::write(dataset, field, first, batch.rows(), values),
+                        }
                     }
                 }
             };

@@ -1,23 +1,67 @@
-//! The one call of the HDF5 library that its Rust interface lacks: a chunk as it is stored.
-#![expect(unsafe_code, reason = "a call of the C library")]
+//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, and Blosc's compression.
+#![expect(unsafe_code, reason = "calls of C libraries")]
 
+use std::ffi::c_int;
+
+use hdf5_metno::filters::BloscShuffle;
 use hdf5_metno::{Dataset, h5check, sync};
 use hdf5_metno_sys::h5::hsize_t;
 use hdf5_metno_sys::h5d::H5Dwrite_chunk;
 use hdf5_metno_sys::h5p::H5P_DEFAULT;
 
+/// The bit of the first filter in the mask of those that a chunk was stored without.
+const FIRST_FILTER: u32 = 1;
+/// Bytes of a value.
+const ELEMENT: usize = 1;
+const AUTOMATIC_BLOCKS: usize = 0;
+const ONE_THREAD: c_int = 1;
 /// No dataset has more (`H5S_MAX_RANK`).
 const MAX_DIMENSIONS: usize = 32;
 
-/// Writes the stored form of row `row` of a dataset whose chunks hold a row each, with all of its filters applied.
-pub(super) fn write_row(dataset: &Dataset, row: usize, stored: &[u8]) -> hdf5_metno::Result<()> {
+/// Writes the stored form of row `row` of a dataset whose chunks hold a row each: with all of its filters applied, or all but
+/// the first, the compression.
+pub(super) fn write_row(
+    dataset: &Dataset,
+    row: usize,
+    stored: &[u8],
+    is_compressed: bool,
+) -> hdf5_metno::Result<()> {
+    let skipped = if is_compressed { 0 } else { FIRST_FILTER };
     let mut offset: [hsize_t; MAX_DIMENSIONS] = [0; MAX_DIMENSIONS];
     offset[0] = row as hsize_t;
     // SAFETY: the dataset is open, `offset` has a value for each dimension that there can be, `stored` has as many bytes as
     // are told, and `sync` holds the lock under which every call of the library stands.
     let written = sync::sync(|| unsafe {
         let (offset, bytes) = (offset.as_ptr(), stored.as_ptr());
-        H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, 0, offset, stored.len(), bytes.cast())
+        H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, skipped, offset, stored.len(), bytes.cast())
     });
     h5check(written).map(|_| ())
+}
+
+/// Compresses `values` of one byte each by Blosc with LZ4, as the filter of the library does, and returns how many bytes of `out`
+/// they take: 0 if more than it has.
+pub(super) fn compress(level: u8, shuffle: BloscShuffle, values: &[u8], out: &mut [u8]) -> usize {
+    let shuffle = match shuffle {
+        BloscShuffle::None => 0,
+        BloscShuffle::Byte => 1,
+        BloscShuffle::Bit => 2,
+    };
+    // SAFETY: both buffers are as long as is told, the name ends with NUL, and a context of its own shares nothing with other
+    // threads.
+    let size = unsafe {
+        let (source, target) = (values.as_ptr().cast(), out.as_mut_ptr().cast());
+        blosc_src::blosc_compress_ctx(
+            c_int::from(level),
+            shuffle,
+            ELEMENT,
+            values.len(),
+            source,
+            target,
+            out.len(),
+            c"lz4".as_ptr(),
+            AUTOMATIC_BLOCKS,
+            ONE_THREAD,
+        )
+    };
+    usize::try_from(size).unwrap_or(0)
 }
