@@ -24,6 +24,9 @@ pub(crate) struct Args {
     /// Build for every Linux since glibc 2.28, with `zig`, which must be installed; else for systems like this one
     #[arg(long, conflicts_with = "dev")]
     zig: bool,
+    /// Build Lance tables in, which takes many minutes more
+    #[arg(long, conflicts_with = "dev")]
+    lance: bool,
     /// The folder for the wheel; default: `wheels` in cargo's build directory
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -56,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 /// A step of `cargo xtask ci`: the wheel of this build, alone in a virtual environment, runs an environment and passes the
 /// tests of the package.
 pub(crate) fn check() -> Result<()> {
-    let wheel = make(&Args { dev: true, zig: false, out: None })?;
+    let wheel = make(&Args { dev: true, zig: false, lance: false, out: None })?;
     let python = interop::python(&interop::WHEEL_TESTS)?;
     let mut pip = Command::new(&python);
     pip.args([
@@ -95,7 +98,7 @@ fn make(args: &Args) -> Result<PathBuf> {
     let tree = if args.dev {
         from_the_workspace(&metadata, &python, work.path())?
     } else {
-        by_maturin(args.zig, &python, work.path())?
+        by_maturin(args, &python, work.path())?
     };
     add_files(&tree.join(PACKAGE).join(FILES))?;
     pack(&python, &tree, &out)
@@ -109,11 +112,14 @@ fn maturin(python: &Path) -> Command {
 }
 
 /// Builds a wheel by maturin and unpacks it.
-fn by_maturin(zig: bool, python: &Path, work: &Path) -> Result<PathBuf> {
+fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
     let wheels = work.join("wheels");
     let mut build = maturin(python);
     build.args(["build", "--release", "--locked", "--interpreter"]).arg(python).arg("--out").arg(&wheels);
-    if zig {
+    if args.lance {
+        build.args(["--features", "lance"]);
+    }
+    if args.zig {
         build.args(["--zig", "--compatibility", "manylinux_2_28"]);
     }
     process::run(&mut build)?;

@@ -24,7 +24,7 @@ def _require(what: str) -> None:
     if not IS_BUILT:
         raise _swm.DataError(
             f"{what}: this build has no Lance tables; convert them with `swm convert` of the reference, use HDF5Dataset "
-            "and HDF5Writer, or build this package with the feature `lance`"
+            "and HDF5Writer, or build the wheel with Lance: `cargo xtask wheel --lance`"
         )
 
 
