@@ -8,10 +8,11 @@ use swm_core::Cancel;
 use swm_data::BatchOptions;
 use swm_data::loader::Position;
 
+use super::checkpoints::Checkpoint;
 use super::clips::ClipFeed;
 use super::data::{PhaseClips, TrainData};
 use super::diagnosis::Diagnosis;
-use super::folder::{Checkpoint, RunFolder};
+use super::folder::RunFolder;
 use super::metrics::{MetricSink, Part, Record};
 use super::settings::FitSettings;
 use super::sums::{Sums, values};

@@ -5,12 +5,13 @@
 //! | `session` | a training run: begin here |
 //! | `fit`, `settings` | the loop |
 //! | `data`, `clips` | clips, splits, statistics |
-//! | `folder`, `run` | files that survive a kill, and what they say |
+//! | `folder`, `checkpoints`, `run` | files that survive a kill, and what they say |
 //! | `diagnosis` | what a model is worth, measured while it trains |
 //! | `metrics`, `events` | metrics and their files |
 //!
 //! Networks, losses and optimizers are not known here: they are behind [`Baseline`](crate::Baseline).
 
+mod checkpoints;
 mod clips;
 mod data;
 mod diagnosis;
@@ -25,6 +26,7 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
+pub use checkpoints::Checkpoint;
 pub use data::{
     ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims, validation_episodes,
     with_images,
@@ -32,7 +34,7 @@ pub use data::{
 pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
-pub use folder::{Checkpoint, RunFolder, RunLock};
+pub use folder::{RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::step_of;
 pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};

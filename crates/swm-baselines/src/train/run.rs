@@ -5,9 +5,10 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::checkpoints::Checkpoint;
 use super::data::DataConfig;
 use super::fit::State;
-use super::folder::{Checkpoint, RunFolder};
+use super::folder::RunFolder;
 use super::settings::FitSettings;
 use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
