@@ -48,3 +48,46 @@ fn a_sweep_says_what_a_policy_depends_on() {
     }
     home.ok("report sweep --out sweep.html");
 }
+
+#[test]
+fn few_samples_have_few_elites() {
+    let home = task();
+    let eval = "eval --manifest task.toml --reference none --policy";
+    let quick = "iterations=1,horizon=2,receding_horizon=2,action_block=4";
+    let few = home.json(&format!("{eval} cem:samples=8,{quick}"));
+    let same = home.json(&format!("{eval} cem:samples=8,elites=4,{quick}"));
+    assert_eq!(few["episodes"], same["episodes"], "half of the samples");
+    for solver in ["mppi", "icem", "full-cem"] {
+        home.ok(&format!("{eval} {solver}:samples=8,{quick}"));
+    }
+    home.refused(&format!("{eval} cem:samples=8,elites=9,{quick}"), &["setting `elites`: 9 of 8 samples"]);
+}
+
+#[test]
+fn what_is_printed_of_a_policy_can_be_asked_for_again() {
+    let home = task();
+    home.ok(&format!("eval --manifest task.toml --policy cem:{QUICK} --reference none --out first"));
+    let shown = home.ok("compare first").out;
+    let policy = shown.split_whitespace().find(|word| word.starts_with("cem:")).expect("it names its policy");
+    let again =
+        home.json(&format!("eval --manifest task.toml --policy {policy} --reference none --out second"));
+    assert_eq!(home.json("compare first second")[1]["test"]["difference"], 0.0);
+    assert_eq!(again["candidate"]["policy"]["name"], "cem");
+    // One result is shown, and what a comparison needs is said.
+    assert!(home.ok("compare first").err.contains("name a second one"));
+}
+
+#[test]
+fn success_at_reset_is_told_next_to_the_rates() {
+    let home = Home::new();
+    home.ok("collect swm/PushT-v1 --policy weak --episodes 8 --seed 3 --max-steps 12 --image-size none --out a.h5");
+    home.ok("manifest make swm/PushT-v1 --dataset a.h5 --tier historic --goal-offset 1 --episodes 6 --budget 2 --out near.toml");
+    let receipt = home.json("eval --manifest near.toml --policy random --reference none --out near");
+    let solved = receipt["summary"]["solved_at_start"].as_u64().unwrap();
+    assert!(solved > 0 && receipt["summary"]["successes"].as_u64() >= Some(solved), "{receipt}");
+    let told = format!("({solved} with success at reset, which counts for every policy)");
+    for line in ["eval --manifest near.toml --policy random --reference none --out near", "compare near"] {
+        let shown = home.ok(line).out;
+        assert!(shown.contains(&told), "{shown}");
+    }
+}

@@ -30,3 +30,121 @@ fn what_there_is_fits_on_a_page() {
     home.ok("fovs swm/PushT-v1");
     home.ok("solvers");
 }
+
+#[test]
+fn settings_are_told_with_the_nearest() {
+    let home = Home::new();
+    let render = |rest: &str| format!("render swm/PushT-v1 --steps 0 --out a.png {rest}");
+    let near = |line: &str, word: &str| home.refused(line, &[&format!("did you mean `{word}`?")]);
+    near(&render("--policy cem:sample=100"), "samples");
+    near(&render("--policy weak:dist_constrain=3"), "dist_constraint");
+    near(&render("--env-option rendr=fast"), "render");
+    near(&render("--env-option render=fst"), "fast");
+    near(&render("--vary *.colors"), "*.color");
+    near(
+        "manifest make swm/PushT-v1 --tier moderate --image-size 32 --distractor noise:stdd=3 --out a.toml",
+        "std",
+    );
+    // What is a setting elsewhere is no factor, and is offered where it can be set.
+    home.refused(
+        "render swm/PushTRapier-v0 --steps 0 --out a.png --set friction=0.3",
+        &["`friction` is no factor", "--env-option friction=VALUE"],
+    );
+    let said = home.run(&render("--env-option frict=1"));
+    assert!(said.status == Some(2) && !said.err.contains("friction"), "PushT-v1 has none: {}", said.err);
+    for (wrong, told) in [
+        (
+            "--policy cem:samples=many",
+            "setting `samples`: must be a whole number, 0 or more; found string \"many\"",
+        ),
+        ("--env-option relative=3", "setting `relative`: must be true or false; found integer `3`"),
+    ] {
+        home.refused(&render(wrong), &[told]);
+    }
+    // A name is wrong before anything is reset.
+    let said = home.run(&render("--vary agent.colr --set block.scal=3"));
+    assert!(said.err.starts_with("error: --vary agent.colr: unknown factor"), "{}", said.err);
+    assert!(!home.path("a.png").exists());
+}
+
+#[test]
+fn names_are_checked_before_files() {
+    let home = Home::new();
+    home.ok("collect swm/PushT-v1 --episodes 2 --max-steps 3 --image-size none --out a.h5");
+    home.ok("eval swm/PushT-v1 --policy random --episodes 1 --budget 2 --videos 0 --out result");
+    let collect = "collect swm/PushT-v1 --episodes 2 --out a.h5";
+    let eval = "eval swm/PushT-v1 --out result";
+    for (line, told) in [
+        (format!("{collect} --policy wek"), "did you mean `weak`?"),
+        (format!("{collect} --vary agent.colr"), "did you mean `agent.color`?"),
+        (format!("{collect} --set agent.colr=red"), "did you mean `agent.color`?"),
+        (format!("{collect} --env-option rendr=fast"), "did you mean `render`?"),
+        (format!("{collect} --format hdf"), "did you mean `hdf5`?"),
+        (collect.to_owned(), "a.h5 exists"),
+        (format!("{eval} --policy randon"), "did you mean `random`?"),
+        (format!("{eval} --policy random --vary agent.colr"), "did you mean `agent.color`?"),
+        (format!("{eval} --policy random"), "--again"),
+        ("eval swm/PushT-v1 --policy randon --dataset no.h5".to_owned(), "did you mean `random`?"),
+        ("convert no.h5 b.h5 --format hdf".to_owned(), "did you mean `hdf5`?"),
+        ("quality swm/PushT-v1 --model tru --dataset no.h5".to_owned(), "--model tru"),
+        ("quality swm/PushT-v1 --violation state[2]=x --dataset no.h5".to_owned(), "--violation"),
+    ] {
+        home.refused(&line, &[told]);
+    }
+}
+
+#[test]
+fn files_that_cannot_be_read_are_told_by_what_is_wrong_in_them() {
+    let home = Home::new();
+    home.ok("manifest make swm/TwoRoom-v2 --tier moderate --episodes 2 --budget 4 --out good.toml");
+    let good = std::fs::read_to_string(home.path("good.toml")).unwrap();
+    let text: String =
+        good.lines().filter(|line| !line.starts_with("hash")).map(|line| format!("{line}\n")).collect();
+    let manifests = [
+        ("binary.toml", vec![0xff, 0xfe], "no text in UTF-8"),
+        ("cut.toml", b"a = 1\nb = [".to_vec(), "line 2, `b = [`"),
+        (
+            "misfit.toml",
+            text.replace("budget = 4", "budget = \"few\"").into(),
+            "`budget`: must be a whole number",
+        ),
+        ("misspelt.toml", text.replace("budget = 4", "bugdet = 4").into(), "did you mean `budget`?"),
+        ("short.toml", text.replace("budget = 4\n", "").into(), "`budget` is missing"),
+        ("misfit.json", b"{\"budget\": \"few\"}".to_vec(), "`budget`: must be a whole number"),
+    ];
+    for (name, content, told) in manifests {
+        std::fs::write(home.path(name), content).unwrap();
+        home.refused(&format!("manifest show {name}"), &[name, told]);
+        home.refused(&format!("eval --manifest {name} --policy random"), &[name, told]);
+    }
+    home.ok("eval --manifest good.toml --policy random --reference none --out result");
+    let receipt = std::fs::read_to_string(home.path("result/receipt.json")).unwrap();
+    for (content, told) in [
+        (
+            receipt.replace("\"successes\": ", "\"successes\": \"x\", \"was\": "),
+            "`summary`: must be a whole number",
+        ),
+        (receipt[..receipt.len() / 2].to_owned(), "it ends in the middle of a value"),
+        ("{}".to_owned(), "is no receipt"),
+    ] {
+        std::fs::write(home.path("result/receipt.json"), content).unwrap();
+        home.refused("compare result", &["result/receipt.json", told]);
+        home.refused("verify-result result", &["result/receipt.json", told]);
+    }
+    std::fs::write(home.path("cem.toml"), "samples = \n").unwrap();
+    home.refused("render swm/PushT-v1 --policy cem:@cem.toml --out a.png", &["cem.toml", "line 1"]);
+}
+
+#[test]
+fn copies_name_the_flags_that_they_have() {
+    let home = Home::new();
+    let collect = "collect swm/TwoRoom-v2 --episodes 2 --max-steps 4";
+    home.ok(&format!("{collect} --image-size 24 --out seen.h5"));
+    home.ok(&format!("{collect} --image-size none --out blind.h5"));
+    home.ok(&format!("{collect} --image-size none --seed 9 --out other.h5"));
+    home.refused("convert blind.h5 other.h5", &["other.h5 exists and is another dataset", "--overwrite"]);
+    home.ok("convert blind.h5 other.h5 --overwrite");
+    let told = ["seen.h5 holds images of 24x24", "blind.h5 holds no images", "--image-size 24x24"];
+    home.refused("merge seen.h5 blind.h5 --out both.h5", &told);
+    home.ok("merge seen.h5 blind.h5 --image-size 24x24 --out both.h5");
+}

@@ -34,6 +34,29 @@ fn a_recording_without_images_is_seen_converted_and_divided() {
     assert_eq!(home.json("inspect val.h5")["columns"]["pixels"]["shape"][0], 48);
 }
 
+#[test]
+fn what_is_shown_of_a_dataset_says_something() {
+    let home = Home::new();
+    home.ok(
+        "collect swm/PushT-v1 --policy weak --episodes 6 --max-steps 8 --image-size 24 --seed 1 --out a.h5",
+    );
+    // Means of indices and seeds are left out, unless they are asked for.
+    let shown = home.ok("stats a.h5").out;
+    assert!(shown.contains("hold no quantities: ep_idx, seed, step_idx"), "{shown}");
+    assert!(!shown.lines().any(|line| line.starts_with("seed")), "{shown}");
+    assert!(home.ok("stats a.h5 --columns seed").out.contains("\nseed"));
+    // An image per episode is shown once.
+    assert!(home.ok("preview a.h5 --column goal --out goals.png").out.contains("1 frame each"));
+    home.ok("split a.h5 --parts val=0.4,train=0.6 --seed 1 --out {}.h5");
+    home.ok("merge val.h5 train.h5 --out again.h5");
+    let differs = |line: &str, told: &str| {
+        let said = home.run(line);
+        assert!(said.status == Some(1) && said.out.contains(told), "swm {line}:\n{}", said.out);
+    };
+    differs("diff a.h5 again.h5", "both hold the same episodes, in another order");
+    differs("diff a.h5 train.h5", "every episode of the second is in the first");
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_recording_goes_on() {

@@ -125,17 +125,14 @@ fn unusable_files_are_named_with_the_reason() {
     ]);
     let bytes = std::fs::read(&good).unwrap();
     let damaged = [
-        ("missing.h5", None),
-        ("empty.h5", Some(Vec::new())),
-        ("text.h5", Some(b"this is no dataset".to_vec())),
-        ("half.h5", Some(bytes[..bytes.len() / 2].to_vec())),
-        ("head.h5", Some(bytes[..40].to_vec())),
+        ("empty.h5", Vec::new()),
+        ("text.h5", b"this is no dataset".to_vec()),
+        ("half.h5", bytes[..bytes.len() / 2].to_vec()),
+        ("head.h5", bytes[..40].to_vec()),
     ];
     for (name, content) in damaged {
         let path = folder.path(name);
-        if let Some(content) = content {
-            std::fs::write(&path, content).unwrap();
-        }
+        std::fs::write(&path, content).unwrap();
         for command in [
             &["inspect", path.as_str()][..],
             &["replay", path.as_str()],
@@ -160,6 +157,60 @@ fn unusable_files_are_named_with_the_reason() {
         &["eval", PUSHT, "--policy", "random", "--dataset", &good, "--episodes", "500"],
         &["500", "fewer episodes"],
     );
+}
+
+#[test]
+fn a_file_that_is_not_there_is_a_wrong_request() {
+    let folder = Folder::new();
+    let good = folder.path("good.h5");
+    swm_ok(&[
+        "collect",
+        PUSHT,
+        "--episodes",
+        "1",
+        "--max-steps",
+        "3",
+        "--image-size",
+        "none",
+        "--out",
+        &good,
+    ]);
+    let (no, out) = (folder.path("nowhere"), folder.path("out"));
+    let (no, out, good) = (no.as_str(), out.as_str(), good.as_str());
+    let policy = format!("cem:@{no}");
+    let commands: &[&[&str]] = &[
+        &["inspect", no],
+        &["preview", no, "--out", "a.png"],
+        &["stats", no],
+        &["verify", no],
+        &["verify", no, "--fix"],
+        &["diff", no, good],
+        &["diff", good, no],
+        &["convert", no, out],
+        &["merge", no, good, "--out", out],
+        &["merge", good, no, "--out", out],
+        &["split", no, "--out", "{}.h5"],
+        &["replay", no],
+        &["manifest", "show", no],
+        &["manifest", "make", PUSHT, "--tier", "moderate", "--dataset", no, "--out", out],
+        &["manifest", "make", PUSHT, "--tier", "moderate", "--stream", no, "--episodes", "2", "--out", out],
+        &["eval", "--manifest", no, "--policy", "random"],
+        &["eval", PUSHT, "--dataset", no, "--policy", "random"],
+        &["eval", PUSHT, "--policy", &policy],
+        &["sweep", "--manifest", no, "--policy", "random"],
+        &["compare", no],
+        &["verify-result", no],
+        &["report", no, "--out", out],
+        &["quality", PUSHT, "--dataset", no],
+        &["jobs", no],
+        &["task", no, "--index", "1"],
+        #[cfg(feature = "ui")]
+        &["ui", no, "--no-open"],
+    ];
+    for command in commands {
+        says(2, command, &[no]);
+    }
+    assert!(!std::path::Path::new(out).exists(), "a refused request leaves no file");
 }
 
 #[test]

@@ -152,6 +152,18 @@ fn a_job_by_hand_is_the_undivided_recording() {
     );
     fs::remove_file(lock).unwrap();
     fs::remove_file(format!("{job}/logs/0001.log")).unwrap();
+    // Committed episodes count although no log tells of them.
+    let parts: Vec<_> =
+        fs::read_dir(format!("{job}/parts")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let [done] = parts.as_slice() else { panic!("one shard is done: {parts:?}") };
+    let first = done.to_str().unwrap().replace("0003", "0001");
+    fs::copy(done, &first).unwrap();
+    let status = swm_json(&["jobs", &job]);
+    let begun = &status["each"][0];
+    assert_eq!(begun["state"], "not started");
+    assert!(begun["episodes"].as_u64() >= Some(2), "{begun}");
+    assert_eq!(status["progress"], "4 shards: 1 done, 3 not started");
+    fs::remove_file(first).unwrap();
     // What is done is a dataset already.
     assert!(swm_ok(&["inspect", &job]).contains("episodes"));
     // A job that is interrupted between two shards is continued from any machine.

@@ -1,9 +1,13 @@
 //! Settings declared once: name, type, default and help of a setting stand together in [`settings!`](crate::settings!),
 //! which makes the struct, its `Default`, its reader and the table for help and docs.
 
+mod reading;
+
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
+
+pub use reading::{WrongSetting, plain, read, read_of};
 
 /// One setting of an environment, a policy or a solver, for help and docs.
 #[derive(Clone, Copy, Debug)]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use swm_core::env::Episode;
-use swm_core::env::selects;
+use swm_core::env::{nearest_factor, selects};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{BatchError, EnvError, RowsMut, Slice, Value};
 use thiserror::Error;
@@ -187,17 +187,12 @@ impl FovSpace {
         })
     }
 
-    fn names(&self) -> impl Iterator<Item = &str> + Clone {
+    fn names(&self) -> impl Iterator<Item = &str> {
         self.factors.iter().map(|factor| factor.spec.name.as_str())
     }
 
     fn unknown(&self, name: &str) -> FovError {
-        let names = self.names();
-        let groups = names.clone().filter_map(|name| name.rsplit_once('.').map(|(group, _)| group));
-        let ends = names.clone().filter_map(|name| name.rsplit_once('.').map(|(_, end)| format!("*.{end}")));
-        let ends: Vec<String> = ends.collect();
-        let known = names.chain(groups).chain(["all", "default"]).chain(ends.iter().map(String::as_str));
-        FovError::Unknown { name: name.to_owned(), nearest: nearest(name, known) }
+        FovError::Unknown { name: name.to_owned(), nearest: nearest_factor(name, self.names()) }
     }
 
     /// A given value as this factor's type, if it fits and lies in the bounds.

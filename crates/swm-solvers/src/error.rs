@@ -1,5 +1,6 @@
 //! What can go wrong when planning.
 
+use swm_core::settings::WrongSetting;
 use swm_core::{BoxError, EnvError, PolicyError};
 use thiserror::Error;
 
@@ -97,6 +98,12 @@ impl PlanError {
     /// An error about setting `name`.
     pub fn setting(name: &str, reason: impl Into<String>) -> Self {
         PlanError::Setting { name: name.to_owned(), reason: reason.into() }
+    }
+}
+
+impl From<WrongSetting> for PlanError {
+    fn from(WrongSetting { name, reason }: WrongSetting) -> Self {
+        PlanError::Setting { name, reason }
     }
 }
 

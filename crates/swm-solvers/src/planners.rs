@@ -101,6 +101,15 @@ mod tests {
     }
 
     #[test]
+    fn few_samples_have_few_elites() {
+        let described = |text: &str| describe(text).unwrap();
+        assert_eq!(described("cem:samples=20"), "cem:samples=20,elites=10");
+        assert_eq!(described("mppi:samples=5"), "mppi:samples=5,elites=2");
+        assert_eq!(described("cem:samples=60"), "cem:samples=60", "the default is no more than half");
+        assert_eq!(described("cem:samples=40,elites=30"), "cem:samples=40", "what is given stays");
+    }
+
+    #[test]
     fn former_names_of_settings_are_read() {
         assert_eq!(describe("icem:normalise=analytic").unwrap(), "icem:normalize=analytic");
         let message = describe("icem:normalise=analytic,normalize=analytic").unwrap_err().to_string();
@@ -132,9 +141,9 @@ mod tests {
         let message = |text: &str| describe(text).unwrap_err().to_string();
         assert!(message("cem:sample=1").contains("setting `sample`: unknown; did you mean `samples`?"));
         assert!(message("cem:horizon=0").contains("setting `horizon`: 0 is too small"));
-        assert!(message("cem:samples=20").contains("setting `elites`: 30 of 20 samples"));
+        assert!(message("cem:samples=20,elites=30").contains("setting `elites`: 30 of 20 samples"));
         assert!(message("cem:elites=1").contains("setting `elites`: 1 is too few"));
-        assert!(message("cem:samples=many").contains("setting `samples`: invalid type"));
+        assert!(message("cem:samples=many").contains("setting `samples`: must be a whole number"));
         assert!(message("cem:horizon=3").contains("5 blocks of a plan of 3"));
         assert!(message("cem:sigma=-1").contains("setting `sigma`: -1 is not a positive number"));
         assert!(message("cem:success_bonus=-1").contains("setting `success_bonus`"));

@@ -1,7 +1,7 @@
 //! Settings with ranges, read by name: several groups share one flat list.
 
 use serde_json::{Map, Value as Json};
-use swm_core::error::{did_you_mean, nearest};
+use swm_core::settings::{WrongSetting, read};
 use swm_core::{Setting, Settings};
 
 use crate::error::PlanError;
@@ -48,17 +48,9 @@ pub(crate) fn take_named(
 
 /// Takes the settings of `T` out of `given`, so that several groups can share one flat list.
 pub(crate) fn take<T: Validate>(given: &mut Map<String, Json>) -> Result<T, PlanError> {
-    let own = take_named(given, T::SETTINGS, T::RENAMED)?;
-    let settings: T = serde_json::from_value(Json::Object(own.clone())).map_err(|error| {
-        // The message of a misfit value does not name its field: look for the one that fails alone.
-        let fails = |(name, value): (&String, &Json)| {
-            let one = Map::from_iter([(name.clone(), value.clone())]);
-            serde_json::from_value::<T>(Json::Object(one)).err().map(|e| (name.clone(), e.to_string()))
-        };
-        let (name, reason) =
-            own.iter().find_map(fails).unwrap_or_else(|| ("?".to_owned(), error.to_string()));
-        PlanError::Setting { name, reason }
-    })?;
+    let mut own = take_named(given, T::SETTINGS, T::RENAMED)?;
+    follow_samples(&mut own, T::SETTINGS);
+    let settings: T = read(&own)?;
     settings.validate()?;
     Ok(settings)
 }
@@ -66,8 +58,17 @@ pub(crate) fn take<T: Validate>(given: &mut Map<String, Json>) -> Result<T, Plan
 /// An error if anything is left in `given` that no group took; `known` are the names to choose from.
 pub(crate) fn refuse_rest(given: &Map<String, Json>, known: &[Setting]) -> Result<(), PlanError> {
     let Some(name) = given.keys().next() else { return Ok(()) };
-    let names: Vec<&str> = known.iter().map(|setting| setting.name).collect();
-    let near = nearest(name, names.iter().copied());
-    let reason = format!("unknown{}; known are {}", did_you_mean(near.as_deref()), names.join(", "));
-    Err(PlanError::setting(name, reason))
+    Err(WrongSetting::unknown(name, known.iter().map(|setting| setting.name)).into())
+}
+
+/// Of few samples no more than half are elites by default, and the default for many is more than all of them.
+fn follow_samples(given: &mut Map<String, Json>, known: &[Setting]) {
+    let default = known.iter().find(|setting| setting.name == "elites");
+    let Some(default) = default.and_then(|setting| setting.default.parse::<u64>().ok()) else { return };
+    if let Some(samples) = given.get("samples").and_then(Json::as_u64)
+        && samples / 2 < default
+        && !given.contains_key("elites")
+    {
+        given.insert("elites".to_owned(), (samples / 2).max(2).into());
+    }
 }

@@ -26,7 +26,7 @@ pub trait Commands: Debug + Send + Sync {
     /// # Errors
     ///
     /// The folder holds no job, or one that cannot be read.
-    fn job(&self, dir: &Path) -> Result<Json, BoxError>;
+    fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError>;
 
     /// The oracle that `swm eval --manifest` compares a policy with.
     fn oracle(&self, registry: &Registry, manifest: &Manifest, policy: Candidate) -> Candidate;

@@ -52,7 +52,7 @@ pub(crate) async fn training(State(app): State<Arc<App>>, Query(Named { id }): Q
 pub(crate) async fn job(State(app): State<Arc<App>>, Query(Named { id }): Query<Named>) -> Answer {
     blocking(move || {
         let dir = app.roots.resolve_job(&id)?;
-        json(&app.commands()?.job(&dir)?)
+        json(&app.commands()?.job(&app.registry, &dir)?)
     })
     .await
 }

@@ -41,6 +41,43 @@ macro_rules! build_with {
     };
 }
 
+/// A feature that a build may lack.
+#[cfg(feature = "cli")]
+pub(crate) struct Feature {
+    pub(crate) is_built: bool,
+    /// `feature onnx`.
+    pub(crate) title: &'static str,
+    /// What it brings.
+    pub(crate) brings: &'static str,
+    /// How to build with it.
+    pub(crate) command: &'static str,
+}
+
+#[cfg(feature = "cli")]
+macro_rules! feature {
+    ($name:literal, $brings:literal) => {
+        Feature {
+            is_built: cfg!(feature = $name),
+            title: concat!("feature ", $name),
+            brings: $brings,
+            command: build_with!($name),
+        }
+    };
+}
+
+/// The features that bring commands, environments, policies or formats.
+#[cfg(feature = "cli")]
+pub(crate) const FEATURES: &[Feature] = &[
+    feature!("baselines", "`swm train`, and policies and models that it trained"),
+    feature!("lance", "datasets on Lance tables"),
+    feature!("lerobot", "LeRobot datasets"),
+    feature!("mp4", "videos in MP4; needs a C++ compiler"),
+    feature!("mujoco", "environments on MuJoCo"),
+    feature!("onnx", "world models exported to ONNX: `--policy onnx:DIR`"),
+    feature!("rapier", "environments on rapier"),
+    feature!("ui", "the local page of `swm ui`"),
+];
+
 /// A feature, and how to build with it.
 pub(crate) const BASELINES: (&str, &str) = ("baselines", build_with!("baselines"));
 const MUJOCO: (&str, &str) = ("mujoco", build_with!("mujoco"));

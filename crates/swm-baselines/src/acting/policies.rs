@@ -5,9 +5,8 @@ use std::path::PathBuf;
 
 use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
-use swm_core::error::{did_you_mean, nearest};
 use swm_core::registry::{MakePolicy, Setting};
-use swm_core::settings::Table;
+use swm_core::settings::{Table, WrongSetting};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
@@ -189,8 +188,7 @@ impl Given {
     pub(super) fn check_all_known(&self, args: &PolicyArgs, options: &[Setting]) -> Result<(), PolicyError> {
         let Some(name) = self.rest.keys().next() else { return Ok(()) };
         let known: Vec<&str> = OF_MODELS.iter().chain(options).map(|setting| setting.name).collect();
-        let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
-        Err(args.wrong(format!("setting `{name}`: unknown{meant}; known are {}", known.join(", "))))
+        Err(args.wrong(WrongSetting::unknown(name, known).to_string()))
     }
 
     /// The model, for use in the environment `env`: action dims may agree where nothing else does.

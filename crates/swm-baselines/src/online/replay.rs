@@ -18,6 +18,8 @@ use crate::error::BaselineError;
 
 /// Dataset, buffer and sampler of a run.
 pub(super) struct Replay {
+    /// The policy of the episodes, in their record.
+    policy: String,
     interface: Interface,
     writer: Box<dyn DatasetWriter>,
     is_begun: bool,
@@ -71,6 +73,7 @@ impl Replay {
         let keys = [OBSERVATION, ACTION, REWARD, TERMINATED].map(str::to_owned).to_vec();
         let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
         Ok(Self {
+            policy: format!("{} in training", agent.config().agent),
             interface: interface.clone(),
             writer: swm_data::create(path, WriteMode::Append, None)?,
             is_begun: false,
@@ -119,7 +122,7 @@ impl Replay {
 impl EpisodeSink for Replay {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         if !std::mem::replace(&mut self.is_begun, true) {
-            self.writer.begin(schema, metadata)?;
+            self.writer.begin(schema, &Metadata { policy: self.policy.clone(), ..metadata.clone() })?;
         }
         Ok(self.buffer.written())
     }

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::error::nearest;
 use crate::space::Space;
 
 /// What stands before a factor's name in tables.
@@ -93,6 +94,23 @@ impl FactorSpec {
         self.sampled_by_default = sampled;
         self
     }
+}
+
+/// The nearest of what selects some of the factors `names`, if `asked`, which selects none, may be a typing error: a factor, a
+/// group, `*.` and the end of a name, `all` or `default`.
+///
+/// ```
+/// let near = |asked| swm_core::env::nearest_factor(asked, ["agent.color", "block.scale"]);
+/// assert_eq!(near("agent.colr").as_deref(), Some("agent.color"));
+/// assert_eq!(near("*.colors").as_deref(), Some("*.color"));
+/// ```
+pub fn nearest_factor<'a>(asked: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let names: Vec<&str> = names.into_iter().collect();
+    let halves = || names.iter().filter_map(|name| name.rsplit_once('.'));
+    let ends: Vec<String> = halves().map(|(_, end)| format!("*.{end}")).collect();
+    let groups = halves().map(|(group, _)| group);
+    let known = names.iter().copied().chain(groups).chain(["all", "default"]);
+    nearest(asked, known.chain(ends.iter().map(String::as_str)))
 }
 
 /// Whether `asked` selects the factor `name`: a factor's name, a group's name, `*.color` (every factor or group of that

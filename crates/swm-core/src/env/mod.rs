@@ -4,6 +4,7 @@ mod factor;
 mod state;
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -11,9 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
 use crate::error::EnvError;
 use crate::seed::EpisodeSeed;
+use crate::settings::Setting;
 use crate::space::Space;
 
-pub use factor::{FactorSpec, VARIATION_PREFIX, selects};
+pub use factor::{FactorSpec, VARIATION_PREFIX, nearest_factor, selects};
 pub use state::EnvState;
 
 /// An environment: one simulated world, its observations and its images.
@@ -232,6 +234,13 @@ pub struct ImageSize {
     pub width: usize,
 }
 
+/// `48x64`: height, then width, as options take it.
+impl fmt::Display for ImageSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.height, self.width)
+    }
+}
+
 impl ImageSize {
     /// The largest side that is accepted: larger ones are mistakes more often than wishes.
     pub const MAX_SIDE: usize = 4096;
@@ -282,7 +291,21 @@ impl EnvConfig {
     ///
     /// [`EnvError::Setting`]: an unknown or misfit one, with the known ones.
     pub fn parse_settings<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
-        serde_json::from_value(serde_json::Value::Object(self.settings.clone()))
+        crate::settings::read(&self.settings)
+            .map_err(|error| EnvError::Setting { env: env.to_owned(), reason: error.to_string() })
+    }
+
+    /// As [`EnvConfig::parse_settings`], where an error lists the settings of a table: those of the environment's entry.
+    ///
+    /// # Errors
+    ///
+    /// As of [`EnvConfig::parse_settings`].
+    pub fn parse_settings_of<T: DeserializeOwned>(
+        &self,
+        env: &str,
+        known: &[Setting],
+    ) -> Result<T, EnvError> {
+        crate::settings::read_of(&self.settings, known)
             .map_err(|error| EnvError::Setting { env: env.to_owned(), reason: error.to_string() })
     }
 }

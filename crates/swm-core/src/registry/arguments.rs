@@ -1,10 +1,13 @@
 //! Arguments of a policy, as they are written on a command line.
 
+use std::fmt;
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use crate::error::PolicyError;
+use crate::settings::read;
 
 /// Arguments of a policy: `name:key=value,key=value` or `name:value`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -83,8 +86,7 @@ impl PolicyArgs {
     }
 
     fn named_as<T: DeserializeOwned>(&self) -> Result<T, PolicyError> {
-        serde_json::from_value(Json::Object(self.named.clone()))
-            .map_err(|error| self.wrong(plain(&error.to_string())))
+        read(&self.named).map_err(|error| self.wrong(error.to_string()))
     }
 
     /// Refuses a value that is negative or not finite, as no std is.
@@ -105,16 +107,25 @@ impl PolicyArgs {
     }
 }
 
-/// What serde says of a wrong value, without the names of Rust's types.
-fn plain(said: &str) -> String {
-    const WORDS: [(&str, &str); 5] = [
-        ("expected usize", "expected a whole number, 0 or more"),
-        ("expected u64", "expected a whole number, 0 or more"),
-        ("expected u32", "expected a whole number, 0 or more"),
-        ("expected f64", "expected a number"),
-        ("expected f32", "expected a number"),
-    ];
-    WORDS.iter().fold(said.to_owned(), |said, (theirs, ours)| said.replace(theirs, ours))
+/// As [`PolicyArgs::parse`] reads it: what `--policy` takes.
+///
+/// ```
+/// # use swm_core::PolicyArgs;
+/// for text in ["random", "constant:0.5,-1", "mpc:runs/lewm,samples=100,checkpoint=best"] {
+///     assert_eq!(PolicyArgs::parse(text)?.to_string(), text);
+/// }
+/// # Ok::<(), swm_core::PolicyError>(())
+/// ```
+impl fmt::Display for PolicyArgs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plain = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let named = self.named.iter().map(|(name, value)| format!("{name}={}", plain(value)));
+        let all: Vec<String> = self.positional.iter().map(plain).chain(named).collect();
+        match all.as_slice() {
+            [] => f.write_str(&self.name),
+            all => write!(f, "{}:{}", self.name, all.join(",")),
+        }
+    }
 }
 
 /// A value as it is written on a command line.

@@ -1,11 +1,15 @@
 //! Two datasets side by side: which columns, episodes and values differ, and by how much.
 
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+
 use serde::Serialize;
-use swm_core::{Column, Slice};
+use swm_core::{Column, Field, Slice};
 
 use super::rows_per_block;
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
+use crate::recording::EP_IDX;
 
 /// What differs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -21,6 +25,19 @@ pub struct Comparison {
     pub lengths: Vec<usize>,
     /// Columns that both have.
     pub columns: Vec<ColumnComparison>,
+    /// Where something differs: the episodes of the second dataset that the first one holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shared: Option<SharedEpisodes>,
+}
+
+/// How many episodes of the second dataset the first one holds, by all columns but images and the episode's index.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct SharedEpisodes {
+    /// At any place.
+    pub held: usize,
+    /// Of these, at another place.
+    pub moved: usize,
 }
 
 /// How a column differs.
@@ -125,7 +142,59 @@ pub fn compare(
         && found.lengths.is_empty()
         && found.episodes[0] == found.episodes[1]
         && found.columns.iter().all(|column| column.rows == 0);
+    if !found.equal {
+        let columns: Vec<&Field> = left.fields().iter().filter(|field| wanted(&field.name)).collect();
+        found.shared = Some(shared_episodes(a, b, &columns)?);
+    }
     Ok(found)
+}
+
+/// Which episodes of `b` are in `a`, by those of these columns that both have and that are neither images nor the episode's index.
+fn shared_episodes(
+    a: &mut dyn Dataset,
+    b: &mut dyn Dataset,
+    columns: &[&Field],
+) -> Result<SharedEpisodes, DataError> {
+    let is_told = |field: &Field| field.shape.len() < 3 && field.name != EP_IDX;
+    let columns: Vec<&Field> = columns
+        .iter()
+        .copied()
+        .filter(|field| is_told(field) && b.schema().index(&field.name).is_some())
+        .collect();
+    if columns.is_empty() {
+        return Ok(SharedEpisodes::default());
+    }
+    let all = |dataset: &mut dyn Dataset| -> Result<Vec<u64>, DataError> {
+        (0..dataset.num_episodes()).map(|episode| fingerprint(dataset, episode, &columns)).collect()
+    };
+    let (first, second) = (all(a)?, all(b)?);
+    let held: HashSet<&u64> = first.iter().collect();
+    let found = second.iter().enumerate().filter(|(_, print)| held.contains(print));
+    let moved = found.clone().filter(|&(at, print)| first.get(at) != Some(print)).count();
+    Ok(SharedEpisodes { held: found.count(), moved })
+}
+
+/// A hash over all values of an episode in some columns.
+fn fingerprint(dataset: &mut dyn Dataset, episode: usize, columns: &[&Field]) -> Result<u64, DataError> {
+    let rows = dataset.episode_len(episode);
+    let mut hash = DefaultHasher::new();
+    for field in columns {
+        let Some(column) = dataset.schema().index(&field.name) else { continue };
+        let mut values = Column::zeros(field.dtype, rows * field.dim());
+        dataset.read_column(
+            column,
+            episode,
+            Steps { first: 0, count: rows, stride: 1 },
+            values.as_slice_mut(),
+        )?;
+        match values.as_slice() {
+            Slice::Str(texts) => texts.hash(&mut hash),
+            numbers => {
+                (0..numbers.len()).for_each(|at| numbers.as_f64(at).map(f64::to_bits).hash(&mut hash));
+            }
+        }
+    }
+    Ok(hash.finish())
 }
 
 /// The largest absolute difference of two rows if it is above the tolerance; NaN equals NaN, texts differ by infinity.

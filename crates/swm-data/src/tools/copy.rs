@@ -289,8 +289,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
             }
             None => {
                 let is_image = field.dtype == Dtype::U8 && field.shape.len() == 3;
-                let fix =
-                    if is_image { "; give an image size, so that images are rendered for all" } else { "" };
+                let fix = if is_image { "; render images for all sources (`Rendered`)" } else { "" };
                 let reason = format!("it has no column `{}`, which the first source has{fix}", field.name);
                 return Err(DataError::request(source.path(), reason));
             }

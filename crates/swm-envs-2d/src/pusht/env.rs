@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::env::ResetOptions;
+use swm_core::settings::Settings as _;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
     Place, RowsMut, Slice, Space, Value,
@@ -15,7 +16,7 @@ use super::factors::{factors_with, setup};
 use super::goal::{self, PushTState, observed_state};
 use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, contact_count};
 use super::rendering::Look;
-use super::settings::Settings;
+use super::settings::{SETTINGS, Settings};
 use crate::image::Image;
 
 // Field indices, in the order of `fields`.
@@ -101,7 +102,8 @@ impl<E: Engine> PushT<E> {
     /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, absolute discrete actions, or an
     /// image size that cannot be rendered.
     pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
-        let settings: Settings = config.parse_settings(id)?;
+        let known = if E::FRICTION == 0.0 { SETTINGS } else { Settings::SETTINGS };
+        let settings: Settings = config.parse_settings_of(id, known)?;
         let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
         if discrete && !settings.relative {
             return Err(wrong("discrete actions are relative; remove `relative=false`".to_owned()));

@@ -2,6 +2,7 @@
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use swm_core::settings::WrongSetting;
 use swm_core::{EnvConfig, EnvError, Setting};
 use swm_render::scene::Quality;
 
@@ -43,9 +44,8 @@ pub(crate) fn read<T: DeserializeOwned>(
 ) -> Result<T, EnvError> {
     let is_known = |name: &str| known.iter().any(|setting| setting.name == name);
     if let Some(name) = config.settings.keys().find(|name| !is_known(name)) {
-        let names: Vec<&str> = known.iter().map(|setting| setting.name).collect();
-        let reason = format!("unknown setting `{name}`; there are {}", names.join(", "));
-        return Err(EnvError::Setting { env: env.to_owned(), reason });
+        let wrong = WrongSetting::unknown(name, known.iter().map(|setting| setting.name));
+        return Err(EnvError::Setting { env: env.to_owned(), reason: wrong.to_string() });
     }
     config.parse_settings(env)
 }

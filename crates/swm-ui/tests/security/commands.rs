@@ -28,7 +28,7 @@ impl swm_ui::Commands for Commands {
         )?)
     }
 
-    fn job(&self, dir: &Path) -> Result<serde_json::Value, BoxError> {
+    fn job(&self, _: &Registry, dir: &Path) -> Result<serde_json::Value, BoxError> {
         Ok(fs::read_to_string(dir.join("logs/0001.log"))?.into())
     }
 

@@ -5,8 +5,7 @@ import { CommandLine, Notice, Panel, Save, number, quoted, useGet } from "./kit"
 
 interface Shard { shard: number; state: string; running?: boolean; episodes: number; of: number; seconds?: number; message?: string }
 interface Job {
-  job: string; name: string; command: string[]; shards: number; done: number; running: number; waiting: number; failed: Record<string, unknown>;
-  missing: number[]; episodes: number; total_episodes: number; result: { result: string; bytes: number } | null; each: Shard[]; note: string | null;
+  job: string; name: string; command: string[]; shards: number; done: number; progress: string; episodes: number; total_episodes: number; result: { result: string; bytes: number } | null; each: Shard[]; note: string | null;
 }
 
 export function JobView({ id }: { id: string }) {
@@ -16,10 +15,6 @@ export function JobView({ id }: { id: string }) {
   const now = performance.now() / 1000;
   const rates = value?.each.map((shard) => rate(shard, now, seen.current)) ?? [];
   const total = rates.reduce<number>((sum, one, at) => sum + (value!.each[at].state === "done" ? 0 : one ?? 0), 0);
-  const counts = value && [
-    [value.done, "done"], [value.running, "running"], [value.waiting, "waiting"], [Object.keys(value.failed).length, "failed"],
-    [value.missing.filter((shard) => !(shard in value.failed)).length, "not submitted"],
-  ].filter(([count]) => count !== 0).map(([count, what]) => `${count} ${what}`).join(", ");
   const part = value && (value.total_episodes ? value.episodes / value.total_episodes : value.done / value.shards);
   return (
     <>
@@ -27,7 +22,7 @@ export function JobView({ id }: { id: string }) {
       {value && <Panel title={value.job.split("/").at(-1)} aside={<Save name={`${value.job.split("/").at(-1)}.csv`} columns={["shard", "state", "episodes", "of", "seconds"]} rows={value.each.map((one) => [one.shard, one.state, one.episodes, one.of, one.seconds ?? null])} />}>
         <p class="muted"><code>swm {value.command.join(" ")}</code></p>
         <div class="facts">
-          <span>{value.shards} shards: {counts}</span>
+          <span>{value.progress}</span>
           {value.total_episodes > 0 && <span>{number(value.episodes)} of {number(value.total_episodes)} episodes</span>}
           {total > 0 && <span>{number(total, 3)} episodes/s now</span>}
           {value.result && <span class="good">result: {value.result.result}</span>}

@@ -12,14 +12,14 @@ use swm_data::tools::parts;
 use super::output::counted;
 use super::{Failure, Output, usage};
 use crate::evaluation::RunOptions;
-use crate::text_file::read_text;
+use crate::text_file::{json_error, read_text, toml_error};
 
 /// The environment and how it is made.
 #[derive(Args, Clone)]
 pub(super) struct EnvArgs {
     /// The environment's id; `swm envs` lists them.
     pub env: String,
-    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs` lists them.
+    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs ENV` lists them.
     #[arg(long = "env-option", value_name = "NAME=VALUE")]
     env_options: Vec<String>,
 }
@@ -52,7 +52,7 @@ impl EnvArgs {
 pub(super) struct OptionalEnvArgs {
     /// The environment's id; `swm envs` lists them.
     env: Option<String>,
-    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs` lists them.
+    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs ENV` lists them.
     #[arg(long = "env-option", value_name = "NAME=VALUE")]
     env_options: Vec<String>,
 }
@@ -77,7 +77,7 @@ pub(super) struct WorldArgs {
     /// Threads; results do not depend on it. Default: one per core.
     #[arg(long, value_name = "T")]
     pub threads: Option<usize>,
-    /// How often each action is applied per step. Default: 1, or as the dataset was recorded.
+    /// How often each action is applied per step. Default: 1, or as in the dataset that is named.
     #[arg(long, value_name = "F")]
     pub frame_skip: Option<u32>,
 }
@@ -209,11 +209,10 @@ pub(super) fn policy(
 /// that is too hard.
 pub(super) fn note_elites(registry: &Registry, env: &EnvEntry, args: &PolicyArgs, output: &Output) {
     let Ok(entry) = registry.policy_entry(env, &args.name) else { return };
-    let value = |name: &str| {
-        let default = || entry.settings.iter().find(|setting| setting.name == name)?.default.parse().ok();
-        args.named.get(name).map_or_else(default, Json::as_u64)
-    };
-    if let (Some(samples), Some(elites)) = (value("samples"), value("elites"))
+    let given = |name: &str| args.named.get(name).map(Json::as_u64);
+    let default = || entry.settings.iter().find(|setting| setting.name == "samples")?.default.parse().ok();
+    // Unless given, no more than half of the samples are elites.
+    if let (Some(samples), Some(Some(elites))) = (given("samples").unwrap_or_else(default), given("elites"))
         && 2 * elites > samples
     {
         let fewer = (samples / 10).max(2);
@@ -256,9 +255,9 @@ fn settings_file(path: &Path) -> Result<Map<String, Json>, Failure> {
     let text = read_text(path).map_err(|error| wrong(error.to_string()))?;
     let json = path.extension().is_some_and(|extension| extension == "json");
     if json {
-        serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))
+        serde_json::from_str(&text).map_err(|error| wrong(json_error(&text, &error)))
     } else {
-        toml::from_str(&text).map_err(|error| wrong(error.to_string()))
+        toml::from_str(&text).map_err(|error| wrong(toml_error(&text, &error)))
     }
 }
 

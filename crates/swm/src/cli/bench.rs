@@ -17,7 +17,7 @@ use super::{Failure, Output, usage};
 pub(super) struct Bench {
     #[command(flatten)]
     env: EnvArgs,
-    /// The policy; its time counts.
+    /// The policy, as for `swm eval`; its time counts.
     #[arg(long, default_value = "random")]
     policy: String,
     /// Seconds per measurement.

@@ -56,7 +56,7 @@ pub(super) struct Collect {
     /// Image size, HEIGHTxWIDTH, or `none`.
     #[arg(long, default_value = "64x64")]
     image_size: ImageArg,
-    /// Record no images, and the simulator state every N steps: loaders then render images of any size and with any
+    /// Record no images, and the simulator state every N steps (16 unless given): loaders then render images of any size and with any
     /// colors.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image_size")]
     replayable: Option<u32>,
@@ -73,7 +73,7 @@ pub(super) struct Collect {
     /// The file to write.
     #[arg(long, short)]
     out: PathBuf,
-    /// The format; default: by the file extension.
+    /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
     /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
@@ -97,7 +97,10 @@ impl Collect {
         if let Some(much) = memory::note(num_envs, self.max_steps, row_bytes, memory::machine_bytes()) {
             output.note(much);
         }
-        let options = self.scenario.options(&world.spec().factors, output)?;
+        let options = self.scenario.options(world.entry(), &world.spec().factors, output)?;
+        if let Some(format) = &self.format {
+            swm_data::format::by_name(registry, format)?;
+        }
         if self.mode == WriteMode::Error && self.out.exists() {
             return Err(usage(self.exists()));
         }
@@ -135,7 +138,7 @@ impl Collect {
         let cancel = self.watch(&committed, last - offset);
         let rollout = Rollout::new(first..last).seed(self.seed).options(options).cancel(cancel);
         let started = Instant::now();
-        let bar = output.bar(last - first, "episodes");
+        let bar = output.bar_alone(last - first, "episodes");
         let mut sink = Committed {
             writer: writer.as_mut(),
             bar: bar.clone(),
@@ -220,7 +223,7 @@ impl Collect {
     /// What a job needs to know before it is submitted, and how many steps it records at most.
     pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
         let world = self.make_world(registry, output)?;
-        self.scenario.options(&world.spec().factors, output)?;
+        self.scenario.options(world.entry(), &world.spec().factors, output)?;
         let episodes = self.wanted();
         if episodes == 0 {
             return Err(usage("0 episodes asked for; use 1 or more"));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use swm_core::evaluate::Transfer;
 
-use super::eval_manifest::p_value;
+use super::eval_manifest::{at_reset, p_value};
 use super::output::table;
 use super::{Failure, Output, usage};
 use crate::evaluation::{Receipt, Side, compare, read_receipt};
@@ -20,6 +20,7 @@ Examples:
 
 Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval \
 a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's). \
+`± seeds` is the standard deviation of the success rates of its runs, in percentage points. \
 --stream takes results of one policy on one stream, after training on each of its phases, and reports forward and backward transfer.")]
 pub(super) struct Compare {
     /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.
@@ -42,7 +43,10 @@ impl Compare {
         }
         let rows: Vec<Vec<String>> = compared
             .iter()
-            .map(|side| {
+            .zip(&sides)
+            .map(|(side, results)| {
+                // As `--policy` takes it; `side.policy` names models by their hash.
+                let policy = results.runs()[0].candidate.policy.to_string();
                 let [low, high] = side.ci95;
                 let (difference, p) = match &side.test {
                     Some(test) => {
@@ -53,17 +57,21 @@ impl Compare {
                 };
                 let std = side.std.map_or(String::new(), |std| format!("{std:.1}"));
                 let rate = format!("{:.1} % ({low:.1} to {high:.1})", side.success_rate);
-                vec![side.name.clone(), side.policy.clone(), side.runs.to_string(), rate, std, difference, p]
+                vec![side.name.clone(), policy, side.runs.to_string(), rate, std, difference, p]
             })
             .collect();
+        if sides.len() == 1 {
+            output.note("note: this is one result; name a second one to compare it with");
+        }
         let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first − this", "paired test"];
         output.result(&compared, || {
             let first = &sides[0].runs()[0];
             let pairs = first.episodes.len();
             format!(
-                "{}, {} tier, {pairs} pairs\n\n{}",
+                "{}, {} tier, {pairs} pairs{}\n\n{}",
                 first.manifest.env,
                 first.manifest.tier.name(),
+                at_reset(first.summary.solved_at_start),
                 table(&head, &rows)
             )
         })

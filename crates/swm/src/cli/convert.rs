@@ -11,11 +11,11 @@ use swm_data::format::StoredImages;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::arrange;
-use swm_data::{Dataset, WriteMode, WriteOptions};
+use swm_data::{DataError, Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
-use super::{Failure, Output, images, interrupt, usage};
+use super::{Failure, Output, images, inputs, interrupt, usage};
 
 /// The size of images where a recording without images is copied to a format that is for them.
 const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
@@ -48,6 +48,14 @@ impl TargetArgs {
         WriteOptions::default().mode(mode).quality(self.quality).key_frame_period(self.key_frames)
     }
 
+    /// Refuses a format that there is not, before anything is opened.
+    fn check(&self, registry: &Registry) -> Result<(), Failure> {
+        if let Some(format) = &self.format {
+            swm_data::format::by_name(registry, format)?;
+        }
+        Ok(())
+    }
+
     /// Opens a source of a copy to `to`, with the images that the copy shall have.
     fn open(
         &self,
@@ -56,7 +64,7 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Box<dyn Dataset>, Failure> {
-        let dataset = swm_data::open_in(registry, source)?;
+        let dataset = inputs::open(registry, source)?;
         let is_of_images = || {
             let extension = to.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
             let format = swm_data::format::by_name(registry, self.format.as_deref().unwrap_or(extension));
@@ -93,9 +101,6 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Json, Failure> {
-        if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format)?;
-        }
         create_parent(to)?;
         let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
         let started = Instant::now();
@@ -107,16 +112,23 @@ impl TargetArgs {
         let is_continued = if self.overwrite { " without --overwrite" } else { "" };
         let how = format!("{}{is_continued}", interrupt::REPEAT);
         interrupt::watch_resumable(move || format!("copied episodes are safe in {out}"), how);
-        let Copied { resumed, episodes, rows, .. } =
-            copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
+        let how = (self.format.as_deref(), &self.options());
+        let copied = copy_in(registry, sources, pieces, to, how, &mut watch);
         bar.finish_and_clear();
+        let Copied { resumed, episodes, rows, .. } = copied.map_err(|error| match error {
+            DataError::Mismatch { path, reason } => usage(format!(
+                "{} exists and is another dataset: {reason}; write to another place, or replace it by --overwrite",
+                path.display()
+            )),
+            error => error.into(),
+        })?;
         if resumed > 0 && episodes == 0 && (self.quality.is_some() || self.key_frames.is_some()) {
             output.note(format!(
                 "note: {} was complete, and its images keep the quality that they have; --overwrite writes them anew",
                 to.display()
             ));
         } else if resumed > 0 {
-            output.note(format!("{}: {resumed} episodes were there already", to.display()));
+            output.note(format!("{}: {} there already", to.display(), counted(resumed, "episode")));
         }
         let seconds = started.elapsed().as_secs_f64();
         Ok(json!({
@@ -174,6 +186,7 @@ pub(super) struct Convert {
 
 impl Convert {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        self.to.check(registry)?;
         let mut sources = vec![self.to.open(registry, &self.source, &self.target, output)?];
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
@@ -209,8 +222,10 @@ pub(super) struct Merge {
 
 impl Merge {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        self.to.check(registry)?;
         let mut paths = Vec::with_capacity(self.sources.len());
         for source in &self.sources {
+            inputs::check_exists(source)?;
             let parts = datasets_in(registry, source)?;
             paths.extend(if parts.is_empty() { vec![source.clone()] } else { parts });
         }
@@ -221,6 +236,7 @@ impl Merge {
         for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);
         }
+        images::check_alike(&sources)?;
         let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
@@ -256,7 +272,7 @@ pub(super) struct Split {
     /// Names and fractions of the parts.
     #[arg(long, value_name = "NAME=FRACTION", value_delimiter = ',', default_value = "train=0.9,val=0.1")]
     parts: Vec<String>,
-    /// Which of the possible divisions.
+    /// Seed of the division.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// The files or folders to write, with `{}` for the name of the part.
@@ -269,6 +285,7 @@ pub(super) struct Split {
 impl Split {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Unit::Episode = self.by;
+        self.to.check(registry)?;
         let (names, fractions) = parts(&self.parts)?;
         if !self.out.contains("{}") {
             return Err(usage(format!(

@@ -6,6 +6,7 @@ use swm_core::{EnvConfig, Registry};
 use swm_media::Format;
 
 use super::{Failure, Output};
+use crate::absent::FEATURES;
 
 /// Show what is installed, what is missing, and which command fixes it.
 #[derive(Args)]
@@ -58,6 +59,7 @@ impl Doctor {
         #[cfg(feature = "mujoco")]
         checks.extend(mujoco::checks());
         checks.push(environments(registry));
+        checks.extend(features());
         output.result(&checks, || text(&checks))?;
         let missing: Vec<_> = checks.iter().filter(|check| check.state == State::Missing).collect();
         match missing.as_slice() {
@@ -87,15 +89,19 @@ fn text(checks: &[Check]) -> String {
     text
 }
 
+/// What other builds have.
+fn features() -> impl Iterator<Item = Check> {
+    let absent = FEATURES.iter().filter(|feature| !feature.is_built);
+    absent.map(|feature| {
+        Check::optional(feature.title, format!("not in this build: {}", feature.brings), feature.command)
+    })
+}
+
 fn videos() -> Check {
     if Format::Mp4.is_built() {
         Check::works("videos", "PNG, GIF, MP4")
     } else {
-        Check::optional(
-            "videos",
-            "PNG, GIF; this build has no MP4",
-            "build with the feature `mp4`; it needs a C++ compiler",
-        )
+        Check::optional("videos", "PNG, GIF; this build has no MP4", "see the feature mp4 below")
     }
 }
 
@@ -241,6 +247,17 @@ pub(super) use mujoco::version as mujoco_version;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn features_that_are_not_built_come_with_the_command_that_adds_them() {
+        let onnx = features().find(|check| check.what == "feature onnx");
+        assert_eq!(onnx.is_none(), cfg!(feature = "onnx"));
+        for check in features() {
+            let name = check.what.trim_start_matches("feature ");
+            let fix = check.fix.unwrap_or_default();
+            assert!(fix.starts_with("in a checkout, cargo install") && fix.contains(name), "{fix}");
+        }
+    }
 
     #[test]
     fn what_is_missing_comes_with_what_fixes_it() {

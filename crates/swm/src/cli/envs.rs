@@ -5,6 +5,7 @@ use serde_json::json;
 use swm_core::{Env, EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting, Space};
 
 use super::output::{key_values, table};
+use super::table::terminal_columns;
 use super::{Failure, Output};
 
 /// List environments, their policies and settings.
@@ -31,6 +32,20 @@ impl Envs {
 
 /// How big images are.
 const IMAGES: &str = "Images (--image-size): `swm collect` records 64x64, evaluations have none, `swm render` renders 224x224.\n";
+
+/// Lines of a terminal on which all columns of the list can be read.
+const WIDE: usize = 140;
+
+/// What is said below the list without some of its columns.
+const MORE: &str = "\nAction, time step and success: in a wider window, by `swm envs ENV`, or with --json.\n";
+
+/// The list without what each environment shows itself.
+fn short_list(header: &[&str], rows: &[Vec<String>]) -> String {
+    const KEPT: [usize; 3] = [0, 1, 4];
+    let rows: Vec<Vec<String>> =
+        rows.iter().map(|row| KEPT.map(|column| row[column].clone()).to_vec()).collect();
+    table(&KEPT.map(|column| header[column]), &rows)
+}
 
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     // Families in the order of their first entry; what has none comes last.
@@ -77,7 +92,15 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
         }
     };
     let header = ["id", "factors", "action", "step (s)", "summary", "success"];
-    output.result(&list, || table(&header, &rows) + "\n" + IMAGES + &failed)
+    output.result(&list, || {
+        let is_narrow = terminal_columns().is_some_and(|columns| columns < WIDE);
+        let mut text = match is_narrow {
+            true => short_list(&header, &rows) + MORE,
+            false => table(&header, &rows),
+        };
+        text += "\n";
+        text + IMAGES + &failed
+    })
 }
 
 /// The number of factors, the action, and the time of a control step in seconds.

@@ -9,12 +9,14 @@ use swm_core::{
 };
 use swm_media::Format;
 
-use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, policy};
+use super::args::{
+    EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, policy, policy_args,
+};
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
 use super::scenario::ScenarioArgs;
 use super::work::Plan;
-use super::{Failure, Output, held, interrupt, usage};
+use super::{Failure, Output, held, inputs, interrupt, usage};
 use crate::evaluation::RunOptions;
 use crate::report::write_report;
 use crate::video::Video;
@@ -83,7 +85,7 @@ pub(super) struct Eval {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// A folder for result.json, images and videos.
+    /// A folder for the result: receipt.json with --manifest, else result.json, images and videos.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// With --out: run again what the folder holds already, and replace it.
@@ -142,17 +144,28 @@ impl Eval {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
         let entry = env.entry(registry)?;
+        registry.policy_entry(entry, &policy_args(&self.policy)?.name)?;
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let of_model = || model_image(registry, entry, &self.policy);
         let image = self.image_size.map_or_else(|| recorded.or_else(of_model), |size| size.0);
         let format = self.video_format(image)?;
-        let mut dataset =
-            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
+        let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let config = env.config_like(recorded.settings, image)?;
         let frame_skip = self.world.frame_skip.unwrap_or(recorded.frame_skip.max(1));
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
+        let mut world = World::new(
+            entry,
+            self.world.at_most(self.episodes).options(config, budget).frame_skip(frame_skip),
+        )?;
+        world.set_policy(policy(registry, &self.policy, &world, output)?);
+        let factors = &world.spec().factors;
+        let reset = match &dataset {
+            None => self.scenario.options(entry, factors, output)?,
+            Some(_) => self.scenario.recorded_options(entry, factors, output)?,
+        };
+        // What is mistyped is told first: a folder that holds a result is no reason to look for another mistake.
         if let Some(dir) = &self.out {
             // Found out now, a folder that cannot be written costs nothing.
             let probe = dir.join(".writable");
@@ -164,16 +177,6 @@ impl Eval {
                 return Err(held::refusal(dir, "the result of an evaluation, result.json"));
             }
         }
-        let mut world = World::new(
-            entry,
-            self.world.at_most(self.episodes).options(config, budget).frame_skip(frame_skip),
-        )?;
-        world.set_policy(policy(registry, &self.policy, &world, output)?);
-        let factors = &world.spec().factors;
-        let reset = match &dataset {
-            None => self.scenario.options(factors, output)?,
-            Some(_) => self.scenario.recorded_options(factors, output)?,
-        };
         let bar = output.bar(self.episodes, "episodes");
         let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
         let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });
@@ -204,7 +207,7 @@ impl Eval {
         };
         // The figures first: they are printed even where a video fails.
         let files = written.as_deref().unwrap_or_default();
-        output.result(&evaluation, || text(&evaluation, files))?;
+        output.result(&evaluation, || text(&evaluation, &self.policy, files))?;
         written.map(drop).map_err(Failure::from)
     }
 
@@ -245,7 +248,7 @@ impl Eval {
 }
 
 /// A short summary for people.
-fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
+fn text(evaluation: &Evaluation, policy: &str, written: &[PathBuf]) -> String {
     let [low, high] = evaluation.ci95;
     let won = evaluation.episode_successes.iter().filter(|&&success| success).count();
     let steps = evaluation.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"));
@@ -255,13 +258,19 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
             ("success", success),
             ("95 % interval", format!("{low:.1} to {high:.1} %")),
             ("mean steps to success", steps),
-            ("success at reset", evaluation.solved_at_start.to_string()),
+            (
+                "success at reset",
+                match evaluation.solved_at_start {
+                    0 => "0".to_owned(),
+                    solved => format!("{solved} of {}, counted as successes", evaluation.episodes),
+                },
+            ),
         ],
         false => vec![("success", "the task has none, only rewards".to_owned())],
     };
     rows.extend([
         ("return per episode", returns(&evaluation.episode_returns)),
-        ("policy", evaluation.setup.policy.clone()),
+        ("policy", policy.to_owned()),
         ("environment", evaluation.setup.env.clone()),
         ("wall time", format!("{:.1} s", evaluation.wall_time_s)),
     ]);
@@ -274,12 +283,12 @@ fn returns(all: &[f64]) -> String {
     let count = all.len() as f64;
     let mean = all.iter().sum::<f64>() / count;
     if all.len() < 2 {
-        return format!("{mean:.2}");
+        return format!("{mean:.2} (one episode)");
     }
     let squares: f64 = all.iter().map(|value| (value - mean) * (value - mean)).sum();
     let error = (squares / (count - 1.0) / count).sqrt();
     let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (v.min(l), v.max(h)));
-    format!("{mean:.2} ± {error:.2} standard error ({low:.2} to {high:.2})")
+    format!("{mean:.2} ± {error:.2} (standard error), from {low:.2} to {high:.2}")
 }
 
 struct Progress {

@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
-use swm_core::settings::describe;
 use swm_core::{EnvEntry, Manifest, Registry};
 
 use super::args::{PartArgs, Shard, note_elites, policy_args, policy_files};
@@ -15,8 +14,8 @@ use super::output::{counted, create_folder, table};
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, read_manifest, roles,
-    run_pairs, write_receipt,
+    Candidate, CellLedger, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints, read_manifest,
+    roles, run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -98,7 +97,7 @@ impl EvalManifest<'_> {
                 "note: reference policies on the same pairs: {}; the oracle, `{}` on the true dynamics, takes longest (--reference \
                  chooses)",
                 roles.join(", "),
-                describe(&oracle.policy.name, &oracle.policy.named)
+                oracle.policy
             ));
         }
         let others = wanted.iter().map(|(_, other)| other).filter(|other| **other != candidate);
@@ -298,12 +297,37 @@ pub(super) fn p_value(p: f64) -> String {
     if p < 0.0001 { "p < 0.0001".to_owned() } else { format!("p = {p:.4}") }
 }
 
+/// ` (3 with success at reset, which counts for every policy)`.
+pub(super) fn at_reset(solved: usize) -> String {
+    match solved {
+        0 => " (0 with success at reset)".to_owned(),
+        solved => format!(" ({solved} with success at reset, which counts for every policy)"),
+    }
+}
+
+/// What the policy lost against the oracle, in one line: after the first plan, and after the later ones where there are any.
+fn regret_line(regret: &Regret) -> String {
+    let Regret { first_plan, first_plan_median, by_plan, at_end, .. } = regret;
+    let later = match by_plan.get(1..) {
+        Some(later) if !later.is_empty() => {
+            let later: Vec<String> = later.iter().map(|lost| format!("{lost:.3}")).collect();
+            format!("; mean after each later plan: {}", later.join(", "))
+        }
+        // Receipts of earlier programs have no later plans, but the end.
+        _ if by_plan.is_empty() && at_end != first_plan => format!("; mean at the end: {at_end:.3}"),
+        _ => String::new(),
+    };
+    format!(
+        "regret against the oracle, in task cost: mean {first_plan:.3} (median {first_plan_median:.3}) after the first plan{later}"
+    )
+}
+
 fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     let steps = |summary: &Summary| {
         summary.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"))
     };
     let mut rows = vec![vec![
-        receipt.policy.clone(),
+        receipt.candidate.policy.to_string(),
         rate(&receipt.summary),
         steps(&receipt.summary),
         String::new(),
@@ -321,11 +345,11 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         ]);
     }
     let mut text = format!(
-        "{}, {} tier, {} pairs ({} with success at reset)\n\n{}",
+        "{}, {} tier, {} pairs{}\n\n{}",
         receipt.manifest.env,
         receipt.manifest.tier.name(),
         receipt.summary.episodes,
-        receipt.summary.solved_at_start,
+        at_reset(receipt.summary.solved_at_start),
         table(&["policy", "success (95 %)", "steps", "difference (95 %)", "McNemar"], &rows),
     );
     for (phase, summary) in receipt.phases.iter().enumerate() {
@@ -336,18 +360,28 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     }
     let others = receipt.references.iter().filter(|other| !is_itself(other));
     if let Some(regret) = others.into_iter().find_map(|other| other.regret.as_ref()) {
-        text += &format!(
-            "\nregret against the oracle, in task cost: mean {:.3} (median {:.3}) after the first plan, {:.3} at the end\n",
-            regret.first_plan, regret.first_plan_median, regret.at_end
-        );
-        if regret.by_plan.len() > 1 {
-            let plans: Vec<String> = regret.by_plan.iter().map(|lost| format!("{lost:.3}")).collect();
-            text += &format!("mean regret after each plan: {}\n", plans.join(", "));
-        }
+        text += &format!("\n{}\n", regret_line(regret));
     }
     text += &format!(
         "manifest {}\nwall time of the policy: {:.1} s\n",
         receipt.manifest_hash, receipt.wall_time_s
     );
     text + &path.map(|path| format!("{}\n", path.display())).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_regret_is_told_once() {
+        let told = |by_plan: &[f64], at_end| {
+            let by_plan = by_plan.to_vec();
+            regret_line(&Regret { pairs: 2, first_plan: 1.5, first_plan_median: 1.25, by_plan, at_end })
+        };
+        let first = "regret against the oracle, in task cost: mean 1.500 (median 1.250) after the first plan";
+        assert_eq!(told(&[1.5], 1.5), first);
+        assert_eq!(told(&[1.5, 3.0, 2.5], 2.5), format!("{first}; mean after each later plan: 3.000, 2.500"));
+        assert_eq!(told(&[], 2.5), format!("{first}; mean at the end: 2.500"));
+    }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::{Failure, usage};
 use crate::evaluation::{Candidate, Receipt, Role, Sweep, read_receipt};
-use crate::text_file::read_text;
+use crate::text_file::{json_error, read_text};
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
 /// policies that are asked for.
@@ -40,7 +40,7 @@ pub(super) fn sweep(dir: &Path) -> Result<Option<Sweep>, Failure> {
         return Ok(None);
     }
     let text = read_text(&path).map_err(|error| error.to_string());
-    let held = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
+    let held = text.and_then(|text| serde_json::from_str(&text).map_err(|error| json_error(&text, &error)));
     Ok(Some(held.map_err(|error| refusal(dir, &format!("a file that cannot be read ({error})")))?))
 }
 
@@ -59,7 +59,7 @@ fn difference(asked: &Receipt, held: &Receipt, roles: &[(Role, Candidate)]) -> O
     if held.manifest_hash != asked.manifest_hash {
         Some(format!("the manifest {}, not {}", held.manifest_hash, asked.manifest_hash))
     } else if held.candidate.policy != asked.candidate.policy && held.policy != asked.policy {
-        Some(format!("policy `{}`, not `{}`", held.policy, asked.policy))
+        Some(format!("policy `{}`, not `{}`", held.candidate.policy, asked.candidate.policy))
     } else if held.candidate.seed != asked.candidate.seed {
         Some(format!("--policy-seed {}, not {}", held.candidate.seed, asked.candidate.seed))
     } else if held.files != asked.files {

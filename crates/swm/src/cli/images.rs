@@ -13,6 +13,32 @@ pub(super) fn holds_images(dataset: &dyn Dataset) -> bool {
     fields.filter(|field| field.dtype == Dtype::U8).any(|field| matches!(field.shape[..], [_, _, 1 | 3]))
 }
 
+/// The size of the images that a dataset holds.
+fn size(dataset: &dyn Dataset) -> Option<ImageSize> {
+    let mut fields = dataset.schema().fields().iter().filter(|field| field.dtype == Dtype::U8);
+    fields.find_map(|field| match field.shape[..] {
+        [height, width, 1 | 3] => Some(ImageSize { height, width }),
+        _ => None,
+    })
+}
+
+/// Refuses to join datasets of which some hold no images, or others.
+pub(super) fn check_alike(datasets: &[Box<dyn Dataset>]) -> Result<(), Failure> {
+    let Some((first, rest)) = datasets.split_first() else { return Ok(()) };
+    let wanted = size(first.as_ref());
+    let Some(other) = rest.iter().find(|other| size(other.as_ref()) != wanted) else { return Ok(()) };
+    let told = |dataset: &dyn Dataset| {
+        let images = size(dataset).map_or("no images".to_owned(), |size| format!("images of {size}"));
+        format!("{} holds {images}", dataset.path().display())
+    };
+    let size = wanted.or_else(|| size(other.as_ref())).map_or(String::new(), |size| size.to_string());
+    Err(usage(format!(
+        "{}, {}; --image-size {size} renders images of one size for all",
+        told(first.as_ref()),
+        told(other.as_ref())
+    )))
+}
+
 /// The dataset with images of this size, in place of those that it holds.
 ///
 /// # Errors

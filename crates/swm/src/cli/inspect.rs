@@ -7,7 +7,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::{FieldKind, Metadata, Registry};
 
 use super::output::{counted, table};
-use super::{Failure, Output};
+use super::{Failure, Output, inputs};
 
 /// Show format, episodes, columns and metadata of a dataset.
 #[derive(Args)]
@@ -21,7 +21,7 @@ pub(super) struct Inspect {
 
 impl Inspect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let dataset = swm_data::open_in(registry, &self.file)?;
+        let dataset = inputs::open(registry, &self.file)?;
         let lengths = &dataset.info().lengths;
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();

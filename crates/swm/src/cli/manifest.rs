@@ -12,7 +12,7 @@ use super::args::{EnvArgs, ImageArg};
 use super::output::{create_parent, table};
 use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, inputs, usage};
 use crate::distractors;
 use crate::evaluation::{TierRules, read_manifest, recorded_pairs, tier_rules, write_manifest};
 
@@ -126,7 +126,7 @@ impl ManifestCommand {
         match self.action {
             Action::Make(make) => show(&make.write(registry, output)?, &make.out, output),
             Action::Show { manifest } => {
-                let found = read_manifest(&manifest)?;
+                let found = read_manifest(&manifest).map_err(usage)?;
                 show(&found, &manifest, output)
             }
         }
@@ -148,8 +148,7 @@ impl Make {
     fn write(&self, registry: &Registry, output: &Output) -> Result<Manifest, Failure> {
         let tier = Tier::from(self.tier);
         let entry = self.env.entry(registry)?;
-        let mut dataset =
-            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
+        let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
         let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         let config = self.env.config_like(settings, self.image_size.0)?;
@@ -173,8 +172,8 @@ impl Make {
         }
         let factors = entry.make(&EnvConfig { image: None, ..config.clone() })?.spec().factors.clone();
         let scenario = match &dataset {
-            None => self.scenario.options(&factors, output)?,
-            Some(_) => self.scenario.recorded_options(&factors, output)?,
+            None => self.scenario.options(entry, &factors, output)?,
+            Some(_) => self.scenario.recorded_options(entry, &factors, output)?,
         };
         let options = ManifestOptions {
             tier,

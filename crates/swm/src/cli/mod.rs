@@ -16,8 +16,10 @@ mod eval;
 mod eval_manifest;
 mod held;
 mod images;
+mod inputs;
 mod inspect;
 mod interrupt;
+mod job_status;
 mod jobs;
 mod man;
 mod manifest;
@@ -36,6 +38,7 @@ mod stats;
 mod stream;
 mod submit;
 mod sweep;
+mod table;
 mod task;
 mod train;
 #[cfg(feature = "baselines")]
@@ -70,10 +73,10 @@ Results go to the standard output, progress and messages to the standard error. 
 )]
 struct Cli {
     /// Print results as JSON.
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 900)]
     json: bool,
     /// Print no progress and no notes.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, display_order = 901)]
     quiet: bool,
     #[command(subcommand)]
     command: Command,
@@ -179,7 +182,7 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Sweep(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Submit(command) => command.run(registry, output),
-        Command::Jobs(command) => command.run(output),
+        Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
         Command::Train(command) => command.run(registry, output),
@@ -208,6 +211,25 @@ mod tests {
     #[test]
     fn the_command_line_is_sound() {
         Cli::command().debug_assert();
+    }
+
+    /// A terminal wraps paragraphs; line breaks in them would stay.
+    #[test]
+    fn paragraphs_of_help_are_lines() {
+        fn check(command: &clap::Command) {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let lines: Vec<&str> = help.lines().collect();
+            for pair in lines.windows(2) {
+                let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ');
+                assert!(
+                    !(is_text(pair[0]) && is_text(pair[1])),
+                    "`swm {}`: a line break in a paragraph: {pair:?}",
+                    command.get_name()
+                );
+            }
+            command.get_subcommands().for_each(check);
+        }
+        check(&Cli::command());
     }
 
     #[test]

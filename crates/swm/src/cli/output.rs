@@ -10,6 +10,8 @@ use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
 
+pub(crate) use super::table::table;
+
 /// A command that did not succeed.
 #[derive(Debug)]
 pub(crate) struct Failure {
@@ -182,8 +184,17 @@ impl Output {
         !self.quiet && std::io::stderr().is_terminal()
     }
 
-    /// A progress bar of `len` units on stderr; hidden without a terminal or with `--quiet`.
+    /// A progress bar of `len` units on stderr. Without a terminal, a line every ten seconds; with `--quiet`, nothing.
     pub(crate) fn bar(&self, len: u64, unit: &str) -> ProgressBar {
+        let bar = self.bar_alone(len, unit);
+        if !self.quiet && !self.shows_bars() {
+            report(&bar, unit, REPORT_EVERY, |line| eprintln!("{line}"));
+        }
+        bar
+    }
+
+    /// As [`Output::bar`], where the command itself says how far it is without a terminal.
+    pub(crate) fn bar_alone(&self, len: u64, unit: &str) -> ProgressBar {
         let bar = ProgressBar::new(len);
         if !self.shows_bars() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
@@ -194,6 +205,31 @@ impl Output {
         bar.enable_steady_tick(Duration::from_millis(200));
         bar
     }
+}
+
+/// How often a line tells of progress where no bar is shown.
+const REPORT_EVERY: Duration = Duration::from_secs(10);
+
+/// Tells now and then how far `bar` is, until it is finished or gone.
+fn report(bar: &ProgressBar, unit: &str, every: Duration, tell: impl Fn(String) + Send + 'static) {
+    let (bar, unit) = (bar.downgrade(), unit.to_owned());
+    let reporting = move || loop {
+        std::thread::sleep(every);
+        match bar.upgrade() {
+            Some(bar) if !bar.is_finished() => tell(progress(&bar, &unit)),
+            _ => return,
+        }
+    };
+    // Without this thread the work goes on all the same.
+    let _ = std::thread::Builder::new().name("progress".to_owned()).spawn(reporting);
+}
+
+/// `3 of 7 episodes, 2 successful`.
+fn progress(bar: &ProgressBar, unit: &str) -> String {
+    let all = bar.length().map_or(String::new(), |len| format!(" of {len}"));
+    let message = bar.message();
+    let comma = if message.is_empty() { "" } else { ", " };
+    format!("{}{all} {unit}{comma}{message}", bar.position())
 }
 
 /// Speed and remaining time; nothing before the first unit is done, when neither is known.
@@ -218,33 +254,14 @@ pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(dir).map_err(failed)
 }
 
-/// A plain table: columns as wide as their widest cell, those of numbers to the right.
-pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
-    let width = |column: usize| {
-        let cells = rows.iter().map(|row| row[column].chars().count());
-        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..header.len()).map(width).collect();
-    let is_number = |cell: &str| cell.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '+');
-    let is_empty = |cell: &str| ["", "–", "-"].contains(&cell);
-    let numeric: Vec<bool> = (0..header.len())
-        .map(|column| rows.iter().all(|row| is_number(&row[column]) || is_empty(&row[column])))
-        .collect();
-    let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let padded = cells.zip(widths.iter().zip(&numeric)).map(|(cell, (&width, &numeric))| {
-            let pad = " ".repeat(width - cell.chars().count());
-            if numeric && is_number(cell) { format!("{pad}{cell}") } else { format!("{cell}{pad}") }
-        });
-        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
-    };
-    let mut text = line(&mut header.iter().copied());
-    text += &line(
-        &mut widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str),
-    );
-    for row in rows {
-        text += &line(&mut row.iter().map(String::as_str));
+/// A difference as people write it: whole numbers as such, others by four digits.
+pub(super) fn compact(value: f64) -> String {
+    match value {
+        value if value.is_infinite() => "no number".to_owned(),
+        value if value.fract() == 0.0 && value < 1e6 => format!("{value}"),
+        value if (1e-3..1e6).contains(&value) => format!("{value:.4}"),
+        value => format!("{value:.3e}"),
     }
-    text
 }
 
 /// `1 frame`, `2 frames`.
@@ -275,6 +292,32 @@ mod tests {
     }
 
     #[test]
+    fn without_a_bar_lines_tell_how_far_the_work_is() {
+        let bar = ProgressBar::hidden();
+        bar.set_length(7);
+        bar.inc(3);
+        assert_eq!(progress(&bar, "episodes"), "3 of 7 episodes");
+        bar.set_message("2 successful");
+        let (send, told) = std::sync::mpsc::channel();
+        report(&bar, "episodes", Duration::from_millis(1), move |line| drop(send.send(line)));
+        let patience = Duration::from_secs(60);
+        assert_eq!(told.recv_timeout(patience).unwrap(), "3 of 7 episodes, 2 successful");
+        bar.finish_and_clear();
+        // Then the other end of the channel goes away, and with it the thread.
+        while told.recv_timeout(patience).is_ok() {}
+        assert!(told.recv_timeout(patience).is_err());
+    }
+
+    #[test]
+    fn differences_are_written_as_people_do() {
+        for (value, text) in
+            [(19.0, "19"), (0.25, "0.2500"), (1e-9, "1.000e-9"), (0.0, "0"), (f64::INFINITY, "no number")]
+        {
+            assert_eq!(compact(value), text);
+        }
+    }
+
+    #[test]
     fn one_is_not_many() {
         assert_eq!([counted(1, "frame"), counted(0, "frame")], ["1 frame", "0 frames"]);
     }
@@ -282,12 +325,6 @@ mod tests {
     #[test]
     fn keys_and_values_align() {
         assert_eq!(key_values(&[("a", "1 of 2".into()), ("long", "x".into())]), "a     1 of 2\nlong  x\n");
-    }
-
-    #[test]
-    fn tables_align() {
-        let text = table(&["name", "n"], &[vec!["a".into(), "10".into()], vec!["long".into(), "7".into()]]);
-        assert_eq!(text, "name  n\n────  ──\na     10\nlong   7\n");
     }
 
     #[test]

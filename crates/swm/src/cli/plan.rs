@@ -8,12 +8,12 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World};
+use swm_core::{EnvEntry, EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
 use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, policy_args};
-use super::output::table;
+use super::output::{counted, table};
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
 use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
@@ -109,7 +109,7 @@ impl Plan {
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
-        let options = self.scenario.options(&world.spec().factors, output)?;
+        let options = self.scenario.options(entry, &world.spec().factors, output)?;
         world.reset(self.seed, &options)?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {
@@ -162,8 +162,11 @@ impl Plan {
             }
             None => Ok(Vec::new()),
         };
+        if let Some(note) = self.worse_than_best(registry, entry, &summary.plans) {
+            output.note(note);
+        }
         let page = written.as_ref().ok().and_then(|files| files.first());
-        output.result(&summary, || text(&summary, page.map(PathBuf::as_path)))?;
+        output.result(&summary, || text(&summary, &self.policy, page.map(PathBuf::as_path)))?;
         written.map(drop).map_err(Failure::from)
     }
 
@@ -182,6 +185,31 @@ impl Plan {
         }
         let meant = did_you_mean(nearest(name, planners(registry)).as_deref());
         Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")))
+    }
+
+    /// A note where plans cost more than candidates that were known: solvers return a mean of samples unless told otherwise.
+    fn worse_than_best(
+        &self,
+        registry: &Registry,
+        entry: &EnvEntry,
+        plans: &[PlanFigures],
+    ) -> Option<String> {
+        let is_worse = |plan: &&PlanFigures| {
+            plan.cost.zip(plan.last_best).is_some_and(|(cost, best)| cost > best + 1e-9 * best.abs())
+        };
+        let worse = plans.iter().filter(is_worse).count();
+        let name = policy_args(&self.policy).ok()?.name;
+        let policy = registry.policy_entry(entry, &name).ok()?;
+        let fix = match policy.settings.iter().any(|setting| setting.name == "return_best") {
+            true => "; return_best=true takes the best candidate",
+            false => "",
+        };
+        (worse > 0).then(|| {
+            format!(
+                "note: {worse} of {} cost more than their best candidate: `{name}` returns a mean of its samples{fix}",
+                counted(plans.len(), "plan")
+            )
+        })
     }
 
     /// Where the lines of the trace go; nowhere without `--trace`. Makes the folder.
@@ -255,7 +283,7 @@ fn video_format(asked: Option<&str>) -> Result<Format, Failure> {
 }
 
 /// A short summary for people.
-fn text(summary: &PlanSummary, page: Option<&Path>) -> String {
+fn text(summary: &PlanSummary, policy: &str, page: Option<&Path>) -> String {
     let cost = |cost: Option<f64>| cost.map_or("–".to_owned(), |cost| format!("{cost:.3}"));
     let success = |episode: u64| {
         let episode = summary.episodes.iter().find(|known| known.episode == episode);
@@ -299,7 +327,7 @@ fn text(summary: &PlanSummary, page: Option<&Path>) -> String {
     format!(
         "{}\n{}\n\n{}{more}\n{count} {}, {:.3} s each{successes}\n{page}",
         summary.env,
-        summary.policy,
+        policy,
         table(&head, &rows),
         if count == 1 { "plan" } else { "plans" },
         time / count.max(1) as f64,

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::env::PIXELS;
-use swm_core::{Dtype, ImageSize, Registry, SliceMut};
+use swm_core::{Dtype, FieldKind, ImageSize, Registry, SliceMut};
 use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, framed, png};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
 use super::replay::selection;
-use super::{Failure, Output, images, usage};
+use super::{Failure, Output, images, inputs, usage};
 
 /// The column of goal images.
 const GOAL: &str = "goal";
@@ -31,7 +31,8 @@ Examples:
 
 A sheet (.png) has one row per episode: the goal in an orange frame, where the dataset holds its image, then --frames images \
 from the first to the last. A video (.mp4, .gif) plays the \
-episodes in a grid; those that end early show their last frame. Images of a recording without images are rendered by \
+episodes in a grid; those that end early show their last frame. A column that holds one image per episode, such as `goal`, \
+is shown once. Images of a recording without images are rendered by \
 replaying the episodes.")]
 pub(super) struct Preview {
     /// The dataset.
@@ -56,7 +57,7 @@ pub(super) struct Preview {
 impl Preview {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = Format::from_path(&self.out).map_err(usage)?;
-        let mut dataset = swm_data::open_in(registry, &self.file)?;
+        let mut dataset = inputs::open(registry, &self.file)?;
         let missing =
             dataset.schema().index(&self.column).is_none() && !images::holds_images(dataset.as_ref());
         let size = match self.image_size {
@@ -84,8 +85,13 @@ impl Preview {
         if episodes.is_empty() {
             return Err(format!("{} holds no episode", self.file.display()).into());
         }
-        let per_episode =
-            self.frames.map_or(if format == Format::Png { 8 } else { 300 }, |frames| frames as usize);
+        let per_episode = match self.frames {
+            // Every row of an episode holds the same image.
+            _ if field.kind == FieldKind::Episode => 1,
+            Some(frames) => frames as usize,
+            None if format == Format::Png => 8,
+            None => 300,
+        };
         let bar = output.bar(episodes.len() as u64, "episodes");
         let goal = dataset.schema().index(GOAL).filter(|&goal| {
             let goal = &dataset.schema().fields()[goal];

@@ -9,11 +9,11 @@ use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
 use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
-use super::output::table;
-use super::{Failure, Output, images, usage};
+use super::output::{compact, table};
+use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
-    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, quality, recorded_episodes,
-    task_probes,
+    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality_with,
+    recorded_episodes, task_probes,
 };
 
 /// Most starts of the ranking: its mean hardly changes with more.
@@ -55,8 +55,8 @@ pub(super) struct QualityCommand {
     /// An impossible event; may be repeated.
     #[arg(long = "violation", value_name = "WHAT", default_value = "teleport")]
     violations: Vec<String>,
-    /// Episodes, pairs per violation, and starts of the ranking, of which there are 50 at most. Probes need many: 100 or more where what
-    /// they tell changes little within an episode.
+    /// Episodes; also pairs per violation and, up to 50, starts of the ranking. Probes need 100 or more episodes where what they
+    /// predict changes little within one.
     #[arg(long, default_value_t = QualityOptions::default().episodes)]
     episodes: usize,
     /// Steps per episode; of recorded ones the first.
@@ -65,7 +65,7 @@ pub(super) struct QualityCommand {
     /// Steps of open-loop prediction, and actions of a plan.
     #[arg(long, default_value_t = QualityOptions::default().horizon)]
     horizon: usize,
-    /// Plans per start: the recorded actions, left ever earlier for random ones.
+    /// Plans per start. Each follows the recorded actions up to some step and takes random ones after it.
     #[arg(long, default_value_t = QualityOptions::default().plans)]
     plans: usize,
     /// Seed of episodes, plans and probes.
@@ -87,12 +87,26 @@ impl QualityCommand {
             return Err(usage(format!("--rows {rows}: use more than --horizon, which is {horizon}")));
         }
         let entry = self.env.entry(registry)?;
-        let dataset = self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
+        let trained = trained(registry, &self.model)?;
+        if trained.is_none() && !self.model.starts_with("pixels=") {
+            gain(&self.model)?;
+        }
+        let violations: Vec<(String, Violation)> = self
+            .violations
+            .iter()
+            .map(|text| Ok((text.clone(), violation(text)?)))
+            .collect::<Result<_, Failure>>()?;
+        let named: Vec<ProbeTarget> = self
+            .probes
+            .iter()
+            .filter(|text| *text != "none")
+            .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
+            .collect::<Result<_, _>>()?;
+        let dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         if !metadata.env.is_empty() && metadata.env != entry.id {
             return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
         }
-        let trained = trained(registry, &self.model)?;
         let of_model = || trained.as_ref().and_then(|(entry, args)| entry.image_size(args));
         let image = self.image_size.map_or_else(|| of_model().or(metadata.image), |size| size.0);
         let config =
@@ -103,12 +117,9 @@ impl QualityCommand {
             }
             (dataset, _) => dataset,
         };
-        let violations: Vec<(String, Violation)> = self
-            .violations
-            .iter()
-            .map(|text| Ok((text.clone(), violation(text)?)))
-            .collect::<Result<_, Failure>>()?;
         let mut env = entry.make(&config)?;
+        let bar = output.bar(1 + measurements(&violations), "parts done");
+        bar.set_message("now the episodes");
         let recorded = match &mut dataset {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
@@ -122,13 +133,17 @@ impl QualityCommand {
             [] if recorded.len() < 2 => Vec::new(),
             [] => default_probes(env.spec(), &config.settings, &recorded),
             [none] if none == "none" => Vec::new(),
-            named => named
-                .iter()
-                .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
-                .collect::<Result<_, _>>()?,
+            _ => named,
         };
         let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
-        let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
+        let begins = |name: &str| {
+            bar.inc(1);
+            bar.set_message(format!("now {name}"));
+        };
+        let (model, env) = (model.as_mut(), env.as_mut());
+        let found = quality_with(model, env, &recorded, &probed, &violations, &options, begins);
+        bar.finish_and_clear();
+        let found = found?;
         if let Some(note) = few_episodes(&found, recorded.len()) {
             output.note(note);
         }
@@ -252,7 +267,7 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         .violations
         .iter()
         .map(|violation| {
-            let [possible, impossible] = violation.surprise.map(|surprise| format!("{surprise:.4e}"));
+            let [possible, impossible] = violation.surprise.map(compact);
             let accuracy = violation.accuracy.map_or("–".to_owned(), |accuracy| format!("{accuracy:.2}"));
             vec![violation.name.clone(), accuracy, possible, impossible]
         })
@@ -269,16 +284,19 @@ fn diagnosis(found: &Quality) -> String {
     };
     let errors = (1..).zip(&found.open_loop_error).map(|(step, error): (usize, _)| {
         let share = found.open_loop_unexplained.get(step - 1);
-        let share = share.map_or(String::new(), |share| format!("{share:.3} of the variance"));
-        vec![format!("squared error {} steps ahead", step * found.stride), format!("{error:.4e}"), share]
+        let share = share.map_or("–".to_owned(), |share| format!("{share:.3}"));
+        vec![(step * found.stride).to_string(), compact(*error), share]
     });
-    let rows: Vec<Vec<String>> = found.gate.iter().map(check).chain(errors).collect();
+    let gate: Vec<Vec<String>> = found.gate.iter().map(check).collect();
     let (passed, all) = (found.gate.iter().filter(|check| check.passes).count(), found.gate.len());
     let verdict = match all {
         0 => String::new(),
-        _ => format!("\n{passed} of {all} requirements of the gate are met\n"),
+        _ => format!(
+            "{}\n{passed} of {all} requirements of the gate are met\n\n",
+            table(&["measure", "result", "gate"], &gate)
+        ),
     };
-    table(&["measure", "result", "gate"], &rows) + &verdict
+    verdict + &table(&["steps ahead", "squared error", "of the variance"], &errors.collect::<Vec<_>>())
 }
 
 /// Unexplained share of the variance, and mean correlation.

@@ -23,7 +23,7 @@ Examples:
 pub(super) struct Render {
     #[command(flatten)]
     env: EnvArgs,
-    /// The policy.
+    /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
     #[arg(long, default_value = "random")]
     policy: String,
     /// Seed of the run.
@@ -54,8 +54,11 @@ impl Render {
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy(registry, &self.policy, &world, output)?);
         let mut video = Video::first(1);
-        let rollout =
-            Rollout::new(0..1).seed(self.seed).options(self.scenario.options(&world.spec().factors, output)?);
+        let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options(
+            entry,
+            &world.spec().factors,
+            output,
+        )?);
         world.run(&rollout, &mut video)?;
         let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
         let wanted = usize::try_from(self.steps)?.saturating_add(1);

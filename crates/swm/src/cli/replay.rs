@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::{EnvConfig, Registry};
 
-use super::output::{counted, table};
+use super::output::{compact, counted, table};
 use super::scenario::factor_values;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, inputs, usage};
 use crate::replay::{ReplayReport, replay};
 
 /// Re-run recorded actions from recorded starts and compare every state column.
@@ -39,7 +39,7 @@ pub(super) struct Replay {
 
 impl Replay {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = swm_data::open_in(registry, &self.file)?;
+        let mut dataset = inputs::open(registry, &self.file)?;
         let named = dataset.metadata().map(|metadata| metadata.env.clone());
         let env = self.env.or(named).ok_or_else(|| {
             usage(format!("{} does not name its environment; say --env ID", self.file.display()))
@@ -51,7 +51,7 @@ impl Replay {
         let entry = registry.env(&env)?;
         let settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
         let factors = entry.make(&EnvConfig { image: None, settings })?.spec().factors.clone();
-        let overrides = factor_values(&self.set, &factors, output)?;
+        let overrides = factor_values(&self.set, entry, &factors, output)?;
         let bar = output.bar(episodes.len() as u64, "episodes");
         let report = replay(entry, &mut dataset, &episodes, &overrides, self.tolerance, |_| bar.inc(1))?;
         bar.finish_and_clear();
@@ -60,7 +60,7 @@ impl Replay {
             return Ok(());
         }
         let worst = report.columns.iter().max_by(|a, b| a.1.max_abs.total_cmp(&b.1.max_abs));
-        let worst = worst.map(|(name, d)| format!("`{name}` by {:.3e}", d.max_abs)).unwrap_or_default();
+        let worst = worst.map(|(name, d)| format!("`{name}` by {}", compact(d.max_abs))).unwrap_or_default();
         Err(format!("dataset and simulator differ by more than {:e}: {worst}", self.tolerance).into())
     }
 }
@@ -69,7 +69,7 @@ fn text(report: &ReplayReport) -> String {
     let rows: Vec<_> = report
         .columns
         .iter()
-        .map(|(name, d)| vec![name.clone(), format!("{:.3e}", d.max_abs), format!("{:.3e}", d.final_abs)])
+        .map(|(name, d)| vec![name.clone(), compact(d.max_abs), compact(d.final_abs)])
         .collect();
     let checkpoints = match (report.checkpoints, report.checkpoints_differ) {
         (0, _) => String::new(),
@@ -79,7 +79,7 @@ fn text(report: &ReplayReport) -> String {
     let verdict = if report.ok { "agree" } else { "differ" };
     format!(
         "{}\n{}, {}: dataset and simulator {verdict} (tolerance {:e}){checkpoints}",
-        table(&["column", "largest deviation", "at the end"], &rows),
+        table(&["column", "largest difference", "at the end"], &rows),
         counted(report.episodes, "episode"),
         counted(report.rows, "row"),
         report.tolerance,

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use clap::Args;
-use swm_core::error::{did_you_mean, nearest};
-use swm_core::{FactorSpec, ResetOptions, Value};
+use swm_core::env::{nearest_factor, selects};
+use swm_core::error::did_you_mean;
+use swm_core::{EnvEntry, FactorSpec, ResetOptions, Value};
 use swm_fov::color_values;
 
 use super::args::assignment;
@@ -26,9 +27,15 @@ pub(super) struct ScenarioArgs {
 
 impl ScenarioArgs {
     /// The reset of every episode in an environment with these factors. Says which default factors are no longer sampled.
-    pub(super) fn options(&self, factors: &[FactorSpec], output: &Output) -> Result<ResetOptions, Failure> {
+    pub(super) fn options(
+        &self,
+        env: &EnvEntry,
+        factors: &[FactorSpec],
+        output: &Output,
+    ) -> Result<ResetOptions, Failure> {
         let variation = self.variation(true)?;
-        let values = self.values(factors, output)?;
+        check_selected(variation.iter().flatten(), env, factors)?;
+        let values = factor_values(&self.set, env, factors, output)?;
         for name in values
             .keys()
             .filter(|name| self.vary.iter().flatten().any(|asked| asked.trim_start_matches('+') == **name))
@@ -38,15 +45,13 @@ impl ScenarioArgs {
         if let Some(asked) = &variation
             && !asked.is_empty()
         {
-            let is_known = |asked: &String| factors.iter().any(|factor| factor.is_selected_by(asked));
             let left: Vec<&str> = factors
                 .iter()
                 .filter(|factor| factor.sampled_by_default && !values.contains_key(&factor.name))
                 .filter(|factor| !asked.iter().any(|asked| factor.is_selected_by(asked)))
                 .map(|factor| factor.name.as_str())
                 .collect();
-            // A name that does not exist is refused in the words of the environment.
-            if !left.is_empty() && asked.iter().all(is_known) {
+            if !left.is_empty() {
                 output.note(format!(
                     "note: --vary samples only what it names; {} keep their defaults in every episode (`--vary +{}` samples them, too)",
                     left.join(", "),
@@ -60,10 +65,13 @@ impl ScenarioArgs {
     /// As [`ScenarioArgs::options`], where starts and goals are recorded: without `--vary`, nothing is sampled.
     pub(super) fn recorded_options(
         &self,
+        env: &EnvEntry,
         factors: &[FactorSpec],
         output: &Output,
     ) -> Result<ResetOptions, Failure> {
-        let (variation, variation_values) = (self.variation(false)?, self.values(factors, output)?);
+        let variation = self.variation(false)?;
+        check_selected(variation.iter().flatten(), env, factors)?;
+        let variation_values = factor_values(&self.set, env, factors, output)?;
         Ok(ResetOptions { variation, variation_values, ..ResetOptions::default() })
     }
 
@@ -85,15 +93,41 @@ impl ScenarioArgs {
             true => Err(usage("--vary: `none` stands alone, or is left out")),
         }
     }
-
-    fn values(&self, factors: &[FactorSpec], output: &Output) -> Result<BTreeMap<String, Value>, Failure> {
-        factor_values(&self.set, factors, output)
-    }
 }
 
-/// Reads `--set NAME=VALUE` options. What the environment cannot take, it refuses itself.
+/// Refuses names of `--vary` that select no factor.
+fn check_selected<'a>(
+    asked: impl Iterator<Item = &'a String>,
+    env: &EnvEntry,
+    factors: &[FactorSpec],
+) -> Result<(), Failure> {
+    let selects =
+        |asked: &str| asked == "default" || factors.iter().any(|factor| factor.is_selected_by(asked));
+    let mut unknown = asked.filter(|asked| !selects(asked));
+    unknown
+        .next()
+        .map_or(Ok(()), |name| Err(usage(format!("--vary {name}: {}", no_factor(name, env, factors)))))
+}
+
+/// Why there is no factor `name`: it is a setting, a group, or nothing.
+fn no_factor(name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> String {
+    let names = || factors.iter().map(|factor| factor.name.as_str());
+    let below: Vec<&str> = names().filter(|factor| selects(name, factor)).collect();
+    let id = env.id;
+    if !below.is_empty() {
+        return format!("`{name}` is a group of factors; name one of them: {}", below.join(", "));
+    }
+    if env.settings.iter().any(|setting| setting.name == name) {
+        return format!("`{name}` is no factor but a setting of {id}; set it by --env-option {name}=VALUE");
+    }
+    let meant = did_you_mean(nearest_factor(name, names()).as_deref());
+    format!("unknown factor `{name}`{meant}; `swm fovs {id}` lists them")
+}
+
+/// Reads `--set NAME=VALUE` options. Values that the environment cannot take, it refuses itself.
 pub(super) fn factor_values(
     options: &[String],
+    env: &EnvEntry,
     factors: &[FactorSpec],
     output: &Output,
 ) -> Result<BTreeMap<String, Value>, Failure> {
@@ -101,9 +135,11 @@ pub(super) fn factor_values(
     for option in options {
         let (name, text) = assignment(option, "--set")?;
         let inner = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
-        let factor = factors.iter().find(|factor| factor.name == name);
-        let color = factor.map(|factor| color_values(&factor.space, name, inner)).transpose();
-        let color = color.map_err(|reason| usage(format!("--set {option}: {reason}")))?.flatten();
+        let Some(factor) = factors.iter().find(|factor| factor.name == name) else {
+            return Err(usage(format!("--set {option}: {}", no_factor(name, env, factors))));
+        };
+        let color = color_values(&factor.space, name, inner);
+        let color = color.map_err(|reason| usage(format!("--set {option}: {reason}")))?;
         let numbers = match color {
             Some(color) => {
                 if let Some(read_as) = color.read_as {
@@ -112,10 +148,10 @@ pub(super) fn factor_values(
                 color.values
             }
             None => factor
-                .and_then(|factor| factor.choice(inner))
+                .choice(inner)
                 .map(|choice| vec![choice as f64])
                 .or_else(|| numbers(inner))
-                .ok_or_else(|| usage(not_numbers(option, name, text, factors)))?,
+                .ok_or_else(|| usage(not_numbers(option, text, factor)))?,
         };
         values.insert(name.to_owned(), Value::vector(&numbers));
     }
@@ -123,15 +159,11 @@ pub(super) fn factor_values(
 }
 
 /// Why a value that is not numbers cannot be set.
-fn not_numbers(option: &str, name: &str, text: &str, factors: &[FactorSpec]) -> String {
-    if let Some(factor) = factors.iter().find(|factor| factor.name == name) {
-        return match factor.choices.as_slice() {
-            [] => format!("--set {option}: `{text}` is not a number or a list of numbers"),
-            choices => format!("--set {option}: `{text}` is not a number or one of {}", choices.join(", ")),
-        };
+fn not_numbers(option: &str, text: &str, factor: &FactorSpec) -> String {
+    match factor.choices.as_slice() {
+        [] => format!("--set {option}: `{text}` is not a number or a list of numbers"),
+        choices => format!("--set {option}: `{text}` is not a number or one of {}", choices.join(", ")),
     }
-    let near = nearest(name, factors.iter().map(|factor| factor.name.as_str()));
-    format!("--set {option}: unknown factor `{name}`{}; `swm fovs` lists them", did_you_mean(near.as_deref()))
 }
 
 /// `1,2.5` as numbers.
@@ -151,9 +183,10 @@ mod tests {
     #[test]
     fn choices_are_set_by_name_or_number() {
         let registry = crate::registry();
-        let env = registry.env("swm/PushT-v1").unwrap().make(&swm_core::EnvConfig::default()).unwrap();
+        let entry = registry.env("swm/PushT-v1").unwrap();
+        let env = entry.make(&swm_core::EnvConfig::default()).unwrap();
         let set = |text: &str| {
-            factor_values(&[text.to_owned()], &env.spec().factors, &Output::new(false, true))
+            factor_values(&[text.to_owned()], entry, &env.spec().factors, &Output::new(false, true))
                 .map(|values| values["block.shape"].clone())
         };
         for text in ["block.shape=small T", "block.shape=Small-t", "block.shape=6"] {

@@ -4,10 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use swm_core::Registry;
+use swm_core::checkpoint::CHECKPOINT;
+use swm_data::recording::EP_IDX;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
 use super::output::{counted, table};
-use super::{Failure, Output};
+use super::{Failure, Output, inputs};
+
+/// Columns of numbers that count or name something, or are bytes: their mean says nothing.
+const NO_QUANTITIES: [&str; 4] = [EP_IDX, "step_idx", "seed", CHECKPOINT];
 
 /// Show mean, std, extremes and quantiles of columns; store them next to the dataset.
 #[derive(Args)]
@@ -36,8 +41,8 @@ pub(super) struct Stats {
 
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = swm_data::open_in(registry, &self.file)?;
-        let named = self.quantiles.clone();
+        let mut dataset = inputs::open(registry, &self.file)?;
+        let (named, is_named) = (self.quantiles.clone(), self.columns.is_some());
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {
             keys: self.columns,
@@ -59,7 +64,8 @@ impl Stats {
         };
         output.result(&statistics, || {
             let mut rows = Vec::new();
-            for (name, column) in &statistics.columns {
+            let is_listed = |name: &str| is_named || !NO_QUANTITIES.contains(&name);
+            for (name, column) in statistics.columns.iter().filter(|(name, _)| is_listed(name)) {
                 rows.extend(lines(name, column, named.as_deref().unwrap_or_default()));
             }
             let quantiles: Vec<String> = named.iter().flatten().map(|q| format!("{} %", 100.0 * q)).collect();
@@ -67,7 +73,16 @@ impl Stats {
             header.extend(quantiles.iter().map(String::as_str));
             let (episodes, steps) =
                 (counted(statistics.episodes, "episode"), counted(statistics.rows, "row"));
-            format!("{episodes}, {steps}\n\n{}", table(&header, &rows))
+            let left: Vec<&str> =
+                statistics.columns.keys().map(String::as_str).filter(|name| !is_listed(name)).collect();
+            let left = match left.as_slice() {
+                [] => String::new(),
+                left => format!(
+                    "\nnot listed, as they hold no quantities: {} (--columns lists them)\n",
+                    left.join(", ")
+                ),
+            };
+            format!("{episodes}, {steps}\n\n{}{left}", table(&header, &rows))
         })
     }
 }

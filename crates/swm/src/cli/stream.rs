@@ -9,7 +9,7 @@ use swm_core::evaluate::witness;
 use swm_core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Manifest, Schema};
 
 use super::{Failure, usage};
-use crate::text_file::read_text;
+use crate::text_file::{read_text, toml_error};
 
 /// The phases, in order: `[[phase]]` with `episodes`, and `vary` or `set`.
 #[derive(Deserialize)]
@@ -32,7 +32,7 @@ struct Phase {
 pub(super) fn read_stream(path: &Path) -> Result<Stream, Failure> {
     let wrong = |reason: String| usage(format!("stream {}: {reason}", path.display()));
     let text = read_text(path).map_err(|error| wrong(error.to_string()))?;
-    let stream: Stream = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    let stream: Stream = toml::from_str(&text).map_err(|error| wrong(toml_error(&text, &error)))?;
     if stream.phase.is_empty() || stream.phase.iter().any(|phase| phase.episodes == 0) {
         return Err(wrong("needs phases of 1 or more episodes each: [[phase]], episodes = 20".to_owned()));
     }

@@ -71,8 +71,8 @@ Examples:
   swm submit --job pusht      (again: what is neither done nor queued)
   swm submit --on slurm --each runs.txt --job runs -- train lewm --data tworoom.h5    (a training run per line of arguments)
 
-The commands are collect, eval --manifest, sweep and train, without --out: results go to the job's folder, which all machines must
-see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals
+The commands are collect, eval --manifest, sweep and train, without --out: results go to the job's folder, which all machines must \
+see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals \
 that of the undivided command. `swm jobs` shows progress. `swm submit` does not wait; --wait does.
 
 Engines and their keys, --on ENGINE:KEY=VALUE,…:

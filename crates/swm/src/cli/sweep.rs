@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use swm_core::{Cancel, FactorSpec, Manifest, Registry, Space};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
-use super::eval_manifest::{p_value, rate};
+use super::eval_manifest::{at_reset, p_value, rate};
 use super::manifest::note_rewards_only;
 use super::output::{create_folder, table};
 use super::work::Plan;
@@ -32,7 +32,7 @@ pub(super) struct SweepCommand {
     /// The manifest; `swm manifest make` makes one.
     #[arg(long, value_name = "FILE")]
     manifest: PathBuf,
-    /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE.
+    /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
     #[arg(long)]
     policy: String,
     /// Seed of the policy's noise.
@@ -239,10 +239,14 @@ fn text(sweep: &Sweep, out: Option<&Path>) -> String {
         reasons(sweep).iter().map(|(reason, cells)| format!("{}: {reason}\n", cells.join(", "))).collect();
     let folder = out.map(|dir| format!("{}\n", dir.join("sweep.json").display())).unwrap_or_default();
     format!(
-        "{}, {} tier, {pairs} pairs, {}\n\n{}{reasons}{folder}",
+        "{}, {} tier, {pairs} pairs{}, {}\n\n{}{reasons}{folder}",
         sweep.env,
         sweep.tier,
-        sweep.policy,
+        sweep.cells[0]
+            .summary
+            .as_ref()
+            .map_or(String::new(), |unchanged| at_reset(unchanged.solved_at_start)),
+        sweep.candidate.policy,
         table(&["changed", "values", "success (95 %)", "difference (95 %)", "McNemar", ""], &rows)
     )
 }

@@ -28,8 +28,8 @@ Examples:
   swm task JOB --finish     (join the shards)
   parallel -j8 swm task JOB --index ::: $(seq 64)
 
-Without --index, the shard is that of the scheduler's environment variable: SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX
-(Kubernetes), AWS_BATCH_JOB_ARRAY_INDEX, PBS_ARRAY_INDEX or SGE_TASK_ID. A shard that is done is not run again, and one that was
+Without --index, the shard is that of the scheduler's environment variable: SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX \
+(Kubernetes), AWS_BATCH_JOB_ARRAY_INDEX, PBS_ARRAY_INDEX or SGE_TASK_ID. A shard that is done is not run again, and one that was \
 interrupted goes on. Exit status: 0 done, 1 failed, 2 the request is wrong, 75 stopped in time: start the task again.")]
 pub(super) struct Task {
     /// The job's folder.

@@ -83,7 +83,7 @@ impl Train {
                 .map_err(failure)?,
         };
         output.note(beginning(&training));
-        let bar = output.bar(0, "steps");
+        let bar = output.bar_alone(0, "steps");
         let begun_at = training.done().map_err(failure)?;
         let shown = Shown::new(&bar, output, Pace::EnvSteps, false, begun_at);
         let run = out.display().to_string();
@@ -121,7 +121,7 @@ fn beginning(training: &OnlineTraining) -> String {
     let OnlineConfig { agent, env, interface, .. } = training.config();
     let [observed, acted] = interface.dims();
     format!(
-        "{}, preset {}, {} parameters; in {env}: it observes {observed} values ({}), an action has {acted}",
+        "{}, preset {}, {} parameters; in {env}: observations of {observed} values ({}), actions of {acted}",
         agent.agent,
         agent.preset,
         many(training.agent().parameters()),

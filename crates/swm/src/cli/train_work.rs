@@ -18,7 +18,7 @@ use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
 use crate::cli::work::Plan;
-use crate::cli::{Failure, Output, images, interrupt, usage};
+use crate::cli::{Failure, Output, images, inputs, interrupt, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
 pub(super) const SAVING: Duration = Duration::from_secs(25);
@@ -58,7 +58,7 @@ impl Train {
             let first = of_baseline.map_or("", |entry| entry.presets[0]);
             let preset = self.preset.as_deref().unwrap_or(first);
             let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
-            let dataset = swm_data::open_in(registry, data)?;
+            let dataset = inputs::open(registry, data)?;
             let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failure)?;
             if !images::holds_images(dataset.as_ref()) {
                 let image = prepared.config().data.image;
@@ -73,7 +73,7 @@ impl Train {
         for note in self.cautions(&training) {
             output.note(note);
         }
-        let bar = output.bar(0, "steps");
+        let bar = output.bar_alone(0, "steps");
         let has_phases = training.model().phases().len() > 1;
         let begun_at = training.done().map_err(failure)?;
         let shown = Shown::new(&bar, output, Pace::Clips, has_phases, begun_at);
@@ -167,7 +167,7 @@ fn on_the_way(
             "--quality-every measures world models, and {name} is a policy; leave it out"
         )));
     }
-    let dataset = swm_data::open_in(registry, &data.path)?;
+    let dataset = inputs::open(registry, &data.path)?;
     let dataset =
         with_images(dataset.as_ref(), registry, model.name(), model.input_spec().image).map_err(failure)?;
     OnTheWay::new(registry, every, dataset.as_ref(), data.split, model.input_spec(), fit.seed)

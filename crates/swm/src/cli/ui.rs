@@ -27,7 +27,7 @@ Examples:
   swm ui data --save recordings           (record what you steer into this folder, and manifests of pairs that you pick)
   ssh -L 8000:127.0.0.1:8000 cluster swm ui --port 8000 --no-open runs    (a page of another machine)
 
-The address that is printed works once: the browser that opens it first keeps a cookie. The page is served to this machine only;
+The address that is printed works once: the browser that opens it first keeps a cookie. The page is served to this machine only; \
 --host NAME serves it by that name. Only files below PATH are read, only the folder of --save is written to.")]
 pub(super) struct Ui {
     /// Datasets, results, training runs, jobs, or folders that hold them.
@@ -105,8 +105,8 @@ impl Commands for Own {
         manifest::make(registry, words).map_err(Failure::into_source)
     }
 
-    fn job(&self, dir: &Path) -> Result<Json, BoxError> {
-        self.0.status(dir).map_err(Failure::into_source)
+    fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError> {
+        self.0.status(registry, dir).map_err(Failure::into_source)
     }
 
     fn oracle(

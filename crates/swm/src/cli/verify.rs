@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
-use swm_data::tools::compare::compare;
+use swm_data::tools::compare::{SharedEpisodes, compare};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, format};
 
-use super::output::{counted, table};
-use super::{Failure, Output, usage};
+use super::output::{compact, counted, table};
+use super::{Failure, Output, inputs, usage};
 
 /// Read all of a dataset and report what is wrong with it.
 #[derive(Args)]
@@ -42,6 +42,7 @@ pub(super) struct Verify {
 
 impl Verify {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        inputs::check_exists(&self.file)?;
         let steps = match format::detect(registry, &self.file) {
             Some(format) if self.fix => {
                 let plan = format.repair(&self.file, false)?;
@@ -58,7 +59,7 @@ impl Verify {
             }
             _ => Vec::new(),
         };
-        let mut dataset = swm_data::open_in(registry, &self.file)?;
+        let mut dataset = inputs::open(registry, &self.file)?;
         let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
         let bar = output.bar(rows as u64, "rows");
         let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
@@ -123,7 +124,9 @@ Examples:
   swm diff here.h5 there.h5 --tolerance 1e-9 --json
 
 Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ, \
-by how much, and where first; for images also the PSNR in dB (differences above 35 dB are hard to see).
+by how much (`no number`: one of two values is NaN or a text), and where first; for images also the PSNR in dB (differences \
+above 35 dB are hard to see). Episodes are compared by their place. Where the second dataset holds episodes of the first at \
+another place, as after `swm split`, that is said.
 
 Exit status 1 if they differ.")]
 pub(super) struct Diff {
@@ -148,7 +151,7 @@ impl Diff {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let [mut first, mut second] =
-            [swm_data::open_in(registry, &self.first)?, swm_data::open_in(registry, &self.second)?];
+            [inputs::open(registry, &self.first)?, swm_data::open_in(registry, &self.second)?];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
                 return Err(usage(
@@ -194,6 +197,7 @@ impl Diff {
                 let header = ["column", "rows that differ", "largest difference", "first", "PSNR"];
                 text += &table(&header, &cells.collect::<Vec<_>>());
             }
+            text += &found.shared.map_or(String::new(), |shared| elsewhere(found.episodes, shared));
             text + if found.equal { "equal" } else { "different" }
         })?;
         match found.equal {
@@ -203,23 +207,17 @@ impl Diff {
     }
 }
 
-/// A difference as people write it: whole numbers as such, others by four digits.
-fn compact(value: f64) -> String {
-    match value {
-        value if value.fract() == 0.0 && value < 1e6 => format!("{value}"),
-        value if (1e-3..1e6).contains(&value) => format!("{value:.4}"),
-        value => format!("{value:.3e}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn differences_are_written_as_people_do() {
-        for (value, text) in [(19.0, "19"), (0.25, "0.2500"), (1e-9, "1.000e-9"), (0.0, "0")] {
-            assert_eq!(compact(value), text);
+/// What is said where episodes of the second dataset are in the first at another place.
+fn elsewhere([first, second]: [usize; 2], SharedEpisodes { held, moved, .. }: SharedEpisodes) -> String {
+    let told = match () {
+        () if moved == 0 => return String::new(),
+        () if held == second && first == second => "both hold the same episodes, in another order".to_owned(),
+        () if held == second => {
+            format!("every episode of the second is in the first, {moved} of {second} at another place")
         }
-    }
+        () => format!(
+            "{held} of the {second} episodes of the second are in the first, {moved} at another place"
+        ),
+    };
+    format!("{told} (images are not compared for this)\n")
 }

@@ -17,6 +17,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 use swm_core::error::{BoxError, did_you_mean, nearest};
+use swm_core::settings::read;
 use swm_core::view::{Frame, Transform};
 use swm_core::{PolicyArgs, Setting, Settings};
 
@@ -86,8 +87,7 @@ const fn entry<D: Distractor>() -> DistractorEntry {
         settings: D::SETTINGS,
         make: |given| {
             let wrong = |reason: String| format!("distractor `{}`: {reason}", D::NAME);
-            let settings: D =
-                serde_json::from_value(Json::Object(given)).map_err(|error| wrong(error.to_string()))?;
+            let settings: D = read(&given).map_err(|error| wrong(error.to_string()))?;
             settings.check().map_err(wrong)?;
             Ok(Box::new(Of(settings)))
         },
@@ -245,7 +245,7 @@ mod tests {
     fn wrong_requests_are_refused() {
         let message = |text: &str| parse(text).err().map(|error| error.to_string()).unwrap_or_default();
         assert!(message("noize").contains("did you mean `noise`?"));
-        assert!(message("noise:sdt=1").contains("unknown field `sdt`"));
+        assert!(message("noise:sdt=1").contains("setting `sdt`: unknown; did you mean `std`?"));
         assert!(message("noise:std=-1").contains("not between"));
         assert!(message("noise:20").contains("key=value"));
         assert!(message("resolution:scale=0").contains("scale"));

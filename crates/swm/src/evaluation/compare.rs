@@ -48,7 +48,7 @@ impl Side {
             return Err(format!("{name}: a side without a result; give one or more").into());
         };
         if let Some(other) = runs.iter().find(|run| run.candidate.policy != first.candidate.policy) {
-            let (one, other) = (&first.policy, &other.policy);
+            let (one, other) = (&first.candidate.policy, &other.candidate.policy);
             return Err(format!("{name}: `{one}` and `{other}` are not runs of one policy").into());
         }
         let seeds: BTreeSet<u64> = runs.iter().map(|run| run.candidate.seed).collect();

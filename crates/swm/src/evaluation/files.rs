@@ -9,10 +9,13 @@ use swm_core::Manifest;
 use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
 use swm_core::evaluate::RecordedPairs;
+use swm_core::settings::{WrongSetting, read as read_settings};
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
-use crate::text_file::read_text;
+#[cfg(feature = "cli")]
+use crate::text_file::toml_error;
+use crate::text_file::{json_error, read_text};
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
@@ -81,7 +84,8 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let text = read(&path, "receipt")?;
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
     let no_json = |error: serde_json::Error| {
-        wrong(format!("is no receipt, which is JSON that `swm eval --manifest … --out DIR` writes: {error}"))
+        let reason = json_error(&text, &error);
+        wrong(format!("is no receipt, which is JSON that `swm eval --manifest … --out DIR` writes: {reason}"))
     };
     let json: Json = serde_json::from_str(&text).map_err(no_json)?;
     match json.get("receipt").and_then(Json::as_u64) {
@@ -96,7 +100,12 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
             );
         }
     }
-    Ok(serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?)
+    // Its version is one of its keys, so it is an object.
+    let object = json.as_object().cloned().unwrap_or_default();
+    let damaged = |WrongSetting { name, reason }| {
+        wrong(format!("`{name}`: {reason}; it was edited or damaged, so evaluate again with --again"))
+    };
+    Ok(read_settings(&object).map_err(damaged)?)
 }
 
 /// Folders right below `dir` that hold receipts.
@@ -144,20 +153,29 @@ impl<'a> From<&'a Manifest> for Sealed<'a> {
     }
 }
 
+/// Why a text is no manifest at all.
+fn no_manifest(reason: &str) -> String {
+    format!(
+        "is no manifest, which is TOML, or JSON if its name ends in .json, that `swm manifest make` writes: {reason}"
+    )
+}
+
 /// What a file says its hash is, and the rest of it.
 type Parsed = (Option<String>, Manifest);
 
 fn from_json(text: &str) -> Result<Parsed, BoxError> {
-    let mut json: Map<String, Json> = serde_json::from_str(text)?;
+    let mut json: Map<String, Json> =
+        serde_json::from_str(text).map_err(|error| no_manifest(&json_error(text, &error)))?;
     let seal = json.remove(SEAL).map(serde_json::from_value).transpose()?;
-    Ok((seal, serde_json::from_value(json.into())?))
+    Ok((seal, read_settings(&json).map_err(|error| format!("`{}`: {}", error.name, error.reason))?))
 }
 
 #[cfg(feature = "cli")]
 fn from_toml(text: &str) -> Result<Parsed, BoxError> {
-    let mut table: toml::Table = toml::from_str(text)?;
+    let mut table: toml::Table =
+        toml::from_str(text).map_err(|error| no_manifest(&toml_error(text, &error)))?;
     let seal = table.remove(SEAL).map(toml::Value::try_into).transpose()?;
-    Ok((seal, table.try_into()?))
+    Ok((seal, table.try_into().map_err(|error| toml_error(text, &error))?))
 }
 
 #[cfg(feature = "cli")]

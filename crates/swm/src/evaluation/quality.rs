@@ -93,6 +93,23 @@ pub fn quality(
     violations: &[(String, Violation)],
     options: &QualityOptions,
 ) -> Result<Quality, BoxError> {
+    quality_with(model, env, recorded, probed, violations, options, |_| {})
+}
+
+/// As [`quality`]; `begins` is called with the name of each of its [`measurements`] before it.
+///
+/// # Errors
+///
+/// As of [`quality`].
+pub fn quality_with(
+    model: &mut dyn WorldModel,
+    env: &mut dyn Env,
+    recorded: &[Batch],
+    probed: &[ProbeTarget],
+    violations: &[(String, Violation)],
+    options: &QualityOptions,
+    mut begins: impl FnMut(&str),
+) -> Result<Quality, BoxError> {
     let QualityOptions { episodes, starts, rows, horizon, plans, seed } = *options;
     let stride = model.stride();
     if horizon < stride {
@@ -101,6 +118,7 @@ pub fn quality(
         )
         .into());
     }
+    begins("open-loop prediction");
     let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
         format!(
             "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
@@ -113,8 +131,10 @@ pub fn quality(
         true => open_loop_error.iter().map(|error| error / variance).collect(),
         false => Vec::new(),
     };
+    begins("probes");
     let probes =
         if probed.is_empty() { Vec::new() } else { probe(recorded, &known, latent_dim, probed, seed)? };
+    begins("ranking of plans");
     let ranking = match probed.is_empty() && env.task_cost().is_none() {
         true => None,
         false => {
@@ -125,10 +145,18 @@ pub fn quality(
     let pairs = ViolationOptions { pairs: episodes, rows, at: rows / 2, seed };
     let violations = violations
         .iter()
-        .map(|(name, violation)| surprised(model, env, name, violation, &pairs))
+        .map(|(name, violation)| {
+            begins(&format!("violation {name}"));
+            surprised(model, env, name, violation, &pairs)
+        })
         .collect::<Result<_, _>>()?;
     let gate = gate::checks(&probes, ranking.as_ref());
     Ok(Quality { stride, open_loop_error, open_loop_unexplained, probes, ranking, gate, violations })
+}
+
+/// How many measurements [`quality_with`] names: open-loop prediction, probes, ranking, and every violation.
+pub fn measurements(violations: &[(String, Violation)]) -> u64 {
+    3 + violations.len() as u64
 }
 
 /// The ranking of plans by how far they end from the goal in what is `probed`, each value in units of its std over the recorded

@@ -17,7 +17,7 @@ use swm_core::error::BoxError;
 use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, is_sweep, read_receipt};
 use crate::html;
 use crate::plan::PlanFigure;
-use crate::text_file::read_text;
+use crate::text_file::{json_error, read_text};
 use labels::{Label, labels};
 use replay::{Replayed, VideoCard, replay};
 
@@ -46,12 +46,14 @@ impl Item {
     /// The file cannot be read, or is neither a receipt nor a sweep of a known version.
     pub fn read(path: &Path) -> Result<Self, BoxError> {
         let sweep = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
-        let json: Option<serde_json::Value> =
-            read_text(&sweep).ok().and_then(|text| serde_json::from_str(&text).ok());
+        let text = read_text(&sweep).ok();
+        let json: Option<serde_json::Value> = text.as_ref().and_then(|text| serde_json::from_str(text).ok());
         let content = match json {
             Some(json) if is_sweep(&json) => {
                 let wrong = |reason: String| format!("sweep {}: {reason}", sweep.display());
-                let found: Sweep = serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?;
+                let text = text.unwrap_or_default();
+                let found: Sweep =
+                    serde_json::from_str(&text).map_err(|error| wrong(json_error(&text, &error)))?;
                 if found.sweep != SWEEP_VERSION {
                     let reason = format!("has version {}, this program reads {SWEEP_VERSION}", found.sweep);
                     return Err(wrong(reason).into());

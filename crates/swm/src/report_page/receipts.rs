@@ -20,7 +20,7 @@ pub(super) fn saved(
             ("environment", sweep.env.clone()),
             ("tier", sweep.tier.clone()),
             ("manifest", sweep.manifest_hash.clone()),
-            ("policy", sweep.policy.clone()),
+            ("policy", sweep.candidate.policy.to_string()),
             ("values", json!(sweep.values).to_string()),
             ("code", format!("stable-worldmodel {}, {}", sweep.code.version, sweep.code.target)),
         ];
@@ -57,7 +57,7 @@ fn receipt_entries(receipt: &Receipt) -> [(&'static str, String); 19] {
         ("source", manifest.source.describe()),
         ("distractors", manifest.distractors.join(" ")),
         ("manifest", receipt.manifest_hash.clone()),
-        ("policy", receipt.policy.clone()),
+        ("policy", receipt.candidate.policy.to_string()),
         ("seed of the policy", receipt.candidate.seed.to_string()),
         ("models", json!(receipt.files).to_string()),
         ("tables", fingerprints.tables.clone()),

@@ -95,12 +95,12 @@ pub(super) fn replay(
                 if !same {
                     notes.push(format!(
                         "{}: episode {pair} gave another result when it was run again; `swm verify-result` says why",
-                        receipt.policy
+                        receipt.candidate.policy
                     ));
                 }
             }
             Err(error) => {
-                notes.push(format!("{}: no video of episode {pair}: {error}", receipt.policy));
+                notes.push(format!("{}: no video of episode {pair}: {error}", receipt.candidate.policy));
                 break;
             }
         }

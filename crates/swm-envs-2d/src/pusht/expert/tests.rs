@@ -168,7 +168,7 @@ fn made(text: &str) -> Result<Box<dyn Policy>, PolicyError> {
 #[test]
 fn wrong_arguments_are_refused_with_the_fix() {
     let error = |text: &str| made(text).err().unwrap().to_string();
-    assert!(error("expert:sample=3").contains("expected one of `samples`"), "{}", error("expert:sample=3"));
+    assert!(error("expert:sample=3").contains("did you mean `samples`?"), "{}", error("expert:sample=3"));
     assert!(error("expert:samples=0").contains("samples 0 must be 1 to 100000"));
     assert!(error("expert:5").contains("write key=value"));
     assert!(error("expert:temperature=-1").contains("temperature -1 must be 0 or more"));

@@ -55,7 +55,7 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
     if let Some(unknown) =
         asked.iter().find(|asked| !factors.iter().any(|factor| factor.is_selected_by(asked)))
     {
-        let near = swm_core::error::nearest(unknown, all.iter().copied());
+        let near = swm_core::env::nearest_factor(unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
         return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs` lists them"));
     }
