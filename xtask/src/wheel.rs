@@ -117,7 +117,7 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
     let mut build = maturin(python);
     build.args(["build", "--release", "--locked", "--interpreter"]).arg(python).arg("--out").arg(&wheels);
     if args.lance {
-        build.args(["--features", "lance"]);
+        build.args(["--features", "lance"]).envs(setup::tools::protoc());
     }
     if args.zig {
         build.args(["--zig", "--compatibility", "manylinux_2_28"]);

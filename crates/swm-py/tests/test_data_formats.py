@@ -236,6 +236,36 @@ def test_unknown_names_say_what_there_is(tmp_path: Path) -> None:
         swm.data.load_dataset(tmp_path / "x.h5")
 
 
+@pytest.mark.skipif("lance" not in swm.data.list_formats(), reason="a wheel without Lance")
+def test_lance_keeps_what_an_episode_has_once(tmp_path: Path) -> None:
+    def episode(steps: int, **once: object) -> dict[str, object]:
+        columns = {"pixels": np.zeros((steps, 8, 8, 3), np.uint8), "action": np.ones((steps, 2), np.float32)}
+        return columns | ({swm.data.EPISODE_DATA_KEY: once} if once else {})
+
+    path = tmp_path / "demo.lance"
+    with swm.data.LanceWriter(path) as writer:
+        writer.write_episode(episode(3, scene="<a/>", number=4, size=np.ones(2)))
+    with swm.data.LanceWriter(path) as writer:
+        writer.write_episode(episode(2, scene="<b/>", number=5, size=np.zeros(2)))
+        with pytest.raises(ValueError, match="episode-data key mismatch"):
+            writer.write_episode(episode(2))
+        with pytest.raises(TypeError, match="'scene' is bytes"):
+            writer.write_episode(episode(2, scene=b"<c/>", number=5, size=np.zeros(2)))
+    dataset = swm.data.load_dataset(tmp_path)
+    assert dataset.episode_column_names == ["number", "scene", "size"]
+    assert sorted(dataset.column_names) == ["action", "pixels"]
+    data = dataset.get_episode_data([1, 0])
+    assert (data["number"], data["scene"]) == ([5, 4], ["<b/>", "<a/>"])
+    assert [size.tolist() for size in data["size"]] == [[0, 0], [1, 1]]
+    swm.data.merge([path, path], tmp_path / "twice.lance")
+    assert swm.data.load_dataset(tmp_path / "twice.lance").get_episode_data()["number"] == [4, 5, 4, 5]
+    with swm.data.LanceWriter(path, mode="overwrite") as writer:
+        writer.write_episode(episode(2))
+    assert swm.data.load_dataset(path).episode_column_names == []
+    with swm.data.LanceWriter(path) as writer, pytest.raises(ValueError, match="Regenerate"):
+        writer.write_episode(episode(2, number=1))
+
+
 def test_download_needs_the_hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, object] = {}
 

@@ -220,6 +220,7 @@ def _copy(
     with _progress(progress, total, f"-> {dest_format}") as advance:
         probe = known.open_writer(target, **options)
         native = isinstance(probe, NativeWriter) and all(isinstance(dataset, NativeDataset) for dataset in datasets)
+        native = native and not any(dataset.episode_column_names for dataset in datasets)
         if native and (resumes or options.get("mode") != "append" or not target.exists()):
             if probe.mode == "error" and target.exists():
                 raise FileExistsError(f"{target} already exists; use mode='overwrite' to replace it")
