@@ -177,7 +177,7 @@ fn a_file_that_is_not_there_is_a_wrong_request() {
     ]);
     let (no, out) = (folder.path("nowhere"), folder.path("out"));
     let (no, out, good) = (no.as_str(), out.as_str(), good.as_str());
-    let policy = format!("cem:@{no}");
+    let (policy, page) = (format!("cem:@{no}"), format!("{out}.html"));
     let commands: &[&[&str]] = &[
         &["inspect", no],
         &["preview", no, "--out", "a.png"],
@@ -200,7 +200,7 @@ fn a_file_that_is_not_there_is_a_wrong_request() {
         &["sweep", "--manifest", no, "--policy", "random"],
         &["compare", no],
         &["verify-result", no],
-        &["report", no, "--out", out],
+        &["report", no, "--out", &page],
         &["quality", PUSHT, "--dataset", no],
         &["jobs", no],
         &["task", no, "--index", "1"],

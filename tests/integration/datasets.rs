@@ -128,13 +128,13 @@ fn converting_goes_on_where_it_ended_and_replaces_nothing_unasked() {
     let target = recorded(&folder, &format!("c.{}", SMALL.0), "1", "2");
     assert_eq!(swm_json(&["convert", &source, &target])["resumed"], 2);
     assert_eq!(swm_json(&["convert", &source, &target])["resumed"], 3);
-    let message = swm_fails(1, &["convert", &other, &target]);
+    let message = swm_fails(2, &["convert", &other, &target]);
     assert!(message.contains("not the beginning of this copy") && message.contains("overwrite"), "{message}");
     swm_ok(&["convert", &other, &target, "--overwrite"]);
     swm_ok(&["diff", &other, &target, "--ignore", "pixels,goal"]);
     let message = swm_fails(2, &["convert", &source, &folder.path("d.xyz")]);
     assert!(message.contains("unknown dataset format `xyz`"), "{message}");
-    let message = swm_fails(1, &["convert", &folder.path("none.h5"), &folder.path("d.h5")]);
+    let message = swm_fails(2, &["convert", &folder.path("none.h5"), &folder.path("d.h5")]);
     assert!(message.contains("none.h5"), "{message}");
     let message = swm_fails(2, &["convert", &source, &folder.path("d.folder"), "--quality", "101"]);
     assert!(message.contains("101"), "{message}");
@@ -159,8 +159,11 @@ fn splitting_and_merging_lose_nothing() {
     assert!(swm_fails(2, &["split", &source, "--out", "x.h5"]).contains("{}"));
     let small = folder.path("small.h5");
     swm_ok(&["collect", PUSHT, "--episodes", "1", "--image-size", "16x16", "--out", &small, "--quiet"]);
-    let message = swm_fails(1, &["merge", &source, &small, "--out", &folder.path("no.h5")]);
-    assert!(message.contains("small.h5") && message.contains("`pixels`"), "{message}");
+    let message = swm_fails(2, &["merge", &source, &small, "--out", &folder.path("no.h5")]);
+    assert!(
+        message.contains("small.h5 holds images of 16x16") && message.contains("--image-size"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -129,11 +129,11 @@ fn exit_statuses_are_those_that_the_help_names() {
         help.contains("Exit status: 0 done, 1 the work failed or found a difference, 2 the request"),
         "{help}"
     );
-    // A difference; nothing at the place; somewhere that no file can be.
+    // A difference; somewhere that no file can be.
     swm_fails(1, &["diff", &data, &other]);
-    swm_fails(1, &["inspect", &folder.path("none.h5")]);
     swm_fails(1, &[&collect[..], &["/dev/null/data.h5"]].concat());
-    // An unknown environment, option, command, policy.
+    // A file that is not there; an unknown environment, option, command, policy.
+    swm_fails(2, &["inspect", &folder.path("none.h5")]);
     swm_fails(2, &["collect", "swm/PushTT-v1", "--out", &data]);
     swm_fails(2, &["collect", PUSHT, "--outt", &data]);
     swm_fails(2, &["colect"]);

@@ -234,7 +234,7 @@ pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Opti
         .min_by_key(|&(distance, _)| distance)
         .filter(|&(distance, candidate)| {
             let longer = candidate.len().max(wanted.len());
-            distance < longer && distance <= 2 + longer / 3
+            distance < longer && distance <= 1 + longer / 3
         })
         .map(|(_, candidate)| candidate);
     let part = wanted.rsplit('/').next().filter(|part| part.len() >= PART);
@@ -260,6 +260,7 @@ mod tests {
         assert_eq!(nearest("swm/PushTT-v1", names).as_deref(), Some("swm/PushT-v1"));
         assert_eq!(nearest("swm/pusht-v1", names).as_deref(), Some("swm/PushT-v1"));
         assert_eq!(nearest("completely different", names), None);
+        assert_eq!(nearest("loud", ["off", "plan", "timed"]), None);
         let long = ["swm/PushT-v1", "swm/CheetahDMControl-v0"];
         assert_eq!(nearest("cheetah", long).as_deref(), Some("swm/CheetahDMControl-v0"));
         assert_eq!(nearest("swm/Cheetah", long).as_deref(), Some("swm/CheetahDMControl-v0"));

@@ -105,8 +105,8 @@ mod tests {
         let described = |text: &str| describe(text).unwrap();
         assert_eq!(described("cem:samples=20"), "cem:samples=20,elites=10");
         assert_eq!(described("mppi:samples=5"), "mppi:samples=5,elites=2");
-        assert_eq!(described("cem:samples=60"), "cem:samples=60", "the default is no more than half");
-        assert_eq!(described("cem:samples=40,elites=30"), "cem:samples=40", "what is given stays");
+        assert_eq!(described("cem:samples=30"), "cem:samples=30", "as many as there are by default");
+        assert_eq!(described("cem:samples=20,elites=5"), "cem:samples=20,elites=5", "what is given stays");
     }
 
     #[test]

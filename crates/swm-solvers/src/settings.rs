@@ -61,12 +61,12 @@ pub(crate) fn refuse_rest(given: &Map<String, Json>, known: &[Setting]) -> Resul
     Err(WrongSetting::unknown(name, known.iter().map(|setting| setting.name)).into())
 }
 
-/// Of few samples no more than half are elites by default, and the default for many is more than all of them.
+/// Where there are fewer samples than elites by default, half of the samples are elites.
 fn follow_samples(given: &mut Map<String, Json>, known: &[Setting]) {
     let default = known.iter().find(|setting| setting.name == "elites");
     let Some(default) = default.and_then(|setting| setting.default.parse::<u64>().ok()) else { return };
     if let Some(samples) = given.get("samples").and_then(Json::as_u64)
-        && samples / 2 < default
+        && samples < default
         && !given.contains_key("elites")
     {
         given.insert("elites".to_owned(), (samples / 2).max(2).into());

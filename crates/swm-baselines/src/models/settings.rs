@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
 
 use crate::error::BaselineError;
@@ -45,10 +45,11 @@ fn lay_over(under: &mut Json, over: &Json, place: &str) -> Result<(), String> {
             for (name, value) in over {
                 let renamed = RENAMED.iter().find(|(old, new)| old == name && under.contains_key(*new));
                 let name = renamed.map_or(name.as_str(), |(_, new)| new);
-                let inner = if place.is_empty() { name.to_owned() } else { format!("{place}.{name}") };
+                let inner = joined(place, name);
                 if !under.contains_key(name) {
                     let known: Vec<&str> = under.keys().map(String::as_str).collect();
-                    let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
+                    let near = nearest(name, known.iter().copied()).map(|near| joined(place, &near));
+                    let meant = did_you_mean(near.or_else(|| path_to(name, under, place)).as_deref());
                     return Err(format!("`{inner}`: unknown{meant}; known are {}", known.join(", ")));
                 }
                 lay_over(&mut under[name], value, &inner)?;
@@ -63,6 +64,20 @@ fn lay_over(under: &mut Json, over: &Json, place: &str) -> Result<(), String> {
             Ok(())
         }
     }
+}
+
+/// `optim.lr` of `optim` and `lr`.
+fn joined(place: &str, name: &str) -> String {
+    if place.is_empty() { name.to_owned() } else { format!("{place}.{name}") }
+}
+
+/// The path of the first setting `name` below `place`: who writes `lr` may mean `optim.lr`.
+fn path_to(name: &str, settings: &Map<String, Json>, place: &str) -> Option<String> {
+    settings.iter().find_map(|(key, value)| match (key == name, value) {
+        (true, _) => Some(joined(place, key)),
+        (false, Json::Object(inner)) => path_to(name, inner, &joined(place, key)),
+        _ => None,
+    })
 }
 
 /// What a setting must be, in words; `None` where the preset's value does not tell.
@@ -96,6 +111,17 @@ mod tests {
 
     use super::*;
     use crate::LewmConfig;
+
+    #[test]
+    fn unknown_settings_are_told_with_the_whole_name_of_the_nearest() {
+        let told =
+            |changes: Json| with_changes("lewm", &LewmConfig::paper(), &changes).unwrap_err().to_string();
+        assert!(
+            told(json!({ "optim": { "lrr": 0.1 } }))
+                .contains("`optim.lrr`: unknown; did you mean `optim.lr`?")
+        );
+        assert!(told(json!({ "lr": 0.1 })).contains("`lr`: unknown; did you mean `optim.lr`?"));
+    }
 
     #[test]
     fn settings_keep_their_old_names() {

@@ -278,7 +278,7 @@ mod tests {
         for (policy, part) in [
             ("ou:theta=0", "theta 0 is not above 0"),
             ("ou:sigma=-1", "sigma -1 is not a positive number"),
-            ("ou:speed=1", "expected `theta` or `sigma`"),
+            ("ou:speed=1", "setting `speed`: unknown; known are theta, sigma"),
             ("sine:waves=0", "waves 0 is not in 1 to 100"),
             ("sine:shortest=1", "the shortest is 2 or more"),
             ("sine:shortest=9,longest=3", "periods from 9 to 3 steps"),

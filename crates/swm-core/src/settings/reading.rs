@@ -120,6 +120,7 @@ pub fn plain(said: &str) -> String {
     }
     if let Some((value, known)) = named(what, "unknown variant `") {
         let meant = did_you_mean(nearest(value, known.iter().copied()).as_deref());
+        let known: Vec<String> = known.iter().map(|value| format!("`{value}`")).collect();
         return format!("no value `{value}`{meant}; there are {}{place}", known.join(", "));
     }
     if let Some((name, known)) = named(what, "unknown field `") {
@@ -222,7 +223,7 @@ mod tests {
             (json!({ "count": 1, "flag": 1 }), "`flag`: must be true or false; found integer `1`"),
             (
                 json!({ "render": "fst" }),
-                "`render`: no value `fst`; did you mean `fast`?; there are exact, fast",
+                "`render`: no value `fst`; did you mean `fast`?; there are `exact`, `fast`",
             ),
             (json!({ "at": 3 }), "`at`: must be a list of 2 values; found integer `3`"),
         ] {

@@ -24,7 +24,7 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and refitting; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that a refit uses; unless given, at most half of the samples.
+        /// Cheapest candidates that a refit uses; unless given, half of fewer than 30 samples.
         elites: usize = 30,
         /// Added to every category's frequency among the elites; above 0, no category dies out.
         smoothing: f64 = 0.0,

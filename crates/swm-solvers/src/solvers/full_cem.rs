@@ -21,7 +21,7 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and refitting; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that a refit uses (2 or more); unless given, at most half of the samples.
+        /// Cheapest candidates that a refit uses (2 or more); unless given, half of fewer than 30 samples.
         ///
         /// If fewer have a finite cost, only those are used.
         elites: usize = 30,

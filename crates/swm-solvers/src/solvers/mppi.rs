@@ -20,7 +20,7 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and averaging; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that have a weight; 0 for all; unless given, at most half of the samples.
+        /// Cheapest candidates that have a weight; 0 for all; unless given, half of fewer than 30 samples.
         elites: usize = 30,
         /// Standard deviation of the candidates, in all iterations.
         sigma: f64 = 1.0,

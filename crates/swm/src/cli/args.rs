@@ -209,10 +209,13 @@ pub(super) fn policy(
 /// that is too hard.
 pub(super) fn note_elites(registry: &Registry, env: &EnvEntry, args: &PolicyArgs, output: &Output) {
     let Ok(entry) = registry.policy_entry(env, &args.name) else { return };
-    let given = |name: &str| args.named.get(name).map(Json::as_u64);
-    let default = || entry.settings.iter().find(|setting| setting.name == "samples")?.default.parse().ok();
-    // Unless given, no more than half of the samples are elites.
-    if let (Some(samples), Some(Some(elites))) = (given("samples").unwrap_or_else(default), given("elites"))
+    let default =
+        |name: &str| entry.settings.iter().find(|setting| setting.name == name)?.default.parse().ok();
+    let value = |name: &str| args.named.get(name).map_or_else(|| default(name), Json::as_u64);
+    // Half of few samples are elites by default.
+    let is_fitted = |samples, elites| !args.named.contains_key("elites") && samples < elites;
+    if let (Some(samples), Some(elites)) = (value("samples"), value("elites"))
+        && !is_fitted(samples, elites)
         && 2 * elites > samples
     {
         let fewer = (samples / 10).max(2);

@@ -254,12 +254,15 @@ pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(dir).map_err(failed)
 }
 
-/// A difference as people write it: whole numbers as such, others by four digits.
+/// A difference as people write it: whole numbers as such, others by four digits or more.
 pub(super) fn compact(value: f64) -> String {
     match value {
         value if value.is_infinite() => "no number".to_owned(),
         value if value.fract() == 0.0 && value < 1e6 => format!("{value}"),
-        value if (1e-3..1e6).contains(&value) => format!("{value:.4}"),
+        value if (1e-3..1e6).contains(&value) => {
+            let decimals = (3.0 - value.log10().floor()).max(4.0) as usize;
+            format!("{value:.decimals$}")
+        }
         value => format!("{value:.3e}"),
     }
 }
@@ -310,9 +313,15 @@ mod tests {
 
     #[test]
     fn differences_are_written_as_people_do() {
-        for (value, text) in
-            [(19.0, "19"), (0.25, "0.2500"), (1e-9, "1.000e-9"), (0.0, "0"), (f64::INFINITY, "no number")]
-        {
+        for (value, text) in [
+            (19.0, "19"),
+            (0.25, "0.2500"),
+            (0.001_234_56, "0.001235"),
+            (557.5545, "557.5545"),
+            (1e-9, "1.000e-9"),
+            (0.0, "0"),
+            (f64::INFINITY, "no number"),
+        ] {
             assert_eq!(compact(value), text);
         }
     }

@@ -151,7 +151,7 @@ impl Diff {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let [mut first, mut second] =
-            [inputs::open(registry, &self.first)?, swm_data::open_in(registry, &self.second)?];
+            [inputs::open(registry, &self.first)?, inputs::open(registry, &self.second)?];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
                 return Err(usage(

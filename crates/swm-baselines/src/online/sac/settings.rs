@@ -144,7 +144,7 @@ mod tests {
             (json!({ "tau": 2.0 }), "`tau` is 2"),
             (json!({ "hidden": [256, 0] }), "`hidden`"),
             (json!({ "collect": { "updates_per_step": -1.0 } }), "`collect.updates_per_step` is -1"),
-            (json!({ "collect": { "num_env": 3 } }), "did you mean `num_envs`?"),
+            (json!({ "collect": { "num_env": 3 } }), "did you mean `collect.num_envs`?"),
         ] {
             let message = settings("small", &of("x"), &changes).unwrap_err().to_string();
             assert!(message.starts_with("settings of `sac`: ") && message.contains(reason), "{message}");

@@ -366,7 +366,7 @@ mod tests {
             (json!({ "plan": { "collect_samples": 20, "policy_samples": 20 } }), "must be at least 21"),
             (json!({ "plan": { "temperature": 0.0 } }), "`plan.temperature` is 0"),
             (json!({ "plan": { "sigma_min": 3.0 } }), "at most `plan.sigma`, 2"),
-            (json!({ "plan": { "sample": 3 } }), "did you mean `samples`?"),
+            (json!({ "plan": { "sample": 3 } }), "did you mean `plan.samples`?"),
             (json!({ "collect": { "num_envs": 0 } }), "`collect.num_envs`"),
         ] {
             let message = of("small", &changes, 500).unwrap_err().to_string();
