@@ -204,6 +204,26 @@ pub trait GoalPolicy: Send {
     ///
     /// The network fails.
     fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
+
+    /// K: decisions to the farthest goals of a policy that is told how many are left; 0 of others.
+    fn horizon(&self) -> usize {
+        0
+    }
+
+    /// As [`GoalPolicy::act`], where `left`, `[B]`, decisions are left to reach each goal, 1 to K, this one included. A policy
+    /// without a horizon does the same whatever is left.
+    ///
+    /// # Errors
+    ///
+    /// As of [`GoalPolicy::act`]; or `left` is of another length.
+    fn act_within(
+        &mut self,
+        batch: &PlanningBatch<'_>,
+        _left: &[usize],
+        actions: &mut [f32],
+    ) -> Result<(), BaselineError> {
+        self.act(batch, actions)
+    }
 }
 
 /// Where a training is.

@@ -102,6 +102,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("policy", BASELINES),
     policy("gcbc", BASELINES),
     policy("gcivl", BASELINES),
+    policy("gcsl", BASELINES),
     policy("gciql", BASELINES),
     policy("hilp", BASELINES),
     policy("sac", BASELINES),

@@ -18,6 +18,8 @@ pub struct ModelPolicy {
     rows: Vec<Queue>,
     /// Environments that need a decision.
     wanting: Vec<usize>,
+    /// Decisions that each of them has left.
+    left: Vec<usize>,
     decisions: Vec<f32>,
 }
 
@@ -28,6 +30,18 @@ struct Queue {
     /// `[F, A]`, of which `taken` values are executed.
     actions: Vec<f32>,
     taken: usize,
+    /// Decisions that were made in the episode.
+    made: usize,
+}
+
+impl Queue {
+    /// Counts a decision, and says how many are left to a policy of this horizon, the new one included: the horizon at first,
+    /// then one less each time, and after the last the horizon again.
+    fn decide(&mut self, horizon: usize) -> usize {
+        let left = horizon - self.made % horizon.max(1);
+        self.made += 1;
+        left
+    }
 }
 
 impl ModelPolicy {
@@ -42,8 +56,8 @@ impl ModelPolicy {
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
         let table = PlanningTable::new(model.baseline.as_ref(), &model.config.data);
-        let (map, rows, wanting, decisions) = (None, Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { model, policy, table, map, rows, wanting, decisions })
+        let (map, rows, wanting, left, decisions) = (None, Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { model, policy, table, map, rows, wanting, left, decisions })
     }
 
     /// Prepares the mapping to actions of `space`.
@@ -66,10 +80,11 @@ impl Policy for ModelPolicy {
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.prepare(actions.space())?;
-        let Self { policy, table, map, rows, wanting, decisions, .. } = self;
+        let Self { policy, table, map, rows, wanting, left, decisions, .. } = self;
         let (_, map) = map.as_ref().expect("prepared above");
         rows.resize_with(view.rows(), Queue::default);
         wanting.clear();
+        left.clear();
         table.clear(1);
         for index in view.live() {
             let Some(live) = view.row(index) else { continue };
@@ -80,13 +95,14 @@ impl Policy for ModelPolicy {
             if queue.taken == queue.actions.len() {
                 table.push(live.row).map_err(other)?;
                 wanting.push(index);
+                left.push(queue.decide(policy.horizon()));
             }
         }
         if !wanting.is_empty() {
             let block = policy.block_dim();
             decisions.clear();
             decisions.resize(wanting.len() * block, 0.0);
-            policy.act(&table.batch(), decisions).map_err(other)?;
+            policy.act_within(&table.batch(), left, decisions).map_err(other)?;
             for (&index, decision) in wanting.iter().zip(decisions.chunks_exact(block)) {
                 rows[index].actions.clear();
                 rows[index].actions.extend_from_slice(decision);
@@ -104,4 +120,17 @@ impl Policy for ModelPolicy {
 
 fn other(error: BaselineError) -> PolicyError {
     PolicyError::Other(Box::new(error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decisions_that_are_left_are_counted_down_again_and_again() {
+        let mut queue = Queue::default();
+        assert_eq!([0; 7].map(|_| queue.decide(3)), [3, 2, 1, 3, 2, 1, 3]);
+        let mut queue = Queue::default();
+        assert_eq!([0; 3].map(|_| queue.decide(0)), [0; 3]);
+    }
 }

@@ -50,6 +50,7 @@ pub const POLICIES: &[PolicyEntry] = &[
     acting("gciql", "a trained GCIQL (`gciql:RUN`)", |context, args| {
         model_policy(context, args, Some("gciql"))
     }),
+    acting("gcsl", "a trained GCSL (`gcsl:RUN`)", |context, args| model_policy(context, args, Some("gcsl"))),
     acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
     agent("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", OF_AGENTS),
     agent("tdmpc2", "plans as an agent trained by `swm train tdmpc2` (`tdmpc2:RUN`)", OF_TDMPC2.as_slice()),

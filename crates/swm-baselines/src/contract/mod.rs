@@ -32,6 +32,10 @@ const TINY: &[(&str, Changes)] = &[
     ("gcbc", goal),
     ("gciql", goal),
     ("gcivl", goal),
+    (
+        "gcsl",
+        || json!({"model": {"image": 16, "encoder": {"kind": "cnn", "channels": [4, 8]}, "hidden": 8, "horizon": 3}}),
+    ),
     ("hilp", goal),
     ("lewm", joint),
     ("pldm", joint),
@@ -257,7 +261,7 @@ fn data_of_another_form_is_refused_by_name() {
             let error = model.train_step(&batch, &at).unwrap_err();
             assert!(matches!(error, BaselineError::Data { column: found, .. } if found == column), "{error}");
         }
-        if model.policy().is_some() {
+        if model.phases()[0].goals.is_some() {
             let error = model.train_step(&ClipBatch { goal_pixels: None, ..good }, &at).unwrap_err();
             assert!(error.to_string().contains("`goal_pixels`"), "{error}");
         }

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::error::nearest;
 
 use super::settings::with_changes;
-use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, hilp, lewm, pldm};
+use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, gcsl, hilp, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -77,6 +77,12 @@ pub const BASELINES: &[BaselineEntry] = &[
     entry!(gcbc, GcbcConfig, "policy: goal-conditioned behavioral cloning"),
     entry!(gciql, GciqlConfig, "policy: goal-conditioned implicit Q-learning"),
     entry!(gcivl, GcivlConfig, "policy: goal-conditioned implicit value learning"),
+    entry!(
+        gcsl,
+        GcslConfig,
+        "policy: goal-conditioned supervised learning, told how many decisions are left",
+        small
+    ),
     entry!(hilp, HilpConfig, "policy: goal-conditioned value that is a learned metric"),
     entry!(lewm, LewmConfig, "world model: joint embedding, regularized by SIGReg"),
     entry!(pldm, PldmConfig, "world model: joint embedding, regularized by VICReg"),
@@ -207,7 +213,10 @@ mod tests {
         };
         assert_eq!(of("lewm", "sigreg"), json!({ "weight": 0.09, "knots": 17, "projections": 1024 }));
         assert_eq!(of("gcbc", "goals"), json!("uniform"));
-        let value = |alpha| json!({ "discount": 0.99, "expectile": 0.9, "momentum": 0.995, "alpha": alpha });
+        let value = |alpha| {
+            json!({ "discount": 0.99, "expectile": 0.9, "momentum": 0.995, "alpha": alpha,
+            "policy_goals": "mixed" })
+        };
         assert_eq!((of("gcivl", "value"), of("gciql", "value")), (value(3.0), value(10.0)));
         assert_eq!((of("hilp", "value"), of("hilp", "embed_dim")), (value(3.0), json!(64)));
         let weights = json!({ "std": 18.0, "std_t": 0.7, "cov": 12.0, "cov_t": 0.0, "alignment": 0.2, "inverse": 0.0,

@@ -116,7 +116,7 @@ pub(crate) fn make(
         network,
         input_spec: model.input_spec(1),
         form,
-        phases: vec![value_phase, model.policy_phase(optim)],
+        phases: vec![value_phase, model.policy_phase(optim, value.policy_goals)],
     })
 }
 

@@ -41,12 +41,37 @@ pub struct ValueConfig {
     pub momentum: f64,
     /// Inverse temperature of the advantage weights.
     pub alpha: f64,
+    /// Goals of the policy that is extracted.
+    pub policy_goals: PolicyGoals,
+}
+
+/// Goals of a policy that is extracted from a value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum PolicyGoals {
+    /// The reference's: any step of any episode, and later steps of the episode, half of each.
+    #[default]
+    Mixed,
+    /// Later steps of the episode, as near as `model.goal_gamma` says.
+    Geometric,
+}
+
+impl PolicyGoals {
+    /// The weights of the kinds of goals.
+    pub(crate) fn weights(self) -> GoalWeights {
+        let none = GoalWeights { random: 0.0, geometric: 0.0, uniform: 0.0, current: 0.0 };
+        match self {
+            Self::Mixed => GoalWeights { random: 0.5, uniform: 0.5, ..none },
+            Self::Geometric => GoalWeights { geometric: 1.0, ..none },
+        }
+    }
 }
 
 impl ValueConfig {
     /// What is wrong with it, if anything is.
     pub(crate) fn check(&self) -> Result<(), String> {
-        let Self { discount, expectile, momentum, alpha } = *self;
+        let Self { discount, expectile, momentum, alpha, .. } = *self;
         let shares = [("discount", discount), ("expectile", expectile), ("momentum", momentum)];
         if let Some((name, value)) = shares.iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
             return Err(format!("`value.{name}` is {value}; it must be in [0, 1]"));
@@ -61,7 +86,8 @@ impl ValueConfig {
 impl Default for ValueConfig {
     /// The reference's for GCIVL.
     fn default() -> Self {
-        Self { discount: 0.99, expectile: 0.9, momentum: 0.995, alpha: 3.0 }
+        let policy_goals = PolicyGoals::default();
+        Self { discount: 0.99, expectile: 0.9, momentum: 0.995, alpha: 3.0, policy_goals }
     }
 }
 

@@ -13,6 +13,7 @@ use crate::baseline::{InputSpec, Phase, PhaseGoals};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::models::encoder::{Encoder, EncoderConfig};
+use crate::models::gcivl::PolicyGoals;
 use crate::models::settings::check_sizes;
 use crate::nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
 use crate::optim::OptimConfig;
@@ -145,12 +146,12 @@ impl GoalConfig {
         GoalTransformerConfig { pool: Pool::Mean, ..self.predictor.clone() }
     }
 
-    /// The phase that extracts a policy from the learned value.
-    pub(crate) fn policy_phase(&self, optim: &OptimConfig) -> Phase {
+    /// The phase that extracts a policy from the learned value, for such goals.
+    pub(crate) fn policy_phase(&self, optim: &OptimConfig, goals: PolicyGoals) -> Phase {
         Phase {
             name: "policy",
             optim: optim.clone(),
-            goals: self.goals(GoalWeights { random: 0.5, geometric: 0.0, uniform: 0.5, current: 0.0 }),
+            goals: self.goals(goals.weights()),
             trains: &["action_predictor", "log_stds"],
             targets: &[],
             momentum: 0.0,
@@ -246,5 +247,14 @@ mod tests {
             let refused = GoalConfig { goal_gamma: wrong, ..small.clone() }.check().unwrap_err();
             assert!(refused.contains("model.goal_gamma"), "{refused}");
         }
+    }
+
+    #[test]
+    fn extracted_policies_can_have_near_goals() {
+        let config = GoalConfig { goal_gamma: 0.8, ..GoalConfig::small_with_value() };
+        let goals = |kind| config.policy_phase(&OptimConfig::default(), kind).goals.expect("goals");
+        let (mixed, near) = (goals(PolicyGoals::default()), goals(PolicyGoals::Geometric));
+        assert_eq!((mixed.weights.random, mixed.weights.uniform, mixed.weights.geometric), (0.5, 0.5, 0.0));
+        assert_eq!((near.weights.geometric, near.gamma), (1.0, 0.8));
     }
 }

@@ -72,7 +72,7 @@ impl<V: ValueNetwork> ValueLearner<V> {
             network,
             input_spec: model.input_spec(1),
             form,
-            phases: vec![value_phase, model.policy_phase(optim)],
+            phases: vec![value_phase, model.policy_phase(optim, value.policy_goals)],
         })
     }
 }

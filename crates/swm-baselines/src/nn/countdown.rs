@@ -1,0 +1,96 @@
+//! What a policy does that knows how many decisions are left: an MLP of a frame, of what sets the goal apart from it, and of
+//! that number.
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::gelu;
+use burn::tensor::{Device, Tensor};
+
+use super::layers::{Linear, parameter};
+use super::norm::LayerNorm;
+
+/// Actions from the tokens of a frame s and a goal g, k decisions before it: with n the normalization of each token, the first
+/// layer is A n(s) + B (n(g) - n(s)) + e_k. Being linear, it is computed once per image, whatever pairs of images are made.
+#[derive(Module, Debug)]
+pub(crate) struct CountdownPredictor {
+    token_norm: LayerNorm,
+    frame: Linear,
+    difference: Linear,
+    /// `[K, H]`: e_1 to e_K.
+    left: Param<Tensor<2>>,
+    norm: LayerNorm,
+    layers: Vec<Hidden>,
+    out: Linear,
+}
+
+/// Linear and layer norm.
+#[derive(Module, Debug)]
+struct Hidden {
+    linear: Linear,
+    norm: LayerNorm,
+}
+
+/// Sizes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CountdownSizes {
+    /// Values in all tokens of an image.
+    pub(crate) inputs: usize,
+    /// H: dim of hidden layers.
+    pub(crate) hidden: usize,
+    /// Hidden layers, at least 1.
+    pub(crate) depth: usize,
+    /// D: values of a decision.
+    pub(crate) outputs: usize,
+    /// K: decisions that are left, at most.
+    pub(crate) horizon: usize,
+}
+
+/// The shares of images in the first layer, `[B, T, H]` each.
+pub(crate) struct Looks {
+    /// As a frame to act in: A n(s) - B n(s).
+    pub(crate) from: Tensor<3>,
+    /// As a goal: B n(g).
+    pub(crate) to: Tensor<3>,
+}
+
+impl CountdownPredictor {
+    /// Of these sizes.
+    pub(crate) fn new(sizes: CountdownSizes, device: &Device) -> Self {
+        let CountdownSizes { inputs, hidden, depth, outputs, horizon } = sizes;
+        let layer =
+            |_| Hidden { linear: Linear::new(hidden, hidden, device), norm: LayerNorm::new(hidden, device) };
+        Self {
+            token_norm: LayerNorm::plain(1e-5),
+            frame: Linear::new(inputs, hidden, device),
+            difference: Linear::without_bias(inputs, hidden, device),
+            left: parameter([horizon, hidden], device),
+            norm: LayerNorm::new(hidden, device),
+            layers: (1..depth).map(layer).collect(),
+            out: Linear::new(hidden, outputs, device),
+        }
+    }
+
+    /// K.
+    pub(crate) fn horizon(&self) -> usize {
+        self.left.dims()[0]
+    }
+
+    /// Tokens `[B, T, P, W]`.
+    pub(crate) fn look(&self, tokens: Tensor<4>) -> Looks {
+        let tokens: Tensor<3> = self.token_norm.forward(tokens).flatten(2, 3);
+        let to = self.difference.forward(tokens.clone());
+        Looks { from: self.frame.forward(tokens) - to.clone(), to }
+    }
+
+    /// The first layer of frames `from` with goals `to`, `[B, N, H]` each, `left` decisions before them, 1 to K.
+    pub(crate) fn join(&self, from: Tensor<3>, to: Tensor<3>, left: usize) -> Tensor<3> {
+        let row = left.clamp(1, self.horizon()) - 1;
+        from + to + self.left.val().narrow(0, row, 1).unsqueeze_dim(0)
+    }
+
+    /// From the first layer, `[B, N, H]`, to actions `[B, N, D]`.
+    pub(crate) fn decide(&self, first: Tensor<3>) -> Tensor<3> {
+        let first = gelu(self.norm.forward(first));
+        let next = |state, layer: &Hidden| gelu(layer.norm.forward(layer.linear.forward(state)));
+        self.out.forward(self.layers.iter().fold(first, next))
+    }
+}
