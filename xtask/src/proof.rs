@@ -111,7 +111,7 @@ const TASKS: &[Task] = &[
             trial("lewm", "slow.h5", "3000"),
             trial("pldm", "slow.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "slow.h5", steps: "1500", train: MEASURED },
-            trial("gcsl", "slow.h5", "5000"),
+            trial("gcsl", "slow.h5", "5200"),
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "slow.h5", steps: "1000", train: NEAR_TOO },
         ],
