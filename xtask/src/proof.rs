@@ -90,8 +90,9 @@ const TASKS: &[Task] = &[
             trial("lewm", "weak.h5", "3000"),
             trial("pldm", "weak.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "weak.h5", steps: "3000", train: MEASURED },
+            trial("gcsl", "weak.h5", "2000"),
             Trial { baseline: "gcbc", data: "weak.h5", steps: "1500", train: NEAR },
-            trial("gciql", "weak.h5", "1000"),
+            Trial { baseline: "gciql", data: "weak.h5", steps: "1000", train: NEAR_TOO },
         ],
     },
     // Data and goals of an expert whose steps are as short as those of the people whose episodes the published models learn
@@ -102,7 +103,7 @@ const TASKS: &[Task] = &[
         images: "96x96",
         pairs: "pairs.h5",
         data: &[
-            ("slow.h5", &["--policy", SLOW, "--episodes", "500", "--max-steps", "300", "--seed", "102"]),
+            ("slow.h5", &["--policy", SLOW, "--episodes", "2000", "--max-steps", "300", "--seed", "102"]),
             ("pairs.h5", &["--policy", SLOW, "--episodes", "200", "--max-steps", "300", "--seed", "103"]),
         ],
         search: REPLANNED,
@@ -110,8 +111,9 @@ const TASKS: &[Task] = &[
             trial("lewm", "slow.h5", "3000"),
             trial("pldm", "slow.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "slow.h5", steps: "1500", train: MEASURED },
+            trial("gcsl", "slow.h5", "5200"),
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
-            trial("gciql", "slow.h5", "1000"),
+            Trial { baseline: "gciql", data: "slow.h5", steps: "1000", train: NEAR_TOO },
         ],
     },
 ];
@@ -139,6 +141,8 @@ const SLOW: &str =
 const MEASURED: &[&str] = &["--set", "weights.inverse=1", "--set", "optim.ema=0.999"];
 /// Goals as far ahead as those of the pairs, and frames that are seen as what sets them apart from the goal.
 const NEAR: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "model.predictor.compare=true"];
+/// The same of a policy that is extracted from a value, which compares frames anyway.
+const NEAR_TOO: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "value.policy_goals=geometric"];
 /// A search that a CPU does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 /// The same, of which 10 actions are executed before it is planned anew for the rest.

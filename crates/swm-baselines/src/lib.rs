@@ -50,6 +50,8 @@ pub use models::{
     GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig, LaterGoals,
     LewmConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
 };
-pub use nn::{CnnConfig, FilmPredictorConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
+pub use nn::{
+    CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,
+};
 pub use optim::{OptimConfig, Schedule};
 pub use precision::Precision;

@@ -34,7 +34,7 @@ const TINY: &[(&str, Changes)] = &[
     ("gcivl", goal),
     (
         "gcsl",
-        || json!({"model": {"image": 16, "encoder": {"kind": "cnn", "channels": [4, 8]}, "hidden": 8, "horizon": 3}}),
+        || json!({"model": {"image": 16, "encoder": {"channels": [4, 8], "count": 4}, "hidden": 8, "horizon": 3}}),
     ),
     ("hilp", goal),
     ("lewm", joint),
@@ -164,6 +164,21 @@ fn training_gives_finite_losses() {
             assert!(check.total.is_finite());
         }
     });
+}
+
+#[test]
+fn other_models_can_see_places() {
+    for name in ["gcbc", "gciql", "gcivl", "hilp", "lewm", "pldm"] {
+        let mut changes = TINY.iter().find(|(of, _)| *of == name).expect("a line in TINY").1();
+        changes["model"]["encoder"] = json!({"kind": "keypoints", "channels": [4, 8], "count": 4});
+        let mut model = make(name, &options("small", changes)).unwrap();
+        for phase in 0..model.phases().len() {
+            assert!((0..3).all(|index| step(model.as_mut(), phase, index).total.is_finite()), "{name}");
+        }
+    }
+    let none = json!({"model": {"encoder": {"count": 0}}});
+    let refused = make("gcsl", &options("small", none)).err().unwrap().to_string();
+    assert!(refused.contains("`count` at least 1"), "{refused}");
 }
 
 #[test]

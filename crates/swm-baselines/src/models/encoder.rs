@@ -1,10 +1,10 @@
-//! Which network looks at images: a vision transformer or a small convolutional one.
+//! Which network looks at images: a vision transformer, a small convolutional one, or one that finds places.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::nn::{Cnn, CnnConfig, Vit, VitConfig};
+use crate::nn::{Cnn, CnnConfig, KeypointConfig, Keypoints, Vit, VitConfig};
 
 /// Its kind and size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,6 +15,8 @@ pub enum EncoderConfig {
     Vit(VitConfig),
     /// Convolutions.
     Cnn(CnnConfig),
+    /// Convolutions, and the places that they find.
+    Keypoints(KeypointConfig),
 }
 
 impl EncoderConfig {
@@ -23,6 +25,7 @@ impl EncoderConfig {
         match self {
             Self::Vit(config) => config.check([image; 2]),
             Self::Cnn(config) => Cnn::check(config),
+            Self::Keypoints(config) => Keypoints::check(config),
         }
     }
 
@@ -30,7 +33,7 @@ impl EncoderConfig {
     pub(crate) fn summary_dim(&self, dim: usize) -> usize {
         match self {
             Self::Vit(config) => config.dim,
-            Self::Cnn(_) => dim,
+            Self::Cnn(_) | Self::Keypoints(_) => dim,
         }
     }
 
@@ -42,6 +45,7 @@ impl EncoderConfig {
                 let [rows, columns] = Cnn::grid(config, [image; 2]);
                 [rows * columns, config.channels.last().copied().unwrap_or(3)]
             }
+            Self::Keypoints(config) => [1, 2 * config.count],
         }
     }
 }
@@ -52,6 +56,7 @@ impl EncoderConfig {
 pub(crate) enum Encoder {
     Vit(Vit),
     Cnn(Cnn),
+    Keypoints(Keypoints),
 }
 
 impl Encoder {
@@ -60,6 +65,9 @@ impl Encoder {
         match config {
             EncoderConfig::Vit(config) => Self::Vit(Vit::new(config, device)),
             EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], Some(dim), device)),
+            EncoderConfig::Keypoints(config) => {
+                Self::Keypoints(Keypoints::new(config, [image; 2], Some(dim), device))
+            }
         }
     }
 
@@ -68,6 +76,9 @@ impl Encoder {
         match config {
             EncoderConfig::Vit(config) => Self::Vit(Vit::new(config, device)),
             EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], None, device)),
+            EncoderConfig::Keypoints(config) => {
+                Self::Keypoints(Keypoints::new(config, [image; 2], None, device))
+            }
         }
     }
 
@@ -78,6 +89,7 @@ impl Encoder {
         let summaries: Tensor<2> = match self {
             Self::Vit(vit) => vit.summaries(frames),
             Self::Cnn(cnn) => cnn.forward(frames),
+            Self::Keypoints(keypoints) => keypoints.forward(frames),
         };
         let dim = summaries.dims()[1];
         summaries.reshape([batch, steps, dim])
@@ -94,6 +106,7 @@ impl Encoder {
                 all.narrow(1, 1, patches)
             }
             Self::Cnn(cnn) => cnn.tokens(frames),
+            Self::Keypoints(keypoints) => keypoints.places(frames).unsqueeze_dim(1),
         };
         let [_, count, dim] = tokens.dims();
         tokens.reshape([batch, steps, count, dim])

@@ -8,11 +8,11 @@ use burn::tensor::{Device, Tensor};
 use super::layers::{Linear, parameter};
 use super::norm::LayerNorm;
 
-/// Actions from the tokens of a frame s and a goal g, k decisions before it: with n the normalization of each token, the first
-/// layer is A n(s) + B (n(g) - n(s)) + e_k. Being linear, it is computed once per image, whatever pairs of images are made.
+/// Actions from the tokens of a frame s and a goal g, k decisions before it: with n the normalization of each token, or what is
+/// seen as it is, the first layer is A n(s) + B (n(g) - n(s)) + e_k. Being linear, it is computed once per image, whatever pairs of images are made.
 #[derive(Module, Debug)]
 pub(crate) struct CountdownPredictor {
-    token_norm: LayerNorm,
+    token_norm: Option<LayerNorm>,
     frame: Linear,
     difference: Linear,
     /// `[K, H]`: e_1 to e_K.
@@ -34,6 +34,8 @@ struct Hidden {
 pub(crate) struct CountdownSizes {
     /// Values in all tokens of an image.
     pub(crate) inputs: usize,
+    /// Whether each token is normalized.
+    pub(crate) normalizes: bool,
     /// H: dim of hidden layers.
     pub(crate) hidden: usize,
     /// Hidden layers, at least 1.
@@ -55,11 +57,11 @@ pub(crate) struct Looks {
 impl CountdownPredictor {
     /// Of these sizes.
     pub(crate) fn new(sizes: CountdownSizes, device: &Device) -> Self {
-        let CountdownSizes { inputs, hidden, depth, outputs, horizon } = sizes;
+        let CountdownSizes { inputs, normalizes, hidden, depth, outputs, horizon } = sizes;
         let layer =
             |_| Hidden { linear: Linear::new(hidden, hidden, device), norm: LayerNorm::new(hidden, device) };
         Self {
-            token_norm: LayerNorm::plain(1e-5),
+            token_norm: normalizes.then(|| LayerNorm::plain(1e-5)),
             frame: Linear::new(inputs, hidden, device),
             difference: Linear::without_bias(inputs, hidden, device),
             left: parameter([horizon, hidden], device),
@@ -76,7 +78,11 @@ impl CountdownPredictor {
 
     /// Tokens `[B, T, P, W]`.
     pub(crate) fn look(&self, tokens: Tensor<4>) -> Looks {
-        let tokens: Tensor<3> = self.token_norm.forward(tokens).flatten(2, 3);
+        let tokens = match &self.token_norm {
+            Some(norm) => norm.forward(tokens),
+            None => tokens,
+        };
+        let tokens: Tensor<3> = tokens.flatten(2, 3);
         let to = self.difference.forward(tokens.clone());
         Looks { from: self.frame.forward(tokens) - to.clone(), to }
     }

@@ -19,7 +19,7 @@ use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CnnConfig, CountdownPredictor, CountdownSizes, Looks};
+use crate::nn::{CountdownPredictor, CountdownSizes, KeypointConfig, Looks};
 use crate::optim::OptimConfig;
 use crate::params::{device_of, host};
 use crate::pass::Pass;
@@ -61,17 +61,18 @@ pub struct CountdownConfig {
 }
 
 impl GcslConfig {
-    /// Settings for a CPU: goals 5 decisions of 5 actions ahead, as those of the historic protocol are.
+    /// Settings for a CPU: places in images of 64 pixels, and goals 5 decisions of 5 actions ahead, as those of the historic
+    /// protocol are.
     pub fn small() -> Self {
         Self {
             model: CountdownConfig {
                 image: 64,
-                encoder: EncoderConfig::Cnn(CnnConfig::default()),
+                encoder: EncoderConfig::Keypoints(KeypointConfig::default()),
                 hidden: 512,
                 depth: 3,
                 horizon: 5,
                 frameskip: 5,
-                batch: 32,
+                batch: 24,
             },
             optim: OptimConfig { lr: 1e-3, weight_decay: 0.01, ema: 0.999, ..OptimConfig::default() },
         }
@@ -111,6 +112,8 @@ pub(crate) fn make(
     let form = Form { image: *image, action: frameskip * dims.action_dim, proprio: 0 };
     let sizes = CountdownSizes {
         inputs: encoder.tokens(*image).iter().product(),
+        // Places are compared as they are.
+        normalizes: !matches!(encoder, EncoderConfig::Keypoints(_)),
         hidden: *hidden,
         depth: *depth,
         outputs: form.action,
