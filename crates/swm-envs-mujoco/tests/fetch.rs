@@ -134,7 +134,7 @@ fn episodes_are_cut_off_after_their_time() {
         .err()
         .expect("refused")
         .to_string();
-    assert!(message.contains("unknown setting `reward`") && message.contains("time_limit"), "{message}");
+    assert!(message.contains("setting `reward`: unknown") && message.contains("time_limit"), "{message}");
 }
 
 fn evaluate(entry: &'static EnvEntry, policy: &str, episodes: u64, vary: &[&str]) -> Evaluation {

@@ -13,8 +13,8 @@ use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
 };
 use swm::evaluation::{
-    Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, read_manifest, read_receipt,
-    recorded_pairs, roles, run_pairs, tier_rules, write_manifest, write_receipt,
+    Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, identity, read_manifest,
+    read_receipt, recorded_pairs, roles, run_pairs, tier_rules, write_manifest, write_receipt,
 };
 
 use crate::errors::{IntoPy as _, OrRaise as _, SwmError};
@@ -169,6 +169,13 @@ impl Run<'_> {
         identity: &impl serde::Serialize,
     ) -> PyResult<Vec<EpisodeResult>> {
         let path = self.out.map(|dir| dir.join(format!("{name}.jsonl")));
+        // A name says nothing of Python code: what it did before it was changed is not gone on with.
+        if let (Who::Foreign(..), Some(path)) = (who, &path)
+            && path.exists()
+        {
+            std::fs::remove_file(path)
+                .map_err(|error| SwmError::new_err(format!("cannot remove {}: {error}", path.display())))?;
+        }
         let mut ledger =
             path.as_deref().map(|path| Ledger::open(path, identity)).transpose().map_err(boxed)?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
@@ -300,11 +307,13 @@ fn evaluate_manifest(
     }
     let fingerprints = py.detach(|| fingerprints(entry, &manifest, candidate.seed)).map_err(boxed)?;
     let steps = plan_steps.unwrap_or_else(|| candidate.plan_steps(registry(), entry, &manifest));
-    let identity = |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
+    let identity = |candidate: &Candidate| {
+        identity(&(manifest.hash(), candidate, &fingerprints, steps), &files).map_err(boxed)
+    };
     let run = Run { manifest: &manifest, out: out.as_deref(), num_envs, threads, tick };
     let who = foreign.map_or(Who::Native, |(world, act)| Who::Foreign(world, act));
     let started = Instant::now();
-    let episodes = run.policy(py, &who, "episodes", &candidate, steps, &identity(&candidate))?;
+    let episodes = run.policy(py, &who, "episodes", &candidate, steps, &identity(&candidate)?)?;
     let wall_time_s = started.elapsed().as_secs_f64();
     let mut others = Vec::new();
     for (role, other) in wanted {
@@ -313,7 +322,7 @@ fn evaluate_manifest(
             true => episodes.clone(),
             false => {
                 let name = format!("episodes-{}", role.name());
-                run.policy(py, &Who::Native, &name, &other, steps, &identity(&other))?
+                run.policy(py, &Who::Native, &name, &other, steps, &identity(&other)?)?
             }
         };
         others.push(Reference::new(role, other, found, &episodes));

@@ -297,7 +297,7 @@ fn settings_out_of_range_are_named() {
         (
             "icem",
             json!({"normalize": "max"}),
-            "`normalize`: unknown variant `max`, expected `per_sequence` or `analytic`",
+            "`normalize`: no value `max`; there are `per_sequence`, `analytic`",
         ),
         ("mppi", json!({"temperature": 0.0}), "`temperature`: 0 is not a positive number"),
         ("mppi", json!({"elites": 301}), "`elites`: 301 of 300 samples"),

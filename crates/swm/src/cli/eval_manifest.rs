@@ -14,8 +14,8 @@ use super::output::{counted, create_folder, table};
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints, read_manifest,
-    roles, run_pairs, write_receipt,
+    Candidate, CellLedger, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints, identity,
+    read_manifest, roles, run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -62,14 +62,22 @@ impl EvalManifest<'_> {
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
-        let run = Run { registry, manifest: &manifest, output, out: self.out, options: &self.options };
+        let run = Run {
+            registry,
+            manifest: &manifest,
+            output,
+            out: self.out,
+            again: self.again,
+            options: &self.options,
+        };
+        let files = candidate.files(registry, entry)?;
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);
         let asked = Receipt::new(
             manifest.clone(),
             candidate.clone(),
             policy,
-            candidate.files(registry, entry)?,
+            files.clone(),
             fingerprints.clone(),
             steps,
         );
@@ -103,7 +111,7 @@ impl EvalManifest<'_> {
         let others = wanted.iter().map(|(_, other)| other).filter(|other| **other != candidate);
         let policies: Vec<&Candidate> = std::iter::once(&candidate).chain(others).collect();
         let (cells, pairs) = (policies.len() as u64, manifest.pairs.len() as u64);
-        let whole = (manifest.hash(), &policies, &fingerprints, steps);
+        let whole = identity(&(manifest.hash(), &policies, &fingerprints, steps), &files)?;
         if let (Some(shard), Some(dir)) = (self.part.shard, self.out) {
             run.part(dir, shard, &policies, steps, &whole)?;
             return self.part.done(dir, shard, shard.of(cells * pairs), output);
@@ -113,13 +121,13 @@ impl EvalManifest<'_> {
             _ => None,
         };
         let identity =
-            |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
+            |candidate: &Candidate| identity(&(manifest.hash(), candidate, &fingerprints, steps), &files);
         let started = Instant::now();
         let (episodes, wall_time_s, mut references) = match (held, &joined) {
             (Some(held), _) => (held.episodes, held.wall_time_s, held.references),
             (None, Some(joined)) => (joined.known(0).into_values().collect(), joined.seconds(0), Vec::new()),
             (None, None) => {
-                let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
+                let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate)?, "")?;
                 (episodes, started.elapsed().as_secs_f64(), Vec::new())
             }
         };
@@ -134,7 +142,7 @@ impl EvalManifest<'_> {
                 }
                 (false, None) => {
                     let file = format!("episodes-{}", role.name());
-                    run.policy(&file, &other, steps, &identity(&other), role.name())?
+                    run.policy(&file, &other, steps, &identity(&other)?, role.name())?
                 }
             };
             references.push(Reference::new(role, other, others, &episodes));
@@ -197,6 +205,7 @@ struct Run<'a> {
     manifest: &'a Manifest,
     output: &'a Output,
     out: Option<&'a Path>,
+    again: bool,
     options: &'a RunOptions,
 }
 
@@ -250,9 +259,13 @@ impl Run<'_> {
         identity: &impl serde::Serialize,
         label: &str,
     ) -> Result<Vec<EpisodeResult>, Failure> {
-        let Self { registry, manifest, output, out, options } = *self;
+        let Self { registry, manifest, output, out, again, options } = *self;
+        let open = |path: &Path| match again {
+            true => Ledger::open_again(path, identity),
+            false => Ledger::open(path, identity),
+        };
         let path: Option<PathBuf> = out.map(|dir| dir.join(format!("{name}.jsonl")));
-        let mut ledger = path.as_deref().map(|path| Ledger::open(path, identity)).transpose()?;
+        let mut ledger = path.as_deref().map(open).transpose()?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
         if !known.is_empty() {
             let all = counted(manifest.pairs.len(), "episode");

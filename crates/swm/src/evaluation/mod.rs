@@ -33,7 +33,7 @@ pub use quality::{
 };
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
-pub use resume::Ledger;
+pub use resume::{Ledger, identity};
 pub use run::{Candidate, RunOptions, run_pairs};
 pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
 pub use tiers::{TierRules, task_probes, tier_rules};

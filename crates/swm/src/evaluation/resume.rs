@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, sha256};
 
@@ -41,6 +42,23 @@ struct Line {
     seconds: f64,
 }
 
+/// What the episodes of an evaluation belong to: all that `parts`, a tuple, says, and the files of its policy by their hashes, if
+/// it has any. Weights may be trained anew under the same name.
+///
+/// # Errors
+///
+/// `parts` cannot be written as JSON.
+pub fn identity(parts: &impl Serialize, files: &BTreeMap<String, String>) -> Result<Vec<Json>, BoxError> {
+    let mut all = match serde_json::to_value(parts)? {
+        Json::Array(all) => all,
+        one => vec![one],
+    };
+    if !files.is_empty() {
+        all.push(serde_json::to_value(files)?);
+    }
+    Ok(all)
+}
+
 /// The last line of a part that is complete.
 #[derive(Serialize, Deserialize)]
 struct End {
@@ -72,6 +90,18 @@ impl Ledger {
         Ok(ledger)
     }
 
+    /// As [`Ledger::open`], but one that belongs to another evaluation is replaced.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read or written.
+    pub fn open_again(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+        if path.exists() && Self::read(path, identity).is_err() {
+            fs::remove_file(path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
+        }
+        Self::open(path, identity)
+    }
+
     /// Reads a ledger that is there, and leaves it as it is.
     ///
     /// # Errors
@@ -82,10 +112,16 @@ impl Ledger {
         let mut lines = text.lines();
         let found = lines.next().and_then(|line| serde_json::from_str::<Head>(line).ok());
         let head = Head::of(identity)?;
-        if found.is_some_and(|found| found != head) {
+        let is_others = found.is_some_and(|found| found != head);
+        let mut lines = lines.peekable();
+        // Of an evaluation that failed before its first episode, nothing is lost.
+        if is_others && lines.peek().is_none() {
+            return Ok(Self::empty(path));
+        }
+        if is_others {
             return Err(format!(
-                "{} holds episodes of another evaluation (manifest, policy, seed or physics differ); remove it, or give \
-                 another folder",
+                "{} holds episodes of another evaluation (manifest, policy, its files, seed or physics differ); remove it, or \
+                 give another folder",
                 path.display()
             )
             .into());
@@ -153,5 +189,38 @@ impl Ledger {
 impl Head {
     fn of(identity: &impl Serialize) -> Result<Self, BoxError> {
         Ok(Self { evaluation: sha256(serde_json::to_string(identity)?.as_bytes()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files(hash: &str) -> BTreeMap<String, String> {
+        BTreeMap::from([("runs/lewm/weights".to_owned(), hash.to_owned())])
+    }
+
+    #[test]
+    fn weights_that_were_trained_anew_are_another_evaluation() {
+        let of = |files: &BTreeMap<String, String>| identity(&("manifest", "mpc:runs/lewm"), files).unwrap();
+        assert_ne!(of(&files("a")), of(&files("b")));
+        // As ledgers of policies without files have always said it.
+        assert_eq!(of(&BTreeMap::new()), [Json::from("manifest"), "mpc:runs/lewm".into()]);
+    }
+
+    #[test]
+    fn a_ledger_of_another_evaluation_is_replaced_where_nothing_is_lost_or_on_request() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("episodes.jsonl");
+        drop(Ledger::open(&path, &"failed before its first episode").unwrap());
+        let mut ledger = Ledger::open(&path, &"first").unwrap();
+        ledger.push(0, &EpisodeResult::default()).unwrap();
+        drop(ledger);
+        let message = Ledger::open(&path, &"second").err().expect("it has an episode").to_string();
+        assert!(message.contains("episodes.jsonl holds episodes of another evaluation"), "{message}");
+        assert_eq!(Ledger::open(&path, &"first").unwrap().known.len(), 1);
+        assert_eq!(Ledger::open_again(&path, &"first").unwrap().known.len(), 1);
+        assert!(Ledger::open_again(&path, &"second").unwrap().known.is_empty());
+        assert!(Ledger::open(&path, &"second").is_ok());
     }
 }

@@ -1,5 +1,6 @@
 //! Running a sweep: all of it, or the part of it that is a ledger's range.
 
+use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 use swm_core::{Manifest, Registry, ResetOptions};
@@ -9,6 +10,7 @@ use super::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values};
 use crate::evaluation::cells::CellLedger;
 use crate::evaluation::probe::{Fingerprints, fingerprints};
 use crate::evaluation::receipt::Code;
+use crate::evaluation::resume::identity;
 use crate::evaluation::run::{Candidate, RunOptions, run_pairs};
 
 /// A sweep to be run. Its cells are the unchanged environment and every change, in this order.
@@ -77,12 +79,13 @@ impl<'a> SweepRun<'a> {
     /// # Errors
     ///
     /// The environment cannot be made or stepped.
-    pub fn identity(&self) -> Result<impl serde::Serialize + use<>, BoxError> {
+    pub fn identity(&self) -> Result<Vec<Json>, BoxError> {
         let entry = self.registry.env(&self.manifest.env)?;
         let names = self.changes.iter().map(|change| (change.name.clone(), change.value.clone()));
         let fingerprints: Fingerprints = fingerprints(entry, self.manifest, self.candidate.seed)?;
         let names: Vec<(String, String)> = names.collect();
-        Ok((self.manifest.hash(), self.candidate.clone(), fingerprints, self.steps, self.values, names))
+        let parts = (self.manifest.hash(), &self.candidate, fingerprints, self.steps, self.values, names);
+        identity(&parts, &self.candidate.files(self.registry, entry)?)
     }
 
     /// Evaluates the episodes of the ledger's range. `each` is called with the name of every cell that has some.
