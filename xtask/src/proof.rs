@@ -90,7 +90,7 @@ const TASKS: &[Task] = &[
             trial("lewm", "weak.h5", "3000"),
             trial("pldm", "weak.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "weak.h5", steps: "3000", train: MEASURED },
-            trial("gcsl", "weak.h5", "2000"),
+            trial("gcsl", "weak.h5", "1300"),
             Trial { baseline: "gcbc", data: "weak.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "weak.h5", steps: "1000", train: NEAR_TOO },
         ],

@@ -52,7 +52,6 @@ impl EncoderConfig {
 
 /// An encoder of one of the kinds.
 #[derive(Module, Debug)]
-#[expect(clippy::large_enum_variant, reason = "a model has one, and a module cannot stand in a box")]
 pub(crate) enum Encoder {
     Vit(Vit),
     Cnn(Cnn),
