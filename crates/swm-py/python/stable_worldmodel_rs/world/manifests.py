@@ -58,6 +58,8 @@ class Receipt(dict[str, Any]):
             low, high = other["test"]["interval95"]
             difference = f"difference {other['test']['difference']:+.1f} ({low:+.1f} to {high:+.1f})"
             rows.append((str(other["role"]), f"{_rate(other['summary'])}, {difference}"))
+        at_reset = self["summary"]["solved_at_start"]
+        rows.append(("pairs", f"{len(self['episodes'])}, {at_reset} with success at reset, which count for every policy"))
         return rows
 
     def __repr__(self) -> str:
