@@ -222,7 +222,7 @@ fn an_interrupted_evaluation_goes_on() {
     );
 
     let ledger = format!("{parts}/episodes.jsonl");
-    std::fs::write(&ledger, "{\"evaluation\":\"another\"}\n").unwrap();
+    std::fs::write(&ledger, "{\"evaluation\":\"another\"}\n{\"episode\":0}\n").unwrap();
     let message = swm_fails(1, &args.iter().map(String::as_str).collect::<Vec<_>>());
     assert!(message.contains("another evaluation"), "{message}");
     std::fs::remove_file(&ledger).unwrap();
