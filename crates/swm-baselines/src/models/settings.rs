@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
+use swm_core::settings::plain;
 
 use crate::error::BaselineError;
 
@@ -20,7 +21,7 @@ pub(crate) fn with_changes<C: Serialize + DeserializeOwned>(
     let wrong = |reason| BaselineError::Settings { baseline, reason };
     let mut settings = serde_json::to_value(preset).map_err(|error| wrong(error.to_string()))?;
     lay_over(&mut settings, changes, "").map_err(wrong)?;
-    serde_json::from_value(settings).map_err(|error| wrong(error.to_string()))
+    serde_json::from_value(settings).map_err(|error| wrong(plain(&error.to_string())))
 }
 
 /// What is wrong with sizes that must be at least 1, and with a share of dropout, if anything is.

@@ -119,7 +119,10 @@ fn unknown_settings_are_refused() {
         &fails(json!({ "model": { "latent_din": 8 } })),
         &["settings of `lewm`", "`model.latent_din`: unknown; did you mean `model.latent_dim`?", "projector"],
     );
-    says(&fails(json!({ "model": { "encoder": { "kind": "rnn" } } })), &["`rnn`", "`vit` or `cnn`"]);
+    says(
+        &fails(json!({ "model": { "encoder": { "kind": "rnn" } } })),
+        &["no value `rnn`", "there are `vit`, `cnn`, `keypoints`"],
+    );
     for (changes, reason) in [
         (json!({ "optim": { "lr": "fast" } }), "`optim.lr` is \"fast\"; it must be a number"),
         (json!({ "model": { "latent_dim": 8.5 } }), "`model.latent_dim` is 8.5; it must be a whole number"),
