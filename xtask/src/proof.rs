@@ -141,8 +141,17 @@ const SLOW: &str =
 const MEASURED: &[&str] = &["--set", "weights.inverse=1", "--set", "optim.ema=0.999"];
 /// Goals as far ahead as those of the pairs, and frames that are seen as what sets them apart from the goal.
 const NEAR: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "model.predictor.compare=true"];
-/// The same of a policy that is extracted from a value, which compares frames anyway.
-const NEAR_TOO: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "value.policy_goals=geometric"];
+/// Near goals of a policy that is extracted from a value, and an encoder that says where things are.
+const NEAR_TOO: &[&str] = &[
+    "--set",
+    "model.goal_gamma=0.8",
+    "--set",
+    "value.policy_goals=geometric",
+    "--set",
+    "model.encoder.kind=keypoints",
+    "--set",
+    "optim.ema=0.999",
+];
 /// A search that a CPU does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 /// The same, of which 10 actions are executed before it is planned anew for the rest.
