@@ -142,12 +142,6 @@ fn held_out(episodes: Vec<usize>, share: f64) -> Vec<bool> {
     episodes.into_iter().map(|episode| is_held_out(episode, share)).collect()
 }
 
-/// Who is evaluated on a manifest: a native policy by its name, or a Python one in a World that was made for it.
-enum Who<'py> {
-    Native,
-    Foreign(Bound<'py, PyWorld>, Bound<'py, PyAny>),
-}
-
 /// What every run on a manifest needs.
 struct Run<'a> {
     manifest: &'a Manifest,
@@ -162,49 +156,32 @@ impl Run<'_> {
     fn policy(
         &self,
         py: Python<'_>,
-        who: &Who<'_>,
         name: &str,
         candidate: &Candidate,
         steps: u64,
         identity: &impl serde::Serialize,
     ) -> PyResult<Vec<EpisodeResult>> {
+        let resets = self.manifest.resets().or_raise()?;
+        let progress = Progress::default();
         let path = self.out.map(|dir| dir.join(format!("{name}.jsonl")));
-        // A name says nothing of Python code: what it did before it was changed is not gone on with.
-        if let (Who::Foreign(..), Some(path)) = (who, &path)
-            && path.exists()
-        {
-            std::fs::remove_file(path)
-                .map_err(|error| SwmError::new_err(format!("cannot remove {}: {error}", path.display())))?;
-        }
         let mut ledger =
             path.as_deref().map(|path| Ledger::open(path, identity)).transpose().map_err(boxed)?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
-        let progress = Progress::default();
         known.values().for_each(|episode| progress.count(episode.success));
         let each = |pair: u64, result: &EpisodeResult| {
             progress.count(result.success);
             ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(pair, result))
         };
-        let resets = self.manifest.resets().or_raise()?;
-        let episodes = match who {
-            Who::Native => {
-                let cancel = Cancel::new();
-                let options = RunOptions {
-                    num_envs: self.num_envs,
-                    threads: self.threads,
-                    cancel: Some(cancel.clone()),
-                    ..RunOptions::default()
-                };
-                let manifest = self.manifest;
-                let run = || {
-                    run_pairs(registry(), manifest, &resets, candidate, steps, &options, &known, true, each)
-                };
-                interruptible_with(py, &cancel, || progress.tell(self.tick), run)?.map_err(boxed)?
-            }
-            Who::Foreign(world, act) => {
-                self.foreign(py, world.get(), act, resets, steps, known, &progress, each)?
-            }
+        let cancel = Cancel::new();
+        let options = RunOptions {
+            num_envs: self.num_envs,
+            threads: self.threads,
+            cancel: Some(cancel.clone()),
+            ..RunOptions::default()
         };
+        let run =
+            || run_pairs(registry(), self.manifest, &resets, candidate, steps, &options, &known, true, each);
+        let episodes = interruptible_with(py, &cancel, || progress.tell(self.tick), run)?.map_err(boxed)?;
         progress.tell(self.tick)?;
         if let Some(ledger) = ledger {
             ledger.close().map_err(boxed)?;
@@ -212,21 +189,19 @@ impl Run<'_> {
         Ok(episodes)
     }
 
-    /// The pairs that are not known, under a Python policy.
-    #[expect(clippy::too_many_arguments, reason = "a part of `policy`")]
+    /// The episodes of a Python policy. No ledger: a name says nothing of its code, which may have been changed when it is run
+    /// again.
     fn foreign(
         &self,
         py: Python<'_>,
         world: &PyWorld,
         act: &Bound<'_, PyAny>,
-        resets: Vec<swm::core::ResetOptions>,
         steps: u64,
-        known: BTreeMap<u64, EpisodeResult>,
-        progress: &Progress,
-        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
     ) -> PyResult<Vec<EpisodeResult>> {
         let manifest = self.manifest;
         manifest.check().or_raise()?;
+        let resets = manifest.resets().or_raise()?;
+        let progress = Progress::default();
         {
             let mut core = world.shared.lock()?;
             let world = core.world()?;
@@ -234,30 +209,18 @@ impl Run<'_> {
             world.set_max_episode_steps(Some(manifest.budget));
         }
         let count = manifest.pairs.len() as u64;
-        let mut results = known;
-        let mut first = 0;
-        while first < count {
-            if results.contains_key(&first) {
-                first += 1;
-                continue;
-            }
-            let end = (first..count).find(|pair| results.contains_key(pair)).unwrap_or(count);
-            let mut rollout = Rollout::new(first..end).seed(manifest.seed).each(resets.clone());
-            rollout.episodes = first..end;
-            let mut found = Vec::new();
-            let mut recorder = OutcomeRecorder::new(steps, Some(manifest), |pair, result| {
-                each(pair, &result)?;
-                found.push((pair, result));
-                Ok(())
-            });
-            let driven =
-                drive(py, &world.shared, rollout, &mut recorder, Some(act), || progress.tell(self.tick));
-            drop(recorder);
-            driven?;
-            results.extend(found);
-            first = end;
-        }
-        Ok(results.into_values().collect())
+        let rollout = Rollout::new(0..count).seed(manifest.seed).each(resets);
+        let mut found = BTreeMap::new();
+        let mut recorder = OutcomeRecorder::new(steps, Some(manifest), |pair, result: EpisodeResult| {
+            progress.count(result.success);
+            found.insert(pair, result);
+            Ok(())
+        });
+        let driven = drive(py, &world.shared, rollout, &mut recorder, Some(act), || progress.tell(self.tick));
+        drop(recorder);
+        driven?;
+        progress.tell(self.tick)?;
+        Ok(found.into_values().collect())
     }
 }
 
@@ -311,9 +274,11 @@ fn evaluate_manifest(
         identity(&(manifest.hash(), candidate, &fingerprints, steps), &files).map_err(boxed)
     };
     let run = Run { manifest: &manifest, out: out.as_deref(), num_envs, threads, tick };
-    let who = foreign.map_or(Who::Native, |(world, act)| Who::Foreign(world, act));
     let started = Instant::now();
-    let episodes = run.policy(py, &who, "episodes", &candidate, steps, &identity(&candidate)?)?;
+    let episodes = match &foreign {
+        Some((world, act)) => run.foreign(py, world.get(), act, steps)?,
+        None => run.policy(py, "episodes", &candidate, steps, &identity(&candidate)?)?,
+    };
     let wall_time_s = started.elapsed().as_secs_f64();
     let mut others = Vec::new();
     for (role, other) in wanted {
@@ -322,7 +287,7 @@ fn evaluate_manifest(
             true => episodes.clone(),
             false => {
                 let name = format!("episodes-{}", role.name());
-                run.policy(py, &Who::Native, &name, &other, steps, &identity(&other)?)?
+                run.policy(py, &name, &other, steps, &identity(&other)?)?
             }
         };
         others.push(Reference::new(role, other, found, &episodes));

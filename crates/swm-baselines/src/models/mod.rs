@@ -5,6 +5,8 @@
 mod auxiliary;
 pub(crate) mod conv_jepa;
 pub(crate) mod dino_wm;
+#[cfg(test)]
+mod dots;
 mod encoder;
 pub(crate) mod gcbc;
 pub(crate) mod gciql;

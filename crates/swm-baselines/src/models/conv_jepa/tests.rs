@@ -6,13 +6,8 @@ use swm_solvers::Candidates;
 
 use rand::RngExt as _;
 
-use crate::{
-    Baseline, ClipBatch, DataDims, Images, MakeOptions, Observations, PlanningBatch, Step, Vectors, make,
-};
-
-const SIDE: usize = 16;
-const BYTES: usize = SIDE * SIDE * 3;
-const CLIPS: usize = 32;
+use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
+use crate::{Baseline, ClipBatch, DataDims, MakeOptions, Observations, PlanningBatch, Step, Vectors, make};
 
 /// Where a dot goes: `CLIPS` clips of `steps` images, and the moves between them.
 struct Dots {
@@ -49,25 +44,8 @@ impl Dots {
 
     /// The images of one step of all clips.
     fn step(&self, step: usize) -> Vec<u8> {
-        self.pixels
-            .chunks(self.steps * BYTES)
-            .flat_map(|clip| &clip[step * BYTES..][..BYTES])
-            .copied()
-            .collect()
+        of_step(&self.pixels, self.steps, step)
     }
-}
-
-/// A dot of 3 × 3 pixels on black.
-fn image(at: [i32; 2]) -> Vec<u8> {
-    let is_dot = |pixel: usize| {
-        let place = [pixel % SIDE, pixel / SIDE];
-        place.iter().zip(at).all(|(&place, at)| (place as i32 - at).abs() <= 1)
-    };
-    (0..SIDE * SIDE).flat_map(|pixel| [if is_dot(pixel) { 255 } else { 0 }; 3]).collect()
-}
-
-fn images(values: &[u8], steps: usize) -> Images<'_> {
-    Images { values, rows: CLIPS, steps, height: SIDE, width: SIDE, channels_last: true }
 }
 
 /// Trained for so many steps, with settings that differ from the tiny ones.

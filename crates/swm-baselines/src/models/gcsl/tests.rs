@@ -4,14 +4,11 @@ use rand::RngExt as _;
 use serde_json::json;
 use swm_core::seed::keyed;
 
+use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
 use crate::{
-    Baseline, BaselineError, ClipBatch, DataDims, GoalPolicy, Images, MakeOptions, PlanningBatch, Step,
-    Vectors, make,
+    Baseline, BaselineError, ClipBatch, DataDims, GoalPolicy, MakeOptions, PlanningBatch, Step, Vectors, make,
 };
 
-const SIDE: usize = 16;
-const BYTES: usize = SIDE * SIDE * 3;
-const CLIPS: usize = 32;
 const HORIZON: usize = 3;
 const FRAMES: usize = HORIZON + 1;
 
@@ -49,8 +46,7 @@ impl Dots {
 
     /// The images of one step of all clips.
     fn step(&self, step: usize) -> Vec<u8> {
-        let clips = self.pixels.chunks(FRAMES * BYTES);
-        clips.flat_map(|clip| &clip[step * BYTES..][..BYTES]).copied().collect()
+        of_step(&self.pixels, FRAMES, step)
     }
 
     /// The mean squared error of what a policy does in step `from`, for the goal of step `to`, told that `left` decisions are left.
@@ -69,18 +65,6 @@ impl Dots {
         let squared = actions.iter().zip(wanted).map(|(found, wanted)| (found - wanted).powi(2));
         squared.sum::<f32>() / actions.len() as f32
     }
-}
-
-fn image(at: [i32; 2]) -> Vec<u8> {
-    let is_dot = |pixel: usize| {
-        let place = [pixel % SIDE, pixel / SIDE];
-        place.iter().zip(at).all(|(&place, at)| (place as i32 - at).abs() <= 1)
-    };
-    (0..SIDE * SIDE).flat_map(|pixel| [if is_dot(pixel) { 255 } else { 0 }; 3]).collect()
-}
-
-fn images(values: &[u8], steps: usize) -> Images<'_> {
-    Images { values, rows: CLIPS, steps, height: SIDE, width: SIDE, channels_last: true }
 }
 
 fn tiny() -> Box<dyn Baseline> {

@@ -12,24 +12,35 @@ use super::{blosc, checksum, ffi, library};
 use crate::dataset::EncodedRows;
 use crate::error::{Result, invalid};
 
-/// Compression of rows as a column's filters do it.
-#[derive(Debug)]
-struct Compression {
-    level: u8,
-    shuffle: BloscShuffle,
-}
-
 /// Encodes rows as the library would, without its copies of each, and a row that is equal to the one before, such as the
 /// image of a goal, once.
 #[derive(Debug)]
 pub(super) struct RowEncoder {
-    compression: Compression,
+    /// What the rows of two columns must agree in to be copied as they are stored.
+    pub(super) encoding: String,
+    level: u8,
+    shuffle: BloscShuffle,
     values: Vec<u8>,
     stored: Vec<u8>,
     is_compressed: bool,
 }
 
 impl RowEncoder {
+    /// Of a column of bytes whose rows are compressed each on its own, with a checksum, as ours are.
+    pub(super) fn of(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<Option<Self>> {
+        let is_by_row = dataset.chunk().is_some_and(|chunk| chunk[0] == 1 && chunk[1..] == field.shape);
+        if !is_by_row || field.dtype != Dtype::U8 {
+            return Ok(None);
+        }
+        let filters = dataset.dcpl()?.get_filters()?;
+        let [Filter::Blosc(Blosc::LZ4, level, shuffle), Filter::Fletcher32] = filters[..] else {
+            return Ok(None);
+        };
+        let encoding = format!("hdf5 {filters:?}");
+        let (values, stored) = (Vec::new(), Vec::new());
+        Ok(Some(Self { encoding, level, shuffle, values, stored, is_compressed: false }))
+    }
+
     /// Writes `rows` from row `first` on, but for the last, which is left in `last`.
     pub(super) fn append(
         &mut self,
@@ -50,9 +61,8 @@ impl RowEncoder {
 
     /// Sets `stored` to the stored form of a row, which stays as it is where compression would make it no smaller.
     fn encode(&mut self, values: &[u8]) {
-        let Compression { level, shuffle } = self.compression;
         self.stored.resize(values.len(), 0);
-        let size = ffi::compress(level, shuffle, values, &mut self.stored);
+        let size = ffi::compress(self.level, self.shuffle, values, &mut self.stored);
         self.is_compressed = size > 0;
         if self.is_compressed {
             self.stored.truncate(size);
@@ -64,30 +74,6 @@ impl RowEncoder {
         self.values.clear();
         self.values.extend_from_slice(values);
     }
-}
-
-/// The encoder of a column that has an [`encoding`].
-pub(super) fn encoder(dataset: &Dataset) -> hdf5_metno::Result<Option<RowEncoder>> {
-    Ok(match dataset.dcpl()?.get_filters()?.first() {
-        Some(&Filter::Blosc(Blosc::LZ4, level, shuffle)) => Some(RowEncoder {
-            compression: Compression { level, shuffle },
-            values: Vec::new(),
-            stored: Vec::new(),
-            is_compressed: false,
-        }),
-        _ => None,
-    })
-}
-
-/// The encoding of a column of bytes whose rows are compressed each on its own, with a checksum, as ours are.
-pub(super) fn encoding(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<Option<String>> {
-    let is_by_row = dataset.chunk().is_some_and(|chunk| chunk[0] == 1 && chunk[1..] == field.shape);
-    if !is_by_row || field.dtype != Dtype::U8 {
-        return Ok(None);
-    }
-    let filters = dataset.dcpl()?.get_filters()?;
-    let is_ours = matches!(filters[..], [Filter::Blosc(Blosc::LZ4, ..), Filter::Fletcher32]);
-    Ok(is_ours.then(|| format!("hdf5 {filters:?}")))
 }
 
 /// The last row of a column whose rows are written as they are stored. The library keeps a row that it is given until the next one comes
@@ -187,7 +173,7 @@ mod tests {
         });
         for pieces in [1, 3] {
             let by_encoder = file(|dataset, field| {
-                let mut encoder = encoder(dataset).unwrap().unwrap();
+                let mut encoder = RowEncoder::of(dataset, field).unwrap().unwrap();
                 let mut last = LastRow::default();
                 for (index, rows) in rows().chunks(pieces * ROW).enumerate() {
                     encoder.append(dataset, field, index * pieces, rows, &mut last).unwrap();

@@ -13,7 +13,7 @@ use swm_core::{Field, SliceMut};
 
 use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
-use super::encoding::encoding;
+use super::encoding::RowEncoder;
 use super::fetch::Fetched;
 use super::{blosc, library};
 use crate::dataset::{EncodedRows, Steps};
@@ -76,7 +76,7 @@ impl ColumnStorage {
         file_length: u64,
     ) -> hdf5_metno::Result<Self> {
         let (access, encoding) = match direct(&dataset, field, element, rows, file_length)? {
-            Some(access) => (access, encoding(&dataset, field)?),
+            Some(access) => (access, RowEncoder::of(&dataset, field)?.map(|encoder| encoder.encoding)),
             None => (Access::Library(dataset), None),
         };
         Ok(Self { element, access, encoding })

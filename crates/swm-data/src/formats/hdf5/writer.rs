@@ -9,7 +9,7 @@ use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};
-use super::encoding::{LastRow, RowEncoder, encoder, encoding};
+use super::encoding::{LastRow, RowEncoder};
 use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
@@ -40,8 +40,7 @@ pub(super) struct Hdf5Session {
 struct Given {
     /// Its position in the schema.
     column: usize,
-    /// How its rows are stored, if each on its own.
-    encoding: Option<String>,
+    /// Of its rows, if they are stored each on its own.
     encoder: Option<RowEncoder>,
     /// The last row that is to be written as it is stored.
     last: LastRow,
@@ -92,9 +91,8 @@ impl Backend for Hdf5Backend {
         };
         let given = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
         let given = given.zip(&handles.columns).map(|(column, dataset)| {
-            let encoding = encoding(dataset, &schema.fields()[column]).map_err(library_error)?;
-            let encoder = encoding.as_ref().map_or(Ok(None), |_| encoder(dataset)).map_err(library_error)?;
-            Ok(Given { column, encoding, encoder, last: LastRow::default() })
+            let encoder = RowEncoder::of(dataset, &schema.fields()[column]).map_err(library_error)?;
+            Ok(Given { column, encoder, last: LastRow::default() })
         });
         let given = given.collect::<Result<_>>().map_err(|error| DataError::record(path, error))?;
         Ok(Hdf5Session {
@@ -114,7 +112,8 @@ impl Session for Hdf5Session {
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
-        self.given.iter().find(|given| given.column == column)?.encoding.as_deref()
+        let given = self.given.iter().find(|given| given.column == column)?;
+        Some(&given.encoder.as_ref()?.encoding)
     }
 
     fn append_encoded(
@@ -126,12 +125,12 @@ impl Session for Hdf5Session {
         let first = self.rows + at.step;
         let end = first + batch.rows();
         for (dataset, given) in self.handles.columns.iter().zip(&mut self.given) {
-            let Given { column, encoding, encoder, last } = given;
+            let Given { column, encoder, last } = given;
             let field = &self.schema.fields()[*column];
             let encoded = encoded.iter().find(|(encoded, _)| encoded == column);
             let write = || {
                 create::set_rows(dataset, end).map_err(library_error)?;
-                match (encoded, encoding) {
+                match (encoded, &encoder) {
                     (Some((_, rows)), Some(_)) => last.append(dataset, first, rows),
                     (Some(_), None) => Err(unsupported("its rows are not stored each on its own")),
                     (None, _) => {
