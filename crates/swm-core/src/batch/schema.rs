@@ -84,6 +84,17 @@ impl Schema {
         self.dims[index]
     }
 
+    /// Bytes that the values of one row take; text counts without its letters.
+    pub fn row_bytes(&self) -> usize {
+        let bytes_of = |dtype: Dtype| match dtype {
+            Dtype::Bool | Dtype::U8 => 1,
+            Dtype::I32 | Dtype::F32 => 4,
+            Dtype::I64 | Dtype::F64 => 8,
+            Dtype::Str => size_of::<String>(),
+        };
+        self.fields.iter().zip(&self.dims).map(|(field, dim)| dim.saturating_mul(bytes_of(field.dtype))).sum()
+    }
+
     /// The position of a field.
     pub fn index(&self, name: &str) -> Option<usize> {
         self.by_name.get(name).copied()

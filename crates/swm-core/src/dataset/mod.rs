@@ -4,6 +4,7 @@
 mod encoded;
 mod error;
 mod metadata;
+mod queue;
 mod reader;
 mod record;
 mod restore;

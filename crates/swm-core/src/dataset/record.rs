@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::Metadata;
+use super::queue::{Beside, Queue};
 use crate::batch::{Batch, Field, Schema};
 use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
@@ -46,14 +47,61 @@ pub trait EpisodeSink: Send {
 /// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
 /// end.
 pub struct DatasetRecorder<'a> {
-    sink: &'a mut dyn EpisodeSink,
+    output: Box<dyn Output + 'a>,
     schema: Arc<Schema>,
     /// For every column of the dataset, its position in the infos.
     from: Vec<usize>,
     /// Episodes that run or wait for an earlier one.
     open: BTreeMap<u64, Buffered>,
-    spare: Vec<Batch>,
     next: u64,
+}
+
+/// Where whole episodes go: into a sink at once, or into a queue before one.
+pub(super) trait Output: Send {
+    /// As [`EpisodeSink::begin`].
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
+
+    /// As [`EpisodeSink::holds`].
+    fn holds(&self, column: &str) -> bool;
+
+    /// Rows of an episode that was written, to be filled again.
+    fn spare(&mut self) -> Option<Batch>;
+
+    /// Takes an episode. Errors may be those of an earlier one.
+    fn write(&mut self, rows: Batch) -> Result<(), BoxError>;
+
+    /// As [`EpisodeSink::finish`], after the last episode is written.
+    fn finish(&mut self) -> Result<(), BoxError>;
+}
+
+/// Writes every episode before the next step.
+struct AtOnce<'a> {
+    sink: &'a mut dyn EpisodeSink,
+    spare: Vec<Batch>,
+}
+
+impl Output for AtOnce<'_> {
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        self.sink.begin(schema, metadata)
+    }
+
+    fn holds(&self, column: &str) -> bool {
+        self.sink.holds(column)
+    }
+
+    fn spare(&mut self) -> Option<Batch> {
+        self.spare.pop()
+    }
+
+    fn write(&mut self, rows: Batch) -> Result<(), BoxError> {
+        self.sink.write_episode(&rows)?;
+        self.spare.push(rows);
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        self.sink.finish()
+    }
 }
 
 struct Buffered {
@@ -62,10 +110,14 @@ struct Buffered {
 }
 
 impl<'a> DatasetRecorder<'a> {
-    /// Records into `sink`.
+    /// Records into `sink`, on the thread of the run: when an episode's end is seen, all before it are safe.
     pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
+        Self::with(AtOnce { sink, spare: Vec::new() })
+    }
+
+    fn with(output: impl Output + 'a) -> Self {
         let schema = Arc::new(Schema::default());
-        Self { sink, schema, from: Vec::new(), open: BTreeMap::new(), spare: Vec::new(), next: 0 }
+        Self { output: Box::new(output), schema, from: Vec::new(), open: BTreeMap::new(), next: 0 }
     }
 
     /// The columns of the dataset: all infos, except those that the world was told to leave out, and factors that
@@ -75,7 +127,7 @@ impl<'a> DatasetRecorder<'a> {
         let unrecorded = &run.options.unrecorded;
         let wanted = |field: &Field| match field.name.strip_prefix(VARIATION_PREFIX) {
             _ if unrecorded.contains(&field.name) => false,
-            Some(factor) => varied.contains(factor) || self.sink.holds(&field.name),
+            Some(factor) => varied.contains(factor) || self.output.holds(&field.name),
             None => true,
         };
         let fields = run.schema.fields().iter().enumerate().filter(|(_, field)| wanted(field));
@@ -108,7 +160,7 @@ impl Recorder for DatasetRecorder<'_> {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.choose_columns(run)?;
         self.next = run.rollout.episodes.start;
-        let held = self.sink.begin(&self.schema, &Metadata::of(run))?;
+        let held = self.output.begin(&self.schema, &Metadata::of(run))?;
         if held != self.next {
             let next = self.next;
             return Err(
@@ -120,7 +172,7 @@ impl Recorder for DatasetRecorder<'_> {
 
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let buffered = self.open.entry(row.episode.index).or_insert_with(|| {
-            let mut rows = self.spare.pop().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
+            let mut rows = self.output.spare().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
             rows.clear();
             Buffered { rows, complete: false }
         });
@@ -133,20 +185,20 @@ impl Recorder for DatasetRecorder<'_> {
         }
         while self.open.get(&self.next).is_some_and(|buffered| buffered.complete) {
             let Some(buffered) = self.open.remove(&self.next) else { break };
-            self.sink.write_episode(&buffered.rows)?;
-            self.spare.push(buffered.rows);
+            self.output.write(buffered.rows)?;
             self.next += 1;
         }
         Ok(())
     }
 
     fn finish(&mut self) -> Result<(), BoxError> {
-        self.sink.finish()
+        self.output.finish()
     }
 }
 
 impl World {
-    /// Records the episodes of `rollout` into `sink`, in the order of their index.
+    /// Records the episodes of `rollout` into `sink`, in the order of their index. With several threads, one of them writes
+    /// while others step.
     ///
     /// # Errors
     ///
@@ -156,10 +208,10 @@ impl World {
         rollout: &Rollout,
         sink: &mut dyn EpisodeSink,
     ) -> Result<(), WorldError> {
-        self.run(rollout, &mut DatasetRecorder::new(sink))
+        self.record_dataset_with(rollout, sink, &mut ())
     }
 
-    /// As [`World::record_dataset`], watched by another recorder too.
+    /// As [`World::record_dataset`], watched by another recorder too. It may see the end of an episode before that is safe.
     ///
     /// # Errors
     ///
@@ -170,6 +222,16 @@ impl World {
         sink: &mut dyn EpisodeSink,
         recorder: &mut dyn Recorder,
     ) -> Result<(), WorldError> {
-        self.run(rollout, &mut (DatasetRecorder::new(sink), recorder))
+        if self.threads.is_one() {
+            return self.run(rollout, &mut (DatasetRecorder::new(sink), recorder));
+        }
+        let queue = Queue::new(sink);
+        let threads = self.threads.clone();
+        threads.install(|| {
+            rayon::in_place_scope(|scope| {
+                let beside = DatasetRecorder::with(Beside { queue: &queue, scope });
+                self.run(rollout, &mut (beside, recorder))
+            })
+        })
     }
 }

@@ -62,7 +62,7 @@ pub struct World {
     frames: Option<Frames>,
     policy_seed: u64,
     pace: Pace,
-    threads: Threads,
+    pub(crate) threads: Threads,
 }
 
 impl World {

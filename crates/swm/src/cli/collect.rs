@@ -93,7 +93,7 @@ pub(super) struct Collect {
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut world = self.make_world(registry, output)?;
-        let (row_bytes, num_envs) = (memory::row_bytes(world.infos()), world.options().num_envs);
+        let (row_bytes, num_envs) = (world.infos().schema().row_bytes() as u64, world.options().num_envs);
         if let Some(much) = memory::note(num_envs, self.max_steps, row_bytes, memory::machine_bytes()) {
             output.note(much);
         }

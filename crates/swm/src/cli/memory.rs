@@ -1,19 +1,5 @@
 //! What a recording takes of the machine's memory, said before it starts where that is much.
 
-use swm_core::{Batch, Dtype};
-
-/// Bytes of a row of the table, at most; texts count as their place in it.
-pub(super) fn row_bytes(table: &Batch) -> u64 {
-    let bytes_of = |dtype: Dtype| match dtype {
-        Dtype::Bool | Dtype::U8 => 1,
-        Dtype::I32 | Dtype::F32 => 4,
-        Dtype::I64 | Dtype::F64 => 8,
-        Dtype::Str => size_of::<String>() as u64,
-    };
-    let fields = table.schema().fields().iter();
-    fields.map(|field| (field.dim() as u64).saturating_mul(bytes_of(field.dtype))).sum()
-}
-
 /// Memory of this machine in bytes, where the system tells.
 pub(super) fn machine_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
