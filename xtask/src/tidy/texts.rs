@@ -36,6 +36,21 @@ pub(super) fn machine_traces(files: &[TextFile]) -> Vec<Violation> {
     violations
 }
 
+/// Lines that git leaves where two sides of a merge disagree.
+pub(super) fn conflicts(files: &[TextFile]) -> Vec<Violation> {
+    let marks = ["<", ">", "|"].map(|mark| format!("{} ", mark.repeat(7)));
+    let mut violations = Vec::new();
+    for file in files {
+        for (index, line) in file.text.lines().enumerate() {
+            if marks.iter().any(|mark| line.starts_with(mark)) {
+                let place = format!("{}:{}", file.path, index + 1);
+                violations.push(Violation::new(place, "a merge was not finished: keep what both sides meant"));
+            }
+        }
+    }
+    violations
+}
+
 /// A path counts only where it begins: in `crates/root/src` or `https://host/home/` it does not.
 fn holds(line: &str, trace: &str) -> bool {
     line.match_indices(trace).any(|(at, _)| {
@@ -80,6 +95,15 @@ mod tests {
         let found = machine_traces(&[TextFile::new("a.md", &text.join("\n"))]);
         let places: Vec<&str> = found.iter().map(|violation| violation.place.as_str()).collect();
         assert_eq!(places, ["a.md:1", "a.md:3", "a.md:4"]);
+    }
+
+    #[test]
+    fn unfinished_merges_are_found() {
+        let [left, right] = ["<", ">"].map(|mark| mark.repeat(7));
+        let text = format!("# A\n{left} HEAD\none\n=======\ntwo\n{right} branch\n a {left} b\n");
+        let found = conflicts(&[TextFile::new("a.md", &text)]);
+        let places: Vec<&str> = found.iter().map(|violation| violation.place.as_str()).collect();
+        assert_eq!(places, ["a.md:2", "a.md:6"]);
     }
 
     #[test]
