@@ -12,6 +12,7 @@ mod datasets;
 mod demo;
 mod deny;
 mod endure;
+mod experts;
 mod gallery;
 mod golden;
 mod gpu;
@@ -22,6 +23,7 @@ mod metadata;
 mod onnx;
 mod plugin;
 mod process;
+mod program;
 mod proof;
 mod python;
 mod reference_tests;
@@ -63,6 +65,8 @@ enum Command {
     Demo(demo::Args),
     /// Train small baselines on TwoRoom, plan and act with them, and print what they reach
     Proof(proof::Args),
+    /// Train the agents of the policy `learned-expert`, and write their weights; trains for an hour or more
+    Experts(experts::Args),
     /// Set up, then run all tests, and the examples in the documentation
     Test(test::Args),
     /// Run every check that a change must pass, and print a table of them
@@ -110,6 +114,7 @@ fn main() -> ExitCode {
         Command::Setup(args) => setup::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Proof(args) => proof::run(&args),
+        Command::Experts(args) => experts::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Memcheck(args) => memcheck::run(&args),
         Command::Endure(args) => endure::run(&args),

@@ -4,13 +4,12 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
 use serde_json::Value as Json;
 
-use crate::{process, setup};
+use crate::program::Program;
 
 /// Options of `cargo xtask proof`.
 #[derive(clap::Args)]
@@ -168,10 +167,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             "--only {name}: name tasks (tworoom, pusht, pusht-slow) or baselines"
         );
     }
-    if args.swm.is_none() {
-        setup::for_build()?;
-        process::run(process::cargo(["build"]).args(BUILD))?;
-    }
+    let program = Program { given: args.swm.as_deref(), features: "cli,faer,baselines" };
+    program.build()?;
     let out = std::path::absolute(&args.out)?;
     let mut page = String::new();
     for task in TASKS {
@@ -179,7 +176,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             |trial: &&Trial| args.only.is_empty() || args.only.iter().any(|name| task.is_named(trial, name));
         let trials: Vec<&Trial> = task.trials.iter().filter(is_chosen).collect();
         if !trials.is_empty() {
-            page += &table(task, &trials, &out.join(task.name), args.swm.as_deref())?;
+            page += &table(task, &trials, &out.join(task.name), &program)?;
         }
     }
     println!("\n{page}");
@@ -188,8 +185,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 /// Records, trains and evaluates in folder `out`; what is there already is not made again.
-fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Result<String> {
-    let swm = |words: &[&str], paths: &[(&str, &Path)]| swm(given, words, paths);
+fn table(task: &Task, trials: &[&Trial], out: &Path, program: &Program<'_>) -> Result<String> {
+    let swm = |words: &[&str], paths: &[(&str, &Path)]| program.run(words, paths);
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let images = ["--image-size", task.images, "--env-option", "render=fast"];
     for (file, how) in task.data {
@@ -229,37 +226,6 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
         references = "none";
     }
     Ok(table)
-}
-
-/// The command `swm`, with baselines and without what these tasks do not need.
-const BUILD: &[&str] = &[
-    "--package",
-    "swm",
-    "--bin",
-    "swm",
-    "--release",
-    "--no-default-features",
-    "--features",
-    "cli,faer,baselines",
-];
-
-/// Runs the command `swm`, that which is given or was built, and returns what it says as JSON.
-fn swm(given: Option<&Path>, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
-    let mut command = match given {
-        Some(file) => Command::new(file),
-        None => {
-            let mut command = process::cargo(["run", "--quiet"]);
-            command.args(BUILD).arg("--");
-            command
-        }
-    };
-    command.args(args);
-    for (option, path) in paths {
-        command.arg(option).arg(path);
-    }
-    eprintln!("swm {}", args.join(" "));
-    let printed = process::output(command.arg("--json"))?;
-    serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))
 }
 
 fn line(table: &mut String, name: &str, summary: &Json, training: &str) {

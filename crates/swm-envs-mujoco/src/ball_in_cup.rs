@@ -24,6 +24,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
+    policies: &[],
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

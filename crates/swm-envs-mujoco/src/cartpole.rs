@@ -26,6 +26,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=80,samples=24,iterations=2,elites=5,sigma=0.7,noise_beta=2.5,aggregate=mean"),
+    policies: &[],
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -6,6 +6,7 @@ use swm_core::seed::Stream;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
     planner, tolerance, unchanged, uniform,
@@ -25,6 +26,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7"),
+    policies: &[learned_expert!("cheetah", TASKS, "run")],
     infos: &[("speed", 0), ("torso_height", 0), ("bfoot_height", 0), ("ffoot_height", 0), ("angmomentum", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -25,6 +25,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=40,samples=32,iterations=2,elites=6,sigma=1,aggregate=mean"),
+    policies: &[],
     infos: &[("hinge_velocity", 0), ("target_position", 2), ("tip_position", 2)],
     targets: &[Target { column: "target_pos", place: Place::SitePosition("target") }],
     start_columns: &["qpos", "qvel", "time", "qacc_warmstart", "target_pos"],

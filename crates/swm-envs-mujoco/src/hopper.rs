@@ -24,6 +24,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=25,samples=24,iterations=2,elites=5,sigma=0.7,aggregate=mean"),
+    policies: &[],
     infos: &[("speed", 0), ("height", 0), ("angmomentum", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

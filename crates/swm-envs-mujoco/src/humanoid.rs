@@ -24,6 +24,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=16,samples=20,iterations=2,elites=5,sigma=0.7"),
+    policies: &[],
     infos: &[("speed", 0), ("torso_upright", 0), ("head_height", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -26,6 +26,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=16,iterations=2,elites=4,sigma=0.7,aggregate=mean"),
+    policies: &[],
     infos: &[("ball_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::BodyPosition("target_ball") },

@@ -25,6 +25,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 2,
     tasks: TASKS,
     planner: planner!("horizon=16,samples=16,iterations=2,elites=4,sigma=0.7"),
+    policies: &[],
     infos: &[("torso_velocity", 3)],
     targets: &[],
     start_columns: &["qpos", "qvel", "act", "time", "qacc_warmstart"],

@@ -26,6 +26,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=15,samples=32,iterations=2,elites=6,sigma=0.5,aggregate=mean"),
+    policies: &[],
     infos: &[("finger_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::GeomPosition("target") },

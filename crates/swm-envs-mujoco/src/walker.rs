@@ -25,6 +25,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=16,iterations=2,elites=4,sigma=0.7"),
+    policies: &[],
     infos: &[
         ("speed", 0),
         ("torso_height", 0),

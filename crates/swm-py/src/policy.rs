@@ -7,6 +7,7 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use swm::core::{
     Actions, Cancel, Column, Dtype, Field, Policy, PolicyError, Recorder, Rollout, Run, View, World,
+    WorldError,
 };
 
 use crate::errors::OrRaise as _;
@@ -64,15 +65,7 @@ pub(crate) fn drive(
     mut tick: impl FnMut() -> PyResult<()>,
 ) -> PyResult<()> {
     let Some(act) = act else {
-        let cancel = Cancel::new();
-        let rollout = rollout.cancel(&cancel);
-        return interruptible_with(py, &cancel, tick, || {
-            let mut core = shared.lock()?;
-            let (world, mirror) = core.parts()?;
-            let result = world.run(&rollout, recorder).or_raise();
-            mirror.end_run();
-            result
-        })?;
+        return run_native(py, shared, rollout, tick, |world, rollout| world.run(rollout, recorder));
     };
     let mut core = shared.lock()?;
     let (world, mirror) = core.parts()?;
@@ -92,6 +85,25 @@ pub(crate) fn drive(
         }
     }
     Ok(())
+}
+
+/// Runs `rollout` with the world's own policy, without the interpreter's lock; a signal ends it.
+pub(crate) fn run_native(
+    py: Python<'_>,
+    shared: &Shared,
+    rollout: Rollout,
+    tick: impl FnMut() -> PyResult<()>,
+    run: impl FnOnce(&mut World, &Rollout) -> Result<(), WorldError> + Send,
+) -> PyResult<()> {
+    let cancel = Cancel::new();
+    let rollout = rollout.cancel(&cancel);
+    interruptible_with(py, &cancel, tick, || {
+        let mut core = shared.lock()?;
+        let (world, mirror) = core.parts()?;
+        let result = run(world, &rollout).or_raise();
+        mirror.end_run();
+        result
+    })?
 }
 
 /// A run whose actions come from Python, step by step, and what Python sees of it.

@@ -19,7 +19,7 @@ use crate::evaluate::{Progress, rollout};
 use crate::fork::Process;
 use crate::infos;
 use crate::interrupt::PERIOD;
-use crate::policy::{Steps, drive};
+use crate::policy::{Steps, drive, run_native};
 use crate::world::{PyWorld, Shared, registry};
 
 /// Records `episodes` more episodes into the file `path`; gives a JSON object with what was written.
@@ -51,8 +51,17 @@ fn collect(
     let mut sink = Sink { writer: writer.as_mut(), progress: progress.clone() };
     let mut steps = Progress::default();
     let counted = steps.clone();
-    let mut recorder = (DatasetRecorder::new(&mut sink), &mut steps);
-    let recorded = drive(py, &world.shared, rollout, &mut recorder, act, || progress.tell(tick));
+    let tell = || progress.tell(tick);
+    let recorded = match act {
+        None => run_native(py, &world.shared, rollout, tell, |world, rollout| {
+            world.record_dataset_with(rollout, &mut sink, &mut steps)
+        }),
+        // Actions from Python leave no threads free to write meanwhile.
+        Some(_) => {
+            let mut recorder = (DatasetRecorder::new(&mut sink), &mut steps);
+            drive(py, &world.shared, rollout, &mut recorder, act, tell)
+        }
+    };
     py.detach(|| drop(writer));
     recorded?;
     progress.tell(tick)?;

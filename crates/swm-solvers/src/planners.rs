@@ -1,6 +1,6 @@
 //! Policies that plan on the true simulator, for any environment that has a task cost.
 
-use swm_core::{EnvEntry, PolicyArgs, PolicyEntry, PolicyError, Registry};
+use swm_core::{EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry};
 
 use crate::solvers::SOLVERS;
 
@@ -20,13 +20,16 @@ pub const PLANNERS: &[PolicyEntry] = &{
 };
 
 /// The policy `expert` of environments without a scripted one: the planner that [`EnvEntry::planner`] names. Its arguments
-/// override single settings.
+/// override single settings. `expert:learned` is the environment's policy `learned-expert`, which does not plan.
 ///
 /// [`EnvEntry::planner`]: swm_core::EnvEntry::planner
 pub const EXPERT: PolicyEntry = PolicyEntry::new(
     "expert",
     "plans on the true dynamics with the settings of the environment; settings of its planner override",
     |context, args| {
+        if args.positional.first().is_some_and(|value| value == "learned") {
+            return learned(context, args);
+        }
         let args = expert_args(context.env, args)?;
         let known = context.registry.into_iter().flat_map(Registry::all::<PolicyEntry>).chain(PLANNERS);
         let mut planners = known.filter(|entry| entry.on_true_dynamics && entry.name != EXPERT.name);
@@ -57,6 +60,17 @@ fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, PolicyEr
     Ok(all)
 }
 
+/// The environment's policy `learned-expert`, asked for as `expert:learned`.
+fn learned(context: &PolicyContext<'_>, args: &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError> {
+    const NAME: &str = "learned-expert";
+    let entry = context.env.policies.iter().find(|entry| entry.name == NAME);
+    let entry =
+        entry.ok_or_else(|| args.wrong(format!("{} has no `{NAME}`; `expert` plans", context.env.id)))?;
+    let mut rest = PolicyArgs::new(NAME, args.named.clone());
+    rest.positional.extend_from_slice(&args.positional[1..]);
+    entry.make(context, &rest)
+}
+
 const COUNT: usize = {
     let (mut count, mut index) = (0, 0);
     while index < SOLVERS.len() {
@@ -69,7 +83,7 @@ const COUNT: usize = {
 #[cfg(test)]
 mod tests {
     use swm_core::testing::{DISCRETE_TOY, TOY};
-    use swm_core::{EnvConfig, PolicyContext};
+    use swm_core::{EnvConfig, PolicyContext, policies};
 
     use super::*;
 
@@ -134,6 +148,21 @@ mod tests {
                 .contains("did you mean `samples`")
         );
         assert!(describe(&ENV, "expert").unwrap_err().to_string().contains("unknown policy `expert`"));
+    }
+
+    #[test]
+    fn a_learned_expert_is_asked_for_by_a_word() {
+        const LEARNED: PolicyEntry =
+            PolicyEntry::new("learned-expert", "", |_, _| Ok(Box::new(policies::random())));
+        const PLANNED: EnvEntry =
+            EnvEntry::new(TOY.id, TOY.summary, |config| TOY.make(config)).planner("icem:horizon=7");
+        const BOTH: EnvEntry = PLANNED.policies(&[LEARNED]);
+        let registry = Registry::new().with(PLANNERS).with(&[EXPERT]);
+        let config = EnvConfig::default();
+        let made = |env: &EnvEntry| registry.policy("expert:learned", PolicyContext::new(env, &config));
+        assert_eq!(made(&BOTH).unwrap().describe(), "random");
+        let message = made(&PLANNED).map(|policy| policy.describe()).unwrap_err().to_string();
+        assert!(message.contains("has no `learned-expert`; `expert` plans"), "{message}");
     }
 
     #[test]

@@ -44,7 +44,8 @@ pub(super) fn conflicts(files: &[TextFile]) -> Vec<Violation> {
         for (index, line) in file.text.lines().enumerate() {
             if marks.iter().any(|mark| line.starts_with(mark)) {
                 let place = format!("{}:{}", file.path, index + 1);
-                violations.push(Violation::new(place, "a merge was not finished: keep what both sides meant"));
+                violations
+                    .push(Violation::new(place, "a merge was not finished: keep what both sides meant"));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! What a domain of the suite is: a table of constants, and tasks that start, observe and reward.
 
 use swm_core::seed::Stream;
-use swm_core::{EnvConfig, EnvEntry, EnvError};
+use swm_core::{EnvConfig, EnvEntry, EnvError, PolicyEntry};
 
 use super::effect::Control;
 use super::settings::SETTINGS;
@@ -29,6 +29,8 @@ pub struct Domain {
     pub tasks: &'static [TaskEntry],
     /// The planner that is the expert of the first task; see [`EnvEntry::planner`].
     pub planner: &'static str,
+    /// Policies of its own, such as one that was learned.
+    pub policies: &'static [PolicyEntry],
     /// Named values next to the observation, written by [`Task::infos`] in this order: name and number of values, 0 for
     /// one number without a dimension.
     pub infos: &'static [(&'static str, usize)],
@@ -120,6 +122,7 @@ pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
         .success(domain.success)
         .settings(SETTINGS)
         .planner(domain.planner)
+        .policies(domain.policies)
 }
 
 /// iCEM with these settings, as [`Domain::planner`], and what all domains share: plan at every action, go on from the last

@@ -8,6 +8,7 @@ mod effect;
 mod env;
 pub mod factors;
 mod image;
+pub(crate) mod learned;
 mod models;
 mod settings;
 mod stage;

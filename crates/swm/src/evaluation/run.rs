@@ -45,7 +45,9 @@ impl Candidate {
     pub fn on(mut self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> Self {
         let known = registry.policy_entry(entry, &self.policy.name);
         let given = |name: &str| self.policy.named.contains_key(name);
+        // Planners have names for all of their settings; a value without one asks for something else (`expert:learned`).
         if known.is_ok_and(|policy| policy.on_true_dynamics)
+            && self.policy.positional.is_empty()
             && !manifest.success.is_environment()
             && !given("success_bonus")
         {
