@@ -6,7 +6,7 @@ use serde_json::json;
 use swm_core::{
     Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, Outcome, ResetOptions, Schema, Slice, Value,
 };
-use swm_envs_mujoco::{CHEETAH, FINGER};
+use swm_envs_mujoco::{CHEETAH, ENVS, FINGER};
 
 fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
     let settings = settings.as_object().cloned().unwrap_or_default();
@@ -236,4 +236,40 @@ fn a_spinner_slows_down_by_its_friction_and_against_its_mass() {
     let plain = speed_after("spinner.friction", 0.1);
     assert!(speed_after("spinner.friction", 1.0) < plain, "friction");
     assert!(speed_after("spinner.density", 1500.0) > plain, "density");
+}
+
+/// `tests/golden/suite/friction.json`: see the script beside it.
+#[derive(serde::Deserialize)]
+struct Slipping {
+    env: String,
+    friction: f32,
+    action: Vec<f64>,
+    steps: usize,
+    start: BTreeMap<String, Vec<f64>>,
+    end: BTreeMap<String, Vec<f64>>,
+}
+
+#[test]
+fn friction_of_the_floor_is_the_references_to_the_bit() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden/suite/friction.json");
+    let cases: Vec<Slipping> =
+        serde_json::from_str(&std::fs::read_to_string(path).expect("it is committed")).expect("as recorded");
+    assert_eq!(cases.len(), 3);
+    for case in cases {
+        let entry = ENVS.iter().find(|entry| entry.id == case.env).expect("a known environment");
+        let mut env = entry.make(&EnvConfig::default()).expect("it is made");
+        let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+        let options = ResetOptions {
+            start: Some(start.collect()),
+            ..fixed("floor.friction", Value::vector(&[case.friction]))
+        };
+        reset(env.as_mut(), 3, &options).expect("a start of the reference");
+        for _ in 0..case.steps {
+            env.step(Slice::F64(&case.action)).expect("the action is valid");
+        }
+        let row = row(env.as_mut());
+        for (name, expected) in &case.end {
+            assert_eq!(row.get::<f64>(name).expect("a column"), expected, "{}: {name}", case.env);
+        }
+    }
 }
