@@ -6,6 +6,7 @@ use swm_core::seed::Stream;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make, planner,
     unchanged, uniform, until_free_of_contacts,
@@ -24,7 +25,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
-    policies: &[],
+    policies: &[learned_expert!("ball_in_cup", TASKS, "catch")],
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -8,6 +8,7 @@ use swm_core::seed::Stream;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
     normal, planner, tolerance, unchanged, uniform,
@@ -26,7 +27,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=80,samples=24,iterations=2,elites=5,sigma=0.7,noise_beta=2.5,aggregate=mean"),
-    policies: &[],
+    policies: &[learned_expert!("cartpole", TASKS, "swingup")],
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

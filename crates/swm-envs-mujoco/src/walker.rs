@@ -7,6 +7,7 @@ use swm_fov::Factor;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
     planner, randomize_joints, tolerance, unchanged,
@@ -25,7 +26,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=20,samples=16,iterations=2,elites=4,sigma=0.7"),
-    policies: &[],
+    policies: &[learned_expert!("walker", TASKS, "walk")],
     infos: &[
         ("speed", 0),
         ("torso_height", 0),
