@@ -8,11 +8,13 @@ mod queue;
 mod reader;
 mod record;
 mod restore;
+mod sink;
 
 pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
 pub use encoded::EncodedRows;
 pub use error::DataError;
 pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};
-pub use record::{DatasetRecorder, EpisodeSink};
+pub use record::DatasetRecorder;
 pub use restore::{read_known, read_step, recorded_state, whole_episode};
+pub use sink::EpisodeSink;

@@ -9,7 +9,7 @@ use std::thread;
 use rayon::{Scope, Yield};
 
 use super::Metadata;
-use super::record::{EpisodeSink, Output};
+use super::sink::{EpisodeSink, Output};
 use crate::batch::{Batch, Schema};
 use crate::error::BoxError;
 

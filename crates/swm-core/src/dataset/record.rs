@@ -1,48 +1,17 @@
-//! Recording: a sink of whole episodes, and the recorder that hands them over in the order of their index.
+//! Recording: the recorder that hands whole episodes to a sink, in the order of their index.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::Metadata;
 use super::queue::{Beside, Queue};
+use super::sink::{AtOnce, EpisodeSink, Output};
 use crate::batch::{Batch, Field, Schema};
 use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
-
-/// Takes whole episodes, in the order of their index.
-pub trait EpisodeSink: Send {
-    /// Called once, before the first episode: the columns (kind tells step from episode columns) and what is
-    /// known of the data. Returns how many episodes the dataset holds already.
-    ///
-    /// # Errors
-    ///
-    /// What is there has other columns or settings, or cannot be written.
-    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
-
-    /// Whether the dataset holds a column already. A factor of variation that it holds is recorded even where a run does
-    /// not vary it, so that the run can be appended.
-    fn holds(&self, _column: &str) -> bool {
-        false
-    }
-
-    /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
-    ///
-    /// # Errors
-    ///
-    /// The rows have other columns than were committed, or cannot be written. The episode is then not part of the
-    /// dataset.
-    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
-
-    /// Ends the dataset cleanly.
-    ///
-    /// # Errors
-    ///
-    /// The rest cannot be written.
-    fn finish(&mut self) -> Result<(), BoxError>;
-}
 
 /// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
 /// end.
@@ -56,54 +25,6 @@ pub struct DatasetRecorder<'a> {
     next: u64,
 }
 
-/// Where whole episodes go: into a sink at once, or into a queue before one.
-pub(super) trait Output: Send {
-    /// As [`EpisodeSink::begin`].
-    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
-
-    /// As [`EpisodeSink::holds`].
-    fn holds(&self, column: &str) -> bool;
-
-    /// Rows of an episode that was written, to be filled again.
-    fn spare(&mut self) -> Option<Batch>;
-
-    /// Takes an episode. Errors may be those of an earlier one.
-    fn write(&mut self, rows: Batch) -> Result<(), BoxError>;
-
-    /// As [`EpisodeSink::finish`], after the last episode is written.
-    fn finish(&mut self) -> Result<(), BoxError>;
-}
-
-/// Writes every episode before the next step.
-struct AtOnce<'a> {
-    sink: &'a mut dyn EpisodeSink,
-    spare: Vec<Batch>,
-}
-
-impl Output for AtOnce<'_> {
-    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.sink.begin(schema, metadata)
-    }
-
-    fn holds(&self, column: &str) -> bool {
-        self.sink.holds(column)
-    }
-
-    fn spare(&mut self) -> Option<Batch> {
-        self.spare.pop()
-    }
-
-    fn write(&mut self, rows: Batch) -> Result<(), BoxError> {
-        self.sink.write_episode(&rows)?;
-        self.spare.push(rows);
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), BoxError> {
-        self.sink.finish()
-    }
-}
-
 struct Buffered {
     rows: Batch,
     complete: bool,
@@ -112,7 +33,7 @@ struct Buffered {
 impl<'a> DatasetRecorder<'a> {
     /// Records into `sink`, on the thread of the run: when an episode's end is seen, all before it are safe.
     pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self::with(AtOnce { sink, spare: Vec::new() })
+        Self::with(AtOnce::new(sink))
     }
 
     fn with(output: impl Output + 'a) -> Self {
