@@ -129,17 +129,6 @@ fn best(checkpoints: &Json) -> Option<u64> {
     Some(best)
 }
 
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_checkpoint_of_the_greatest_return_is_the_best() {
-        let one = |step: u64, mean: f64| serde_json::json!({ "step": step, "state": { "evaluation": [["return_min", 900.0], ["return", mean]] } });
-        let all = serde_json::json!({ "checkpoints": [one(5, 10.0), one(10, 30.0), one(15, 20.0)] });
-        assert_eq!(super::best(&all), Some(10));
-        assert_eq!(super::best(&serde_json::json!({ "checkpoints": [] })), None);
-    }
-}
-
 /// Writes what acting needs of the weights `from`, and how they came about.
 fn write(from: &Path, to: &Path, command: &str, step: u64) -> Result<()> {
     let bytes = fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
@@ -149,4 +138,15 @@ fn write(from: &Path, to: &Path, command: &str, step: u64) -> Result<()> {
         HashMap::from([("command".to_owned(), command.to_owned()), ("step".to_owned(), step.to_string())]);
     safetensors::serialize_to_file(tensors, Some(about), to)
         .with_context(|| format!("cannot write {}", to.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_checkpoint_of_the_greatest_return_is_the_best() {
+        let one = |step: u64, mean: f64| serde_json::json!({ "step": step, "state": { "evaluation": [["return_min", 900.0], ["return", mean]] } });
+        let all = serde_json::json!({ "checkpoints": [one(5, 10.0), one(10, 30.0), one(15, 20.0)] });
+        assert_eq!(super::best(&all), Some(10));
+        assert_eq!(super::best(&serde_json::json!({ "checkpoints": [] })), None);
+    }
 }
