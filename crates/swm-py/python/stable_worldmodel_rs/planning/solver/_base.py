@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import logging
 import time
@@ -50,6 +51,14 @@ def _in_python(message: str) -> str:
     return message
 
 
+def _native(key: tuple[str, str]) -> NativeSolver:
+    """The Rust solver of this name and these settings."""
+    try:
+        return NativeSolver(*key)
+    except PlanError as error:
+        raise PlanError(_in_python(str(error))) from None
+
+
 class PlanKeys(NamedTuple):
     """Which plan of which episode each row is: noise depends on this, not on the rows that are planned together."""
 
@@ -71,6 +80,21 @@ class BaseSolver:
     native_name: ClassVar[str]
     _asks_actor: ClassVar[bool] = True
     """Whether a model's own actions continue a warm start."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        made = cls.__dict__.get("__init__")
+        if made is None:
+            return
+
+        @functools.wraps(made)
+        def init(self: BaseSolver, *args: Any, **kwargs: Any) -> None:
+            made(self, *args, **kwargs)
+            if type(self).__init__ is init:
+                # All settings are there now: wrong ones are refused here, and not when a long run begins to plan.
+                _native(self._key())
+
+        cls.__init__ = init  # type: ignore[method-assign]
 
     def __init__(
         self,
@@ -234,14 +258,15 @@ class BaseSolver:
 
     # The call of the Rust solver.
 
-    def _solver(self, **changes: Any) -> NativeSolver:
+    def _key(self, **changes: Any) -> tuple[str, str]:
+        """Name and settings of the Rust solver."""
         settings = {**self.settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
-        key = (self.native_name, json.dumps(settings))
+        return self.native_name, json.dumps(settings)
+
+    def _solver(self, **changes: Any) -> NativeSolver:
+        key = self._key(**changes)
         if key not in self._solvers:
-            try:
-                self._solvers[key] = NativeSolver(*key)
-            except PlanError as error:
-                raise PlanError(_in_python(str(error))) from None
+            self._solvers[key] = _native(key)
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
