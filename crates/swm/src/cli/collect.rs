@@ -64,7 +64,7 @@ pub(super) struct Collect {
     #[arg(long, default_value_t = 100)]
     max_steps: u64,
     #[command(flatten)]
-    world: WorldArgs,
+    pub(super) world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Columns to leave out, separated by commas, such as `goal` (an image that is the same at every step of an episode).

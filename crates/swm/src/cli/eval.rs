@@ -82,11 +82,11 @@ pub(super) struct Eval {
     #[arg(long)]
     budget: Option<u64>,
     #[command(flatten)]
-    world: WorldArgs,
+    pub(super) world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// A folder for the result: receipt.json with --manifest, else result.json, images and videos.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
     /// With --out: run again what the folder holds already, and replace it.
     #[arg(long, requires = "out")]

@@ -10,9 +10,10 @@ use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, R
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
+use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
-    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality_with,
+    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality,
     recorded_episodes, task_probes,
 };
 
@@ -71,6 +72,8 @@ pub(super) struct QualityCommand {
     /// Seed of episodes, plans and probes.
     #[arg(long, default_value_t = QualityOptions::default().seed)]
     seed: u64,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl QualityCommand {
@@ -141,7 +144,7 @@ impl QualityCommand {
             bar.set_message(format!("now {name}"));
         };
         let (model, env) = (model.as_mut(), env.as_mut());
-        let found = quality_with(model, env, &recorded, &probed, &violations, &options, begins);
+        let found = quality(model, env, &recorded, &probed, &violations, &options, begins);
         bar.finish_and_clear();
         let found = found?;
         if let Some(note) = few_episodes(&found, recorded.len()) {
