@@ -37,7 +37,7 @@ def unknown_solver(_: Path) -> None:
 
 
 def no_manifest(folder: Path) -> None:
-    (folder / "task.toml").write_text("episodes = 3\n")
+    (folder / "task.toml").write_text("no manifest [")
     swm.read_manifest(folder / "task.toml")
 
 

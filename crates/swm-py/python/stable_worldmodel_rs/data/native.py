@@ -126,7 +126,7 @@ class NativeDataset(Dataset):
         self._table: dict[str, tuple[int, str, list[int], str]] | None = None
         lengths = self._reader.lengths
         super().__init__(lengths, np.cumsum(lengths) - lengths, frameskip, num_steps, transform)
-        self._check_span()
+        self._require_clips(self.path)
         stored = [field[0] for field in self._reader.fields]
         if keys_to_load:
             self._keys = [key for key in dict.fromkeys(keys_to_load) if key not in _LAYOUT]
@@ -142,15 +142,6 @@ class NativeDataset(Dataset):
         self.cached_columns += [key for key in cached if key in stored]
         if cached or any(key not in stored for key in self._keys):
             self._reset()
-
-    def _check_span(self) -> None:
-        """Refuses clips that are longer than every episode; of no episodes there are none."""
-        longest = int(self.lengths.max(initial=0))
-        if longest and self.span > longest:
-            raise _swm.DataError(
-                f"{self.path}: a clip spans {self.span} rows (num_steps={self.num_steps} × frameskip={self.frameskip}), and the "
-                f"longest episode has {longest}; use fewer steps or a smaller frameskip, or record longer episodes"
-            )
 
     def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
         missing = [key for key in keys if key not in stored and key not in INDICES]

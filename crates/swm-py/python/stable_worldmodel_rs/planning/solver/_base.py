@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..._arrays import Array, is_array, is_tensor, require_torch
-from ..._swm import PlanError
-from ..._swm import Solver as NativeSolver
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
+from ._settings import native_solver
 from ._shown import FirstCandidates, Shown
 from ._space import PlanSpace
 from .utils import prepare_init_action
@@ -27,36 +26,12 @@ if TYPE_CHECKING:
     import gymnasium as gym
     import torch
 
+    from ..._swm import Solver as NativeSolver
     from .callbacks import Callback
 
 __all__ = ["BaseSolver", "PlanKeys"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
-
-
-_KEYWORDS = {
-    "samples": "num_samples",
-    "iterations": "n_steps",
-    "elites": "topk",
-    "sigma": "var_scale",
-    "elites_kept": "n_elite_keep",
-    "rounds": "n_outer_steps",
-}
-
-
-def _in_python(message: str) -> str:
-    """What Rust says of a setting, with the keyword that it has here."""
-    for setting, keyword in _KEYWORDS.items():
-        message = message.replace(f"setting `{setting}`", f"setting `{keyword}`")
-    return message
-
-
-def _native(key: tuple[str, str]) -> NativeSolver:
-    """The Rust solver of this name and these settings."""
-    try:
-        return NativeSolver(*key)
-    except PlanError as error:
-        raise PlanError(_in_python(str(error))) from None
 
 
 class PlanKeys(NamedTuple):
@@ -92,7 +67,7 @@ class BaseSolver:
             made(self, *args, **kwargs)
             if type(self).__init__ is init:
                 # All settings are there now: wrong ones are refused here, and not when a long run begins to plan.
-                _native(self._key())
+                native_solver(self._key())
 
         cls.__init__ = init  # type: ignore[method-assign]
 
@@ -266,7 +241,7 @@ class BaseSolver:
     def _solver(self, **changes: Any) -> NativeSolver:
         key = self._key(**changes)
         if key not in self._solvers:
-            self._solvers[key] = _native(key)
+            self._solvers[key] = native_solver(key)
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
