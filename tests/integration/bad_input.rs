@@ -28,6 +28,16 @@ fn unknown_names_are_told_with_the_nearest() {
 }
 
 #[test]
+fn a_file_in_the_place_of_an_environment_is_told_where_it_belongs() {
+    let folder = Folder::new();
+    let file = folder.path("task.toml");
+    std::fs::write(&file, "").unwrap();
+    for command in [&["eval", &file, "--policy", "random"][..], &["quality", &file]] {
+        says(2, command, &["task.toml is a file", "swm/PushT-v1", "--manifest", "--dataset"]);
+    }
+}
+
+#[test]
 fn a_filter_of_another_program_is_told_in_a_sentence() {
     let path = crate::support::root().join("tests/golden/hostile/long_filter.h5");
     for command in ["inspect", "verify"] {
@@ -94,6 +104,16 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
     says(2, &with(&["--policy", "cem:samples=5,elites=9"]), &["elites"]);
     says(2, &with(&["--policy", "constant:1,2,3"]), &["constant", "3 value(s)"]);
     says(2, &with(&["--policy", "weak:inf"]), &["weak", "inf"]);
+    says(
+        2,
+        &[collecting(&out, "--episodes 1 --replayable"), vec!["0"]].concat(),
+        &["--replayable: ", "0 steps"],
+    );
+    let eval = |more: &'static str| {
+        ["eval", PUSHT, "--policy", "random"].into_iter().chain(more.split(' ')).collect::<Vec<_>>()
+    };
+    says(2, &eval("--budget 0"), &["--budget 0"]);
+    says(2, &eval("--dataset a.h5 --goal-offset 0"), &["--goal-offset 0", "1 or more"]);
     let discrete = ["render", "swm/PushT-Discrete-v1", "--steps", "1", "--out", &out, "--policy"];
     let png = folder.path("a.png");
     let discrete: Vec<&str> =

@@ -27,7 +27,14 @@ pub(super) struct EnvArgs {
 
 impl EnvArgs {
     pub(super) fn entry(&self, registry: &Registry) -> Result<&'static EnvEntry, Failure> {
-        Ok(registry.env(&self.env)?)
+        registry.env(&self.env).map_err(|unknown| match Path::new(&self.env).exists() {
+            true => usage(format!(
+                "{} is a file or folder, and the id of an environment belongs in its place, such as swm/PushT-v1; options name files, \
+                 such as --dataset and --manifest",
+                self.env
+            )),
+            false => unknown.into(),
+        })
     }
 
     pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {

@@ -214,6 +214,7 @@ impl Collect {
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
         let mut world = World::new(self.env.entry(registry)?, world).map_err(|error| match error {
             WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
+            WorldError::Option { option: "checkpoints", reason } => usage(format!("--replayable: {reason}")),
             error => error.into(),
         })?;
         world.set_policy(policy(registry, &self.policy, &world, output)?);

@@ -143,6 +143,12 @@ impl Eval {
         if self.episodes == 0 {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
+        if self.budget == Some(0) {
+            return Err(usage("--budget 0: allow 1 action or more"));
+        }
+        if self.goal_offset == 0 {
+            return Err(usage("--goal-offset 0: every start would be its goal; use 1 or more"));
+        }
         let entry = env.entry(registry)?;
         registry.policy_entry(entry, &policy_args(&self.policy)?.name)?;
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });

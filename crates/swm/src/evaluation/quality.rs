@@ -104,8 +104,9 @@ pub fn quality(
     }
     begins("open-loop prediction");
     let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
+        let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0);
         format!(
-            "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
+            "no episode has more rows than the horizon of {horizon}, the longest has {longest}: use longer ones, or a shorter horizon"
         )
     })?;
     let latent_dim = model.latent_dim();
