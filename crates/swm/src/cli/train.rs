@@ -125,6 +125,22 @@ struct OnlineArgs {
 /// The default of `--split`.
 const SPLIT: f64 = 0.9;
 
+#[cfg(feature = "baselines")]
+impl Train {
+    /// The run's folder: --out, or that behind --resume.
+    fn folder(&self) -> Result<&std::path::Path, super::Failure> {
+        match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
+            (Some(run), Some(out)) if run != out => Err(super::usage(format!(
+                "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",
+                run.display(),
+                out.display()
+            ))),
+            (Some(run), _) | (None, Some(run)) => Ok(run),
+            (None, None) => Err(super::usage("--resume: name the run's folder: swm train --resume RUN")),
+        }
+    }
+}
+
 /// List the checkpoints of a training run.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  swm checkpoints runs/lewm\n  swm checkpoints runs/lewm --json")]

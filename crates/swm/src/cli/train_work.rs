@@ -1,6 +1,5 @@
 //! `swm train` and `swm checkpoints` at work, in builds that have baselines.
 
-use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar};
@@ -92,19 +91,6 @@ impl Train {
             output.note("nothing was left to do; --epochs or --steps give it more");
         }
         output.result(&state, || text(&state, &out.display().to_string()))
-    }
-
-    /// The run's folder: --out, or that behind --resume.
-    fn folder(&self) -> Result<&Path, Failure> {
-        match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
-            (Some(run), Some(out)) if run != out => Err(usage(format!(
-                "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",
-                run.display(),
-                out.display()
-            ))),
-            (Some(run), _) | (None, Some(run)) => Ok(run),
-            (None, None) => Err(usage("--resume: name the run's folder: swm train --resume RUN")),
-        }
     }
 
     /// What a job needs to know before it is submitted.
