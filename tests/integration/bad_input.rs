@@ -1,6 +1,6 @@
 //! Wrong requests and damaged files: a message that names the object, the reason and the fix, and nothing lost.
 
-use crate::support::{Folder, PUSHT, content, swm_fails, swm_ok};
+use crate::support::{Folder, PUSHT, collecting, content, record, swm, swm_fails, swm_ok};
 
 /// Runs and demands that the message holds every word.
 fn says(status: i32, args: &[&str], words: &[&str]) {
@@ -16,16 +16,25 @@ fn unknown_names_are_told_with_the_nearest() {
     let folder = Folder::new();
     let out = folder.path("a.h5");
     says(2, &["fovs", "swm/PushTT-v1"], &["`swm/PushTT-v1`", "did you mean `swm/PushT-v1`?", "swm envs"]);
-    let collect = ["collect", PUSHT, "--episodes", "1", "--out", &out];
-    let with = |extra: &[&'static str]| [&collect[..], extra].concat();
+    let with = |extra: &[&'static str]| [&collecting(&out, "--episodes 1")[..], extra].concat();
     says(2, &with(&["--vary", "blok.color"]), &["`blok.color`", "did you mean `block.color`?"]);
     says(2, &with(&["--set", "agent.colour=1,2,3"]), &["`agent.colour`", "`agent.color`"]);
     says(2, &with(&["--policy", "wek"]), &["`wek`", "did you mean `weak`?"]);
     says(2, &with(&["--env-option", "rendr=fast"]), &["rendr", "render"]);
     says(2, &with(&["--format", "hdf"]), &["`hdf`", "hdf5"]);
-    says(2, &["collect", PUSHT, "--episodes", "1", "--out", &folder.path("a.xyz")], &["`xyz`", ".h5"]);
+    says(2, &collecting(&folder.path("a.xyz"), "--episodes 1"), &["`xyz`", ".h5"]);
     says(2, &with(&["--policy", "weak:reach=3"]), &["weak", "reach", "dist_constraint"]);
     assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
+}
+
+#[test]
+fn a_file_in_the_place_of_an_environment_is_told_where_it_belongs() {
+    let folder = Folder::new();
+    let file = folder.path("task.toml");
+    std::fs::write(&file, "").unwrap();
+    for command in [&["eval", &file, "--policy", "random"][..], &["quality", &file]] {
+        says(2, command, &["task.toml is a file", "swm/PushT-v1", "--manifest", "--dataset"]);
+    }
 }
 
 #[test]
@@ -61,7 +70,7 @@ fn environments_on_rapier_name_what_is_wrong() {
 fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
     let folder = Folder::new();
     let out = folder.path("a.h5");
-    let set = |value: &'static str| ["collect", PUSHT, "--episodes", "1", "--out", &out, "--set", value];
+    let set = |value: &'static str| [collecting(&out, "--episodes 1 --set"), vec![value]].concat();
     says(2, &set("block.scale=61"), &["`block.scale`", "between 20 and 60", "61"]);
     says(2, &set("block.color=1,2"), &["`block.color`", "[3]", "2 value"]);
     says(2, &set("block.shape=2.5"), &["`block.shape`", "2.5"]);
@@ -77,8 +86,7 @@ fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
 fn sizes_and_counts_are_checked_before_anything_is_made() {
     let folder = Folder::new();
     let out = folder.path("a.h5");
-    let with =
-        |extra: &[&'static str]| [&["collect", PUSHT, "--episodes", "1", "--out", &out][..], extra].concat();
+    let with = |extra: &[&'static str]| [&collecting(&out, "--episodes 1")[..], extra].concat();
     says(2, &with(&["--image-size", "0x64"]), &["0x64", "1 to 4096"]);
     says(2, &with(&["--image-size", "99999999"]), &["99999999", "1 to 4096"]);
     says(2, &with(&["--image-size", "ten"]), &["HEIGHTxWIDTH"]);
@@ -92,10 +100,20 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
     says(2, &with(&["--num-envs", "60000", "--image-size", "4096"]), &["image", "GB", "fewer environments"]);
     says(2, &with(&["--vary", "none,block"]), &["`none` stands alone"]);
     says(2, &with(&["--without", "variation.block.angle"]), &["variation.block.angle", "restore"]);
-    says(2, &["collect", PUSHT, "--episodes", "0", "--out", &out], &["0 episodes"]);
+    says(2, &collecting(&out, "--episodes 0"), &["0 episodes"]);
     says(2, &with(&["--policy", "cem:samples=5,elites=9"]), &["elites"]);
     says(2, &with(&["--policy", "constant:1,2,3"]), &["constant", "3 value(s)"]);
     says(2, &with(&["--policy", "weak:inf"]), &["weak", "inf"]);
+    says(
+        2,
+        &[collecting(&out, "--episodes 1 --replayable"), vec!["0"]].concat(),
+        &["--replayable: ", "0 steps"],
+    );
+    let eval = |more: &'static str| {
+        ["eval", PUSHT, "--policy", "random"].into_iter().chain(more.split(' ')).collect::<Vec<_>>()
+    };
+    says(2, &eval("--budget 0"), &["--budget 0"]);
+    says(2, &eval("--dataset a.h5 --goal-offset 0"), &["--goal-offset 0", "1 or more"]);
     let discrete = ["render", "swm/PushT-Discrete-v1", "--steps", "1", "--out", &out, "--policy"];
     let png = folder.path("a.png");
     let discrete: Vec<&str> =
@@ -109,20 +127,7 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
 #[test]
 fn unusable_files_are_named_with_the_reason() {
     let folder = Folder::new();
-    let good = folder.path("good.h5");
-    swm_ok(&[
-        "collect",
-        PUSHT,
-        "--episodes",
-        "2",
-        "--max-steps",
-        "5",
-        "--image-size",
-        "none",
-        "--out",
-        &good,
-        "--quiet",
-    ]);
+    let good = record(&folder, "good.h5", "--episodes 2 --max-steps 5 --image-size none");
     let bytes = std::fs::read(&good).unwrap();
     let damaged = [
         ("empty.h5", Vec::new()),
@@ -142,16 +147,8 @@ fn unusable_files_are_named_with_the_reason() {
             assert!(message.contains(name), "{command:?} does not name the file:\n{message}");
         }
     }
-    says(
-        1,
-        &["collect", PUSHT, "--episodes", "1", "--out", "/proc/nowhere/folder/a.h5"],
-        &["/proc/nowhere/folder"],
-    );
-    says(
-        2,
-        &["collect", PUSHT, "--episodes", "1", "--image-size", "none", "--out", &good],
-        &["good.h5", "append", "overwrite"],
-    );
+    says(1, &collecting("/proc/nowhere/folder/a.h5", "--episodes 1"), &["/proc/nowhere/folder"]);
+    says(2, &collecting(&good, "--episodes 1 --image-size none"), &["good.h5", "append", "overwrite"]);
     says(
         1,
         &["eval", PUSHT, "--policy", "random", "--dataset", &good, "--episodes", "500"],
@@ -160,21 +157,58 @@ fn unusable_files_are_named_with_the_reason() {
 }
 
 #[test]
+fn a_number_of_threads_is_checked_by_every_command_that_divides_work() {
+    let folder = Folder::new();
+    let good = record(&folder, "good.h5", "--episodes 1 --max-steps 3 --image-size none --threads 1");
+    let good = good.as_str();
+    for command in [
+        &["quality", PUSHT][..],
+        &["train", "lewm", "--dataset", good, "--out", "run"],
+        &["stats", good],
+        &["verify", good],
+        &["replay", good],
+        &["convert", good, "a.folder"],
+        &["render", PUSHT, "--out", "a.png"],
+    ] {
+        let with = |count| [command, &["--threads", count]].concat();
+        says(2, &with("0"), &["--threads 0: use 1 to 1024"]);
+        says(2, &with("1025"), &["--threads 1025"]);
+    }
+    swm_ok(&["verify", good, "--threads", "1"]);
+}
+
+#[test]
+fn datasets_with_images_of_other_sizes_name_the_command_that_joins_them() {
+    let folder = Folder::new();
+    let small = record(&folder, "small.h5", "--episodes 1 --max-steps 2 --image-size 16x16");
+    let large = record(&folder, "large.h5", "--episodes 1 --max-steps 2 --image-size 24x24");
+    let out = folder.path("both.h5");
+    let merge = ["merge", &small, &large, "--out", &out];
+    let fix = format!("swm merge {small} {large} --out {out} --image-size 16x16");
+    says(2, &merge, &["small.h5 holds images of 16x16", "large.h5 holds images of 24x24", &fix]);
+    swm_ok(&[&merge[..], &["--image-size", "16x16", "--quiet"]].concat());
+}
+
+#[test]
+fn a_difference_is_said_once() {
+    let folder = Folder::new();
+    let [first, second] = ["1", "2"].map(|seed| {
+        let how = format!("--episodes 1 --max-steps 3 --image-size none --seed {seed}");
+        record(&folder, &format!("{seed}.h5"), &how)
+    });
+    let output = swm(&["diff", &first, &second]).output().unwrap();
+    let (text, error) =
+        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!((output.status.code(), error.as_str()), (Some(1), ""));
+    assert!(text.ends_with(&format!("{first} and {second} differ\n")), "{text}");
+    assert_eq!(text.matches("differ\n").count(), 1, "{text}");
+    assert!(swm_ok(&["diff", &first, &first]).ends_with("are equal\n"));
+}
+
+#[test]
 fn a_file_that_is_not_there_is_a_wrong_request() {
     let folder = Folder::new();
-    let good = folder.path("good.h5");
-    swm_ok(&[
-        "collect",
-        PUSHT,
-        "--episodes",
-        "1",
-        "--max-steps",
-        "3",
-        "--image-size",
-        "none",
-        "--out",
-        &good,
-    ]);
+    let good = record(&folder, "good.h5", "--episodes 1 --max-steps 3 --image-size none");
     let (no, out) = (folder.path("nowhere"), folder.path("out"));
     let (no, out, good) = (no.as_str(), out.as_str(), good.as_str());
     let (policy, page) = (format!("cem:@{no}"), format!("{out}.html"));
@@ -216,13 +250,13 @@ fn a_file_that_is_not_there_is_a_wrong_request() {
 #[test]
 fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
     let folder = Folder::new();
-    let out = folder.path("a.h5");
-    let base =
-        ["collect", PUSHT, "--max-steps", "5", "--episodes", "2", "--out", &out, "--quiet", "--image-size"];
-    swm_ok(&[&base[..], &["16x16"]].concat());
+    let out = record(&folder, "a.h5", "--max-steps 5 --episodes 2 --image-size 16x16");
     let before = content(&out);
-    says(1, &[&base[..], &["24x24", "--mode", "append"]].concat(), &["a.h5", "pixels"]);
-    says(1, &[&base[..], &["16x16", "--mode", "append", "--vary", "all"]].concat(), &["a.h5"]);
+    let append = |more: &'static str| {
+        [collecting(&out, "--max-steps 5 --episodes 2 --mode append"), more.split(' ').collect()].concat()
+    };
+    says(1, &append("--image-size 24x24"), &["a.h5", "pixels"]);
+    says(1, &append("--image-size 16x16 --vary all"), &["a.h5"]);
     assert_eq!(content(&out), before);
 }
 

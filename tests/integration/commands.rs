@@ -3,32 +3,12 @@
 use serde_json::json;
 use swm_tests::golden::{GoldenFile, check_file, rules};
 
-use crate::support::{Folder, PUSHT, root, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, collecting, record, root, swm_fails, swm_json, swm_ok};
 
 fn dataset(folder: &Folder) -> String {
-    let out = folder.path("data.h5");
-    swm_ok(&[
-        "collect",
-        PUSHT,
-        "--policy",
-        "weak",
-        "--episodes",
-        "4",
-        "--seed",
-        "3",
-        "--max-steps",
-        "30",
-        "--image-size",
-        "48x64",
-        "--vary",
-        "agent.start_position,block,agent.color",
-        "--set",
-        "background.color=10,20,30",
-        "--out",
-        &out,
-        "--quiet",
-    ]);
-    out
+    let size = "--policy weak --episodes 4 --seed 3 --max-steps 30 --image-size 48x64";
+    let factors = "--vary agent.start_position,block,agent.color --set background.color=10,20,30";
+    record(folder, "data.h5", &format!("{size} {factors}"))
 }
 
 #[test]
@@ -71,32 +51,16 @@ fn inspect_shows_columns_and_counts() {
 #[test]
 fn datasets_of_every_kind_replay() {
     let folder = Folder::new();
-    let kinds: [(&str, &[&str]); 5] = [
-        ("frame skip", &["--policy", "expert", "--frame-skip", "2"]),
-        (
-            "a default factor at its default",
-            &["--policy", "weak", "--vary", "agent", "--set", "block.angle=1"],
-        ),
-        ("nothing drawn", &["--policy", "weak", "--vary", "none"]),
-        ("everything drawn", &["--policy", "weak", "--vary", "all"]),
-        ("absolute actions", &["--policy", "weak", "--env-option", "relative=false"]),
+    let kinds = [
+        ("frame skip", "--policy expert --frame-skip 2"),
+        ("a default factor at its default", "--policy weak --vary agent --set block.angle=1"),
+        ("nothing drawn", "--policy weak --vary none"),
+        ("everything drawn", "--policy weak --vary all"),
+        ("absolute actions", "--policy weak --env-option relative=false"),
     ];
-    for (index, (kind, options)) in kinds.into_iter().enumerate() {
-        let out = folder.path(&format!("{index}.h5"));
-        let collect = [
-            "collect",
-            PUSHT,
-            "--episodes",
-            "3",
-            "--seed",
-            "3",
-            "--image-size",
-            "none",
-            "--out",
-            &out,
-            "--quiet",
-        ];
-        swm_ok(&[&collect[..], options].concat());
+    for (index, (kind, how)) in kinds.into_iter().enumerate() {
+        let how = format!("{how} --episodes 3 --seed 3 --image-size none");
+        let out = record(&folder, &format!("{index}.h5"), &how);
         assert_eq!(swm_json(&["replay", &out, "--tolerance", "0"])["ok"], true, "{kind}");
     }
 }
@@ -104,26 +68,8 @@ fn datasets_of_every_kind_replay() {
 #[test]
 fn evaluation_takes_settings_and_frame_skip_from_the_dataset() {
     let folder = Folder::new();
-    let out = folder.path("plus.h5");
-    swm_ok(&[
-        "collect",
-        PUSHT,
-        "--policy",
-        "weak",
-        "--episodes",
-        "2",
-        "--max-steps",
-        "20",
-        "--image-size",
-        "none",
-        "--frame-skip",
-        "2",
-        "--env-option",
-        "init_value={\"block.shape\":7}",
-        "--out",
-        &out,
-        "--quiet",
-    ]);
+    let size = "--policy weak --episodes 2 --max-steps 20 --image-size none --frame-skip 2";
+    let out = record(&folder, "plus.h5", &format!("{size} --env-option init_value={{\"block.shape\":7}}"));
     let eval =
         ["eval", PUSHT, "--policy", "random", "--dataset", &out, "--goal-offset", "3", "--budget", "3"];
     let result = swm_json(&[&eval[..], &["--episodes", "2", "--quiet"]].concat());
@@ -136,22 +82,9 @@ fn evaluation_takes_settings_and_frame_skip_from_the_dataset() {
 #[test]
 fn an_appended_run_is_told_apart() {
     let folder = Folder::new();
-    let out = folder.path("two.h5");
-    let base = [
-        "collect",
-        PUSHT,
-        "--max-steps",
-        "3",
-        "--image-size",
-        "none",
-        "--episodes",
-        "2",
-        "--out",
-        &out,
-        "--quiet",
-    ];
-    swm_ok(&[&base[..], &["--policy", "weak"]].concat());
-    swm_ok(&[&base[..], &["--policy", "random", "--seed", "9", "--mode", "append"]].concat());
+    let size = "--max-steps 3 --image-size none --episodes 2";
+    let out = record(&folder, "two.h5", &format!("{size} --policy weak"));
+    record(&folder, "two.h5", &format!("{size} --policy random --seed 9 --mode append"));
     let runs = &swm_json(&["inspect", &out])["runs"];
     assert_eq!(runs[0]["metadata"]["seed"], 0);
     assert_eq!((&runs[1]["first_episode"], &runs[1]["metadata"]["policy"]), (&json!(2), &json!("random")));
@@ -160,16 +93,14 @@ fn an_appended_run_is_told_apart() {
 #[test]
 fn columns_can_be_left_out() {
     let folder = Folder::new();
-    let out = folder.path("small.h5");
-    let collect =
-        ["collect", PUSHT, "--episodes", "1", "--max-steps", "3", "--image-size", "16x16", "--out", &out];
-    swm_ok(&[&collect[..], &["--without", "goal,n_contacts", "--quiet"]].concat());
+    let size = "--episodes 1 --max-steps 3 --image-size 16x16";
+    let out = record(&folder, "small.h5", &format!("{size} --without goal,n_contacts"));
     let columns = &swm_json(&["inspect", &out])["columns"];
     assert!(
         columns["pixels"].is_object() && columns["goal"].is_null() && columns["n_contacts"].is_null(),
         "{columns}"
     );
-    let message = swm_fails(2, &[&collect[..], &["--mode", "overwrite", "--without", "gaol"]].concat());
+    let message = swm_fails(2, &collecting(&out, &format!("{size} --mode overwrite --without gaol")));
     assert!(message.contains("did you mean `goal`?"), "{message}");
 }
 

@@ -211,6 +211,15 @@ fn a_scheduler_that_refuses_or_hangs_is_named() {
     let message = fails(1, &cluster.submit(&["--on", "slurm"], "2", &collect("4")));
     assert!(message.contains("squeue: error: no controller"), "{message}");
     assert!(!Path::new(&cluster.path("job")).exists());
+    // The programs are installed, and there is no cluster.
+    cluster.program(
+        "squeue",
+        "echo 'squeue: error: resolve_ctls_from_dns_srv: res_nsearch error: Unknown host' >&2\n\
+         echo 'squeue: fatal: Could not establish a configuration source' >&2; exit 1",
+    );
+    let message = fails(1, &cluster.submit(&["--on", "slurm"], "2", &collect("4")));
+    assert!(message.contains("belongs to no Slurm cluster") && message.contains("--dry-run"), "{message}");
+    assert!(!message.contains("resolve_ctls") && message.lines().count() == 1, "{message}");
     cluster.program("squeue", "cat $ROOT/queue 2>/dev/null; exit 0");
     cluster.program("sbatch", "cat > /dev/null; echo 'sbatch: error: invalid account' >&2; exit 1");
     let message = fails(1, &cluster.submit(&["--on", "slurm"], "2", &collect("4")));

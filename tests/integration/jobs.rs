@@ -243,7 +243,7 @@ fn wrong_requests_are_refused_before_anything_is_queued() {
     refused("script", "2", &[&collect("4")[..], &["--no-such-option"]].concat(), "--no-such-option");
     refused("script", "2", &["merge", "a", "b"], "`swm merge` cannot be divided");
     refused("script", "2", &["eval", "swm/TwoRoom-v2", "--policy", "expert"], "give --manifest");
-    refused("script", "2", &["train", "lewm", "--data", "a.h5"], "--each FILE");
+    refused("script", "2", &["train", "lewm", "--dataset", "a.h5"], "--each FILE");
     let message = swm_fails(2, &["task", &cluster.path("none"), "--index", "1"]);
     assert!(message.contains("holds no job"), "{message}");
     fs::create_dir(cluster.path("job")).unwrap();

@@ -1,6 +1,6 @@
 //! What a newcomer meets in the first hours: factors, colors, datasets to be joined, a crate of one's own.
 
-use crate::support::{Folder, PUSHT, content, root, swm, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, content, record, root, swm, swm_fails, swm_json, swm_ok};
 
 #[test]
 fn vary_says_what_it_no_longer_samples_and_adds_with_a_plus() {
@@ -163,6 +163,23 @@ fn an_environment_is_shown_on_a_page() {
     assert!(offered.contains(&"expert") && offered.contains(&"random"), "{offered:?}");
     assert!(offered.contains(&"categorical-cem"), "{offered:?}");
     assert!(!offered.contains(&"cem") && !offered.contains(&"ou"), "{offered:?}");
+}
+
+#[test]
+fn statistics_are_shown_of_quantities_and_kept_of_all_columns() {
+    let folder = Folder::new();
+    let file = record(&folder, "a.h5", "--policy weak --episodes 2 --max-steps 4 --image-size none");
+    let listed = |text: &str, column: &str| text.lines().any(|line| line.split(' ').next() == Some(column));
+    let shown = swm_ok(&["stats", &file]);
+    assert!(
+        listed(&shown, "reward") && shown.contains("not listed, as they hold no quantities: "),
+        "{shown}"
+    );
+    for name in ["ep_idx", "step_idx", "seed"] {
+        assert!(!listed(&shown, name), "{name} in\n{shown}");
+        assert!(listed(&swm_ok(&["stats", &file, "--columns", name]), name), "{name}");
+        assert!(swm_json(&["stats", &file])["columns"][name]["mean"].is_array(), "{name}");
+    }
 }
 
 #[test]

@@ -37,6 +37,18 @@ pub(crate) fn swm_fails(status: i32, args: &[&str]) -> String {
     message
 }
 
+/// The words of `swm collect` in PushT, quietly to `out`; `more` of them are divided at blanks.
+pub(crate) fn collecting<'a>(out: &'a str, more: &'a str) -> Vec<&'a str> {
+    ["collect", PUSHT, "--out", out, "--quiet"].into_iter().chain(more.split_whitespace()).collect()
+}
+
+/// Records PushT to a file of the folder, as [`collecting`] says; returns its path.
+pub(crate) fn record(folder: &Folder, name: &str, more: &str) -> String {
+    let out = folder.path(name);
+    swm_ok(&collecting(&out, more));
+    out
+}
+
 fn run(args: &[&str]) -> Output {
     swm(args).output().expect("the command under test starts")
 }

@@ -70,7 +70,7 @@ fn ask(swm: &Path) -> Result<String> {
     let train = |device: &str| {
         let mut command = Command::new(swm);
         command.args("train lewm --preset small --steps 1 --batch 2 --device".split(' ')).arg(device);
-        command.arg("--data").arg(&data).arg("--out").arg(folder.path().join(device));
+        command.arg("--dataset").arg(&data).arg("--out").arg(folder.path().join(device));
         command
     };
     process::run(&mut train("cpu"))?;

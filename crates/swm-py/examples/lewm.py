@@ -84,7 +84,7 @@ def train(model: Any, path: Path, scaler: ZScoreScaler, options: argparse.Namesp
 
 def main(arguments: list[str] | None = None) -> tuple[list[float], Any]:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=Path("lewm.h5"), help="made if it does not exist")
+    parser.add_argument("--dataset", "--data", type=Path, default=Path("lewm.h5"), help="made if it does not exist")
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=64)
@@ -99,14 +99,14 @@ def main(arguments: list[str] | None = None) -> tuple[list[float], Any]:
     torch.manual_seed(options.seed)
 
     world = swm.World("swm/PushT-v1", 8, (options.image, options.image), max_episode_steps=options.budget)
-    if not options.data.exists():
+    if not options.dataset.exists():
         world.set_policy("weak")
-        world.collect(options.data, episodes=options.episodes, seed=options.seed)
-    actions = swm.data.load_dataset(options.data).get_col_data("action")
+        world.collect(options.dataset, episodes=options.episodes, seed=options.seed)
+    actions = swm.data.load_dataset(options.dataset).get_col_data("action")
     scaler = ZScoreScaler().fit(actions)
 
     model = make_model(options.dim).to(options.device)
-    losses = train(model, options.data, scaler, options)
+    losses = train(model, options.dataset, scaler, options)
     model.eval().requires_grad_(False)
 
     cost = ShootingCostEvaluator(model, GoalMSE())

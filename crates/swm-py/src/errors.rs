@@ -12,6 +12,8 @@ use pyo3::prelude::*;
 use swm::core::{BatchError, DataError, EnvError, PolicyError, UnknownName, WorldError};
 use swm::solvers::PlanError;
 
+use crate::words::in_python;
+
 create_exception!(
     stable_worldmodel_rs,
     SwmError,
@@ -87,7 +89,7 @@ fn is_missing(error: &(dyn StdError + 'static)) -> bool {
     false
 }
 
-/// The message with its causes, and with the fix a Python user can follow.
+/// The message with its causes, in words of Python.
 fn message(error: &(dyn StdError + 'static)) -> String {
     let mut text = error.to_string();
     let mut next = error.source();
@@ -98,7 +100,7 @@ fn message(error: &(dyn StdError + 'static)) -> String {
         }
         next = cause.source();
     }
-    text
+    in_python(&text)
 }
 
 impl IntoPy for WorldError {
@@ -174,12 +176,13 @@ impl IntoPy for PlanError {
 impl IntoPy for UnknownName {
     /// `gymnasium.error.NameNotFound` for environments, so that `gymnasium.make` and ours fail alike.
     fn into_py(self) -> PyErr {
+        let text = in_python(&self.to_string());
         if self.kind != "environment" {
-            return SwmError::new_err(self.to_string());
+            return SwmError::new_err(text);
         }
         Python::attach(|py| {
             let class = py.import("gymnasium.error").and_then(|errors| errors.getattr("NameNotFound"));
-            match class.and_then(|class| class.call1((self.to_string(),))) {
+            match class.and_then(|class| class.call1((text,))) {
                 Ok(error) => PyErr::from_value(error),
                 Err(error) => error,
             }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use numpy::{PyArrayDyn, PyArrayMethods as _, PyUntypedArray, PyUntypedArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
-use swm::core::{Column, Dtype, EnvSpec, ResetOptions, Value};
+use swm::core::error::{did_you_mean, nearest};
+use swm::core::{Column, Dtype, EnvSpec, FactorSpec, ResetOptions, Value};
 use swm::fov::color_values;
 
 use crate::errors::{OrRaise as _, SwmError};
@@ -119,12 +120,26 @@ pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTre
                     .map_err(|reason| SwmError::new_err(format!("{name}={text:?}: {reason}")))?
                 {
                     *value = Value::vector(&color.values);
+                } else if dtype != Dtype::Str {
+                    return Err(no_choice(factor, &text));
                 }
             }
             *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
         }
     }
     Ok(given)
+}
+
+/// Why a text is no value of a factor.
+fn no_choice(factor: &FactorSpec, text: &str) -> PyErr {
+    let FactorSpec { name, choices, .. } = factor;
+    SwmError::new_err(match choices.as_slice() {
+        [] => format!("{name}={text:?}: give a number or an array of numbers"),
+        choices => {
+            let meant = did_you_mean(nearest(text, choices.iter().map(String::as_str)).as_deref());
+            format!("{name}={text:?}: give a number or one of {}{meant}", choices.join(", "))
+        }
+    })
 }
 
 /// Reset options from a dict: `variation` (a list of names, groups, `"all"`), `variation_values`, `start` and `goal` (dicts

@@ -23,6 +23,7 @@ mod program;
 mod receipt;
 mod record;
 mod solver;
+mod words;
 mod world;
 mod writer;
 

@@ -22,6 +22,7 @@ use crate::evaluate::Progress;
 use crate::infos;
 use crate::interrupt::interruptible_with;
 use crate::policy::drive;
+use crate::words::in_python;
 use crate::world::{PyWorld, registry};
 
 /// An error of any kind as the exception that it is.
@@ -36,7 +37,7 @@ pub(crate) fn boxed(error: BoxError) -> PyErr {
     };
     match error.downcast::<PyErr>() {
         Ok(error) => *error,
-        Err(error) => SwmError::new_err(error.to_string()),
+        Err(error) => SwmError::new_err(in_python(&error.to_string())),
     }
 }
 

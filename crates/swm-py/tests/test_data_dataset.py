@@ -81,7 +81,8 @@ def test_out_of_range(path: Path) -> None:
     assert list(dataset.__getitems__([])) == []
     with pytest.raises(swm.DataError, match="7 rows"):
         dataset.load_chunk([1], [0], [8])
-    assert len(swm.data.load_dataset(path, num_steps=100)) == 0
+    with pytest.raises(swm.DataError, match=r"spans 100 rows \(num_steps=50 × frameskip=2\), and the longest episode has 12"):
+        swm.data.load_dataset(path, num_steps=50, frameskip=2)
     with pytest.raises(ValueError, match="1 or more"):
         swm.data.load_dataset(path, num_steps=0)
 

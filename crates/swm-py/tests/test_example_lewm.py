@@ -19,7 +19,7 @@ def test_lewm_learns_and_plans(tmp_path):
         pytest.skip("the reference, whose LeWM this is, is not installed with what it imports")
     sizes = "--episodes 4 --steps 30 --image 16 --batch 8 --dim 16 --samples 16 --eval 2 --budget 40 --device cpu"
     done = subprocess.run(
-        [sys.executable, str(EXAMPLE), "--data", str(tmp_path / "lewm.h5"), *sizes.split()],
+        [sys.executable, str(EXAMPLE), "--dataset", str(tmp_path / "lewm.h5"), *sizes.split()],
         capture_output=True,
         text=True,
         timeout=300,

@@ -32,6 +32,13 @@ class CostOfAll(Cost):
         return super().forward(actions, start, target).sum()
 
 
+def test_missing_packages_are_named_before_a_folder_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stable_worldmodel_rs.export.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match="`pip install onnx onnxscript`"):
+        export_onnx(tmp_path / "model", Encode(), Cost(), FIELDS, **SIZES)
+    assert not (tmp_path / "model").exists()
+
+
 def test_a_model_becomes_three_graphs_and_a_description(tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx")
     pytest.importorskip("onnxscript")

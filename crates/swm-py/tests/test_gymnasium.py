@@ -108,14 +108,17 @@ def test_variations_and_settings() -> None:
     for shape in (6, "small T", "small-t"):
         images.append(env.reset(seed=0, options={"variation_values": {"block.shape": shape}})[0]["pixels"].copy())
     assert all(np.array_equal(images[0], image) for image in images), "a choice by number and by name"
-    with pytest.raises(ValueError, match=r"block\.shape"):
-        env.reset(options={"variation_values": {"block.shape": "U"}})
+    for wrong, words in (("U", r"one of L, T, Z,"), ("sqare", r"did you mean `square`\?")):
+        with pytest.raises(ValueError, match=rf"block\.shape.*{wrong}.*{words}"):
+            env.reset(options={"variation_values": {"block.shape": wrong}})
     with pytest.raises(swm.EnvError, match="nonsense"):
         gym.make("swm/PushT-v1", nonsense=1)
     with pytest.raises(swm.EnvError, match="did you mean image_shape=?"):
         gym.make("swm/PushT-v1", image_size=(64, 64))
     with pytest.raises(swm.EnvError, match="did you mean num_envs=?"):
         swm.World("swm/PushT-v1", num_env=2, add_pixels=False)
+    with pytest.raises(swm.EnvError, match="did you mean max_episode_steps=?"):
+        swm.World("swm/PushT-v1", max_steps=50, add_pixels=False)
     with pytest.raises(ValueError, match="agent.colr"):
         env.reset(options={"variation_values": {"agent.colr": [1, 2, 3]}})
 

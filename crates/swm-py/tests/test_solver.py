@@ -102,8 +102,8 @@ def test_plans_do_not_depend_on_the_rows_beside_them(make):
     keys = PlanKeys(slots=[0, 1, 2, 3], seeds=[7, 8, 9, 10], plans=[0, 3, 1, 2])
 
     def plans(batch, rows=slice(None)):
-        solver = configured(make(Sum(), n_steps=3, num_samples=16, batch_size=batch))
-        solver.topk = 8
+        elites = {} if make is CMAESSolver else {"topk": 8}
+        solver = configured(make(Sum(), n_steps=3, num_samples=16, batch_size=batch, **elites))
         some = PlanKeys(*(values[rows] for values in keys))
         return solver.solve(info(len(some.seeds)), keys=some)["actions"]
 
@@ -229,8 +229,32 @@ def test_wrong_costs_are_named():
 
 
 def test_settings_out_of_range_are_named():
+    for make in (CEMSolver, ICEMSolver, FullCEMSolver, CategoricalCEMSolver):
+        with pytest.raises(PlanError, match="setting `topk`: 30 of 16 samples"):
+            make(Sum(), num_samples=16, topk=30)
+    with pytest.raises(PlanError, match="setting `num_samples`: 0"):
+        GradientSolver(Sum(), 5, num_samples=0)
+    changed = CEMSolver(Sum(), num_samples=40)
+    changed.num_samples = 16
     with pytest.raises(PlanError, match="setting `topk`: 30 of 16 samples"):
-        configured(CEMSolver(Sum(), num_samples=16)).solve(info())
+        configured(changed).solve(info())
+
+
+def test_settings_of_a_class_of_ones_own_are_checked_when_all_are_there():
+    class Narrow(CEMSolver):
+        def __init__(self, cost, share):
+            super().__init__(cost, num_samples=40)
+            self.share = share
+
+        def settings(self):
+            return {**super().settings(), "elites": round(self.share * self.num_samples)}
+
+    assert "elites=10" in repr(Narrow(Sum(), 0.25))
+    with pytest.raises(PlanError, match="setting `topk`: 60 of 40 samples"):
+        Narrow(Sum(), 1.5)
+
+
+def test_names_of_solvers_are_known():
     with pytest.raises(SwmError, match="unknown solver `cen`.*did you mean `cem`"):
         _swm.Solver("cen", "{}")
     assert json.loads(_swm.Solver("cem", '{"samples": 99}').changed_settings()) == {"samples": 99}

@@ -42,7 +42,7 @@ pub(super) fn run(size: &Size, out: &Path) -> Result<Vec<[String; 4]>> {
     let collect = [&collect[..], &images, &["--without", "goal", "--mode", "overwrite"]].concat();
     swm(size, &collect, &[("--out", &data)])?;
     let train = ["train", "lewm", "--preset", "small", "--steps", amount.trained];
-    swm(size, &train, &[("--data", &data), ("--out", &model)])?;
+    swm(size, &train, &[("--dataset", &data), ("--out", &model)])?;
     let make = ["manifest", "make", ENV, "--tier", "historic", "--episodes", amount.pairs];
     swm(size, &[&make[..], &images].concat(), &[("--dataset", &data), ("--out", &task)])?;
     let policy = format!("mpc:{},{}", model.display(), amount.planner);

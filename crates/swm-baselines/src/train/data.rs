@@ -311,6 +311,8 @@ fn options(input_spec: &InputSpec, columns: &[&str], goals: Option<&PhaseGoals>,
         .keys(Some(keys))
         .images(Images::ChannelsFirst)
         .image(Some(ImageSize { height: input_spec.image, width: input_spec.image }))
+        // As many read ahead as compute, so that a limit on threads is one on readers.
+        .threads(Some(rayon::current_num_threads()))
         .goals(goals.map(|goals| {
             GoalOptions::default()
                 .weights(goals.weights)

@@ -159,7 +159,7 @@ impl Training {
         }
         let dataset = swm_data::open_in(registry, &config.data.path).map_err(|error| {
             run.wrong(format!(
-                "its dataset is not there: {error}; bring it back, or name its place with --data"
+                "its dataset is not there: {error}; bring it back, or name its place with --dataset"
             ))
         })?;
         let model = restore(&config.model_config, device)?;
@@ -176,7 +176,7 @@ impl Training {
         if data.config != config.data {
             let path = config.data.path.display();
             return Err(
-                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --data"))
+                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --dataset"))
             );
         }
         if known != config {

@@ -48,7 +48,9 @@ pub struct ColumnComparison {
     pub name: String,
     /// Rows that differ by more than the tolerance.
     pub rows: usize,
-    /// The largest absolute difference of two numbers; infinite where only one of them is a number.
+    /// Of these, rows where one dataset holds NaN and the other a number.
+    pub nan_rows: usize,
+    /// The largest absolute difference of two numbers; 0 where there is none, as of texts.
     pub largest: f64,
     /// Episode and row of the first difference.
     pub first: Option<[usize; 2]>,
@@ -115,9 +117,10 @@ pub fn compare(
                         continue;
                     }
                     let (x, y) = (range(&x), range(&y));
-                    if let Some(largest) = difference(&x.as_slice(), &y.as_slice(), tolerance) {
+                    if let Some(found) = difference(&x.as_slice(), &y.as_slice(), tolerance) {
                         column.rows += 1;
-                        column.largest = column.largest.max(largest);
+                        column.nan_rows += usize::from(found.is_nan);
+                        column.largest = column.largest.max(found.largest);
                         column.first.get_or_insert([episode, first + row]);
                     }
                     if let (Column::U8(x), Column::U8(y)) = (&x, &y) {
@@ -197,21 +200,32 @@ fn fingerprint(dataset: &mut dyn Dataset, episode: usize, columns: &[&Field]) ->
     Ok(hash.finish())
 }
 
-/// The largest absolute difference of two rows if it is above the tolerance; NaN equals NaN, texts differ by infinity.
-pub(super) fn difference(a: &Slice<'_>, b: &Slice<'_>, tolerance: f64) -> Option<f64> {
+/// How two rows differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Difference {
+    /// The largest absolute difference of two numbers.
+    largest: f64,
+    /// Whether a value is NaN in one of them alone.
+    is_nan: bool,
+}
+
+/// How two rows of a column differ, if by more than the tolerance; NaN equals NaN, and of texts there is no size.
+pub(super) fn difference(a: &Slice<'_>, b: &Slice<'_>, tolerance: f64) -> Option<Difference> {
     if let (Slice::Str(a), Slice::Str(b)) = (a, b) {
-        return (a != b).then_some(f64::INFINITY);
+        return (a != b).then_some(Difference::default());
     }
-    let mut largest = 0.0f64;
+    let mut found = Difference::default();
     for at in 0..a.len().max(b.len()) {
-        if at >= a.len() || at >= b.len() {
-            return Some(f64::INFINITY);
+        let value = |row: &Slice<'_>| (at < row.len()).then(|| row.as_f64(at)).flatten().unwrap_or(f64::NAN);
+        let (x, y) = (value(a), value(b));
+        match (x.is_nan(), y.is_nan()) {
+            (true, true) => {}
+            (false, false) if x == y => {}
+            (false, false) => found.largest = found.largest.max((x - y).abs()),
+            _ => found.is_nan = true,
         }
-        let (Some(x), Some(y)) = (a.as_f64(at), b.as_f64(at)) else { return Some(f64::INFINITY) };
-        let gap = if x == y || x.is_nan() && y.is_nan() { 0.0 } else { (x - y).abs() };
-        largest = largest.max(if gap.is_nan() { f64::INFINITY } else { gap });
     }
-    (largest > tolerance).then_some(largest)
+    (found.is_nan || found.largest > tolerance).then_some(found)
 }
 
 #[cfg(test)]
@@ -221,9 +235,13 @@ mod tests {
     #[test]
     fn differences_of_rows() {
         let nan = f64::NAN;
-        assert_eq!(difference(&Slice::F64(&[1.0, nan]), &Slice::F64(&[1.5, nan]), 0.0), Some(0.5));
-        assert_eq!(difference(&Slice::F64(&[1.0]), &Slice::F64(&[1.5]), 0.5), None);
-        assert_eq!(difference(&Slice::F64(&[nan]), &Slice::F64(&[1.5]), 9.0), Some(f64::INFINITY));
+        let of = |a: &[f64], b: &[f64], tolerance| difference(&Slice::F64(a), &Slice::F64(b), tolerance);
+        let by = |largest, is_nan| Some(Difference { largest, is_nan });
+        assert_eq!(of(&[1.0, nan], &[1.5, nan], 0.0), by(0.5, false));
+        assert_eq!(of(&[1.0], &[1.5], 0.5), None);
+        assert_eq!(of(&[nan, 3.0], &[1.5, 1.0], 9.0), by(2.0, true));
+        assert_eq!(of(&[f64::INFINITY], &[1.5], 9.0), by(f64::INFINITY, false));
         assert_eq!(difference(&Slice::Str(&["a".into()]), &Slice::Str(&["a".into()]), 0.0), None);
+        assert_eq!(difference(&Slice::Str(&["a".into()]), &Slice::Str(&["b".into()]), 0.0), by(0.0, false));
     }
 }

@@ -13,6 +13,7 @@ Needs torch, onnx, onnxscript: ``pip install 'stable-worldmodel-rs[onnx]'``.
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -62,6 +63,7 @@ def export_onnx(
         gradient: Whether to export derivatives, for solvers with gradients.
 
     Raises:
+        ImportError: torch, onnx or onnxscript is not installed.
         TypeError: ``encode`` gives no dict.
         ValueError: ``cost`` gives another shape than ``(S,)``, ``dim`` does not fit ``action_block``, or only one of
             ``action_mean`` and ``action_std`` is given.
@@ -70,8 +72,6 @@ def export_onnx(
         See ``tests/onnx/make_model.py`` in the repository, and the page *Custom world models by ONNX*.
     """
     torch = require_torch(_NEED)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     encode, cost = encode.eval(), cost.eval()
     if (action_mean is None) != (action_std is None):
         raise ValueError("action_mean and action_std go together: give both, or neither")
@@ -85,6 +85,9 @@ def export_onnx(
     if tuple(costs.shape) != (samples,):
         raise ValueError(f"cost gave {tuple(costs.shape)} for {samples} candidates, and ({samples},) is wanted")
 
+    _require_onnx()
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     examples = tuple(fields.values())
     encode = _by_position(encode, list(fields), list(encoded))
     _write(folder / "encode.onnx", encode, examples, list(fields), list(encoded))
@@ -102,6 +105,13 @@ def export_onnx(
     if "pixels" in fields:
         settings["image"] = fields["pixels"].shape[1]
     (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
+
+
+def _require_onnx() -> None:
+    missing = [name for name in ("onnx", "onnxscript") if find_spec(name) is None]
+    if missing:
+        names = " ".join(missing)
+        raise ImportError(f"export_onnx needs {' and '.join(missing)}; install with `pip install {names}`")
 
 
 def _named(outputs: Any) -> dict[str, torch.Tensor]:

@@ -10,6 +10,7 @@ use swm_core::{
 use swm_data::tools::parts;
 
 use super::output::counted;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::evaluation::RunOptions;
 use crate::text_file::{json_error, read_text, toml_error};
@@ -26,7 +27,14 @@ pub(super) struct EnvArgs {
 
 impl EnvArgs {
     pub(super) fn entry(&self, registry: &Registry) -> Result<&'static EnvEntry, Failure> {
-        Ok(registry.env(&self.env)?)
+        registry.env(&self.env).map_err(|unknown| match Path::new(&self.env).exists() {
+            true => usage(format!(
+                "{} is a file or folder, and the id of an environment belongs in its place, such as swm/PushT-v1; options name files, \
+                 such as --dataset and --manifest",
+                self.env
+            )),
+            false => unknown.into(),
+        })
     }
 
     pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {
@@ -74,9 +82,8 @@ pub(super) struct WorldArgs {
     /// Environments stepped in parallel; results do not depend on it.
     #[arg(long, default_value_t = 8, value_name = "K")]
     pub num_envs: usize,
-    /// Threads; results do not depend on it. Default: one per core.
-    #[arg(long, value_name = "T")]
-    pub threads: Option<usize>,
+    #[command(flatten)]
+    pub threads: ThreadsArg,
     /// How often each action is applied per step. Default: 1, or as in the dataset that is named.
     #[arg(long, value_name = "F")]
     pub frame_skip: Option<u32>,
@@ -85,7 +92,7 @@ pub(super) struct WorldArgs {
 impl WorldArgs {
     /// How a run on a manifest is spread.
     pub(super) fn run_options(&self) -> RunOptions {
-        RunOptions { num_envs: self.num_envs, threads: self.threads, ..RunOptions::default() }
+        RunOptions { num_envs: self.num_envs, threads: self.threads.count(), ..RunOptions::default() }
     }
 
     /// The same with no more environments than episodes, for each takes time and memory to make. Numbers above
@@ -98,7 +105,7 @@ impl WorldArgs {
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
         let options = WorldOptions::new(self.num_envs).env(env).max_episode_steps(max_steps);
-        options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads)
+        options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads.count())
     }
 }
 
@@ -283,7 +290,9 @@ mod tests {
     #[test]
     fn environments_are_no_more_than_episodes() {
         let made = |num_envs, episodes| {
-            WorldArgs { num_envs, threads: None, frame_skip: None }.at_most(episodes).num_envs
+            WorldArgs { num_envs, threads: ThreadsArg::default(), frame_skip: None }
+                .at_most(episodes)
+                .num_envs
         };
         assert_eq!([made(8, 100), made(10_000, 1), made(8, 3), made(0, 3), made(8, 0)], [8, 1, 3, 0, 1]);
         // Refused by the world.

@@ -64,7 +64,7 @@ pub(super) struct Collect {
     #[arg(long, default_value_t = 100)]
     max_steps: u64,
     #[command(flatten)]
-    world: WorldArgs,
+    pub(super) world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Columns to leave out, separated by commas, such as `goal` (an image that is the same at every step of an episode).
@@ -214,6 +214,7 @@ impl Collect {
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
         let mut world = World::new(self.env.entry(registry)?, world).map_err(|error| match error {
             WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
+            WorldError::Option { option: "checkpoints", reason } => usage(format!("--replayable: {reason}")),
             error => error.into(),
         })?;
         world.set_policy(policy(registry, &self.policy, &world, output)?);

@@ -11,7 +11,8 @@ const REMEDIES: &[(&str, &str)] = &[
     ),
     (
         "--resume",
-        "a run that is resumed goes on with its own settings and data; for others, start a new one with another --out",
+        "a run that is resumed goes on with its own settings and data: `swm train --resume RUN`; for others, start a new one with another \
+         --out",
     ),
     (
         "--replayable",
@@ -93,6 +94,7 @@ mod tests {
             ),
             ("swm collect swm/PushT-v1 --policy weak --out a.h5 --total 5 --episodes 3", "give one of them"),
             ("swm sweep --manifest a.toml --policy weak --out b --shard 1/2 --again", "joins the parts"),
+            ("swm train lewm --resume --out b", "swm train --resume RUN"),
         ] {
             let message = message(line);
             assert!(message.contains("cannot be used with") && message.contains("tip: "), "{message}");

@@ -15,6 +15,7 @@ use swm_data::{DataError, Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
+use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, interrupt, usage};
 
 /// The size of images where a recording without images is copied to a format that is for them.
@@ -40,6 +41,8 @@ pub(super) struct TargetArgs {
     /// is refused.
     #[arg(long)]
     overwrite: bool,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl TargetArgs {
@@ -181,7 +184,7 @@ pub(super) struct Convert {
     /// The file or folder to write.
     target: PathBuf,
     #[command(flatten)]
-    to: TargetArgs,
+    pub(super) to: TargetArgs,
 }
 
 impl Convert {
@@ -217,7 +220,7 @@ pub(super) struct Merge {
     #[arg(long)]
     partial: bool,
     #[command(flatten)]
-    to: TargetArgs,
+    pub(super) to: TargetArgs,
 }
 
 impl Merge {
@@ -236,12 +239,20 @@ impl Merge {
         for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);
         }
-        images::check_alike(&sources)?;
+        images::check_alike(&sources, &self.command())?;
         let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
         output.result(&result, || line(&result))
+    }
+}
+
+impl Merge {
+    /// The command that was called, as far as it says what is joined.
+    fn command(&self) -> String {
+        let sources: Vec<String> = self.sources.iter().map(|source| source.display().to_string()).collect();
+        format!("swm merge {} --out {}", sources.join(" "), self.out.display())
     }
 }
 
@@ -279,7 +290,7 @@ pub(super) struct Split {
     #[arg(long, short)]
     out: String,
     #[command(flatten)]
-    to: TargetArgs,
+    pub(super) to: TargetArgs,
 }
 
 impl Split {

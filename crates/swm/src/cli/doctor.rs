@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde::Serialize;
-use swm_core::{EnvConfig, Registry};
+use swm_core::{EnvConfig, EnvEntry, Registry};
 use swm_media::Format;
 
 use super::{Failure, Output};
@@ -55,12 +55,12 @@ impl Check {
 
 impl Doctor {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut checks = vec![Check::works("program", super::version::program()), videos(), threads()];
+        let all = [program as fn() -> Check, videos, threads].into_iter().map(|look| look());
         #[cfg(feature = "mujoco")]
-        checks.extend(mujoco::checks());
-        checks.push(environments(registry));
-        checks.extend(features());
-        output.result(&checks, || text(&checks))?;
+        let all = all.chain(mujoco::checks());
+        let all = all.chain(std::iter::once_with(|| environments(registry, output))).chain(features());
+        let checks = look(all, |check| output.line(|| line(check)))?;
+        output.json(&checks)?;
         let missing: Vec<_> = checks.iter().filter(|check| check.state == State::Missing).collect();
         match missing.as_slice() {
             [] => Ok(()),
@@ -72,21 +72,33 @@ impl Doctor {
     }
 }
 
-fn text(checks: &[Check]) -> String {
-    let width = checks.iter().map(|check| check.what.len()).max().unwrap_or(0);
-    let mut text = String::new();
-    for Check { what, state, found, fix } in checks {
-        let mark = match state {
-            State::Works => "ok      ",
-            State::Optional => "optional",
-            State::Missing => "MISSING ",
-        };
-        text += &format!("{mark}  {what:width$}  {found}\n");
-        if let Some(fix) = fix {
-            text += &format!("{:10}{:width$}  -> {fix}\n", "", "");
-        }
+/// Tells of each check before the next one begins: some take seconds.
+fn look(
+    checks: impl Iterator<Item = Check>,
+    mut tell: impl FnMut(&Check) -> Result<(), Failure>,
+) -> Result<Vec<Check>, Failure> {
+    checks.map(|check| tell(&check).map(|()| check)).collect()
+}
+
+/// Characters of the longest name of a check.
+const WIDTH: usize = "models of the Control Suite".len();
+
+fn line(check: &Check) -> String {
+    let Check { what, state, found, fix } = check;
+    let mark = match state {
+        State::Works => "ok      ",
+        State::Optional => "optional",
+        State::Missing => "MISSING ",
+    };
+    let mut text = format!("{mark}  {what:WIDTH$}  {found}");
+    if let Some(fix) = fix {
+        text += &format!("\n{:10}{:WIDTH$}  -> {fix}", "", "");
     }
     text
+}
+
+fn program() -> Check {
+    Check::works("program", super::version::program())
 }
 
 /// What other builds have.
@@ -111,10 +123,16 @@ fn threads() -> Check {
 }
 
 /// Makes every environment once.
-fn environments(registry: &Registry) -> Check {
+fn environments(registry: &Registry, output: &Output) -> Check {
     let count = registry.envs().count();
-    let failures: Vec<_> =
-        registry.envs().filter_map(|entry| entry.make(&EnvConfig::default()).err()).collect();
+    let bar = output.bar(count as u64, "environments made");
+    let make = |entry: &EnvEntry| {
+        let made = entry.make(&EnvConfig::default());
+        bar.inc(1);
+        made.err()
+    };
+    let failures: Vec<_> = registry.envs().filter_map(make).collect();
+    bar.finish_and_clear();
     match failures.first() {
         None => Check::works("environments", format!("all {count} can be made")),
         Some(first) => Check::missing(
@@ -159,8 +177,8 @@ mod mujoco {
         std::fs::create_dir(&attempt).and_then(|()| std::fs::remove_dir(&attempt)).is_ok()
     }
 
-    pub(super) fn checks() -> Vec<Check> {
-        vec![folder(), library(), suite(), ogbench(), fetch(), gl()]
+    pub(super) fn checks() -> impl Iterator<Item = Check> {
+        [folder as fn() -> Check, library, suite, ogbench, fetch, gl].into_iter().map(|look| look())
     }
 
     fn folder() -> Check {
@@ -261,10 +279,26 @@ mod tests {
 
     #[test]
     fn what_is_missing_comes_with_what_fixes_it() {
-        let checks =
-            [Check::works("videos", "GIF"), Check::missing("MuJoCo", "no such file", "cargo xtask setup")];
+        let pad = " ".repeat(WIDTH - 6);
+        assert_eq!(line(&Check::works("videos", "GIF")), format!("ok        videos{pad}  GIF"));
+        let missing = Check::missing("MuJoCo", "no such file", "cargo xtask setup");
         let expected =
-            "ok        videos  GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
-        assert_eq!(text(&checks), expected);
+            format!("MISSING   MuJoCo{pad}  no such file\n                {pad}  -> cargo xtask setup");
+        assert_eq!(line(&missing), expected);
+        assert!(features().all(|check| check.what.len() <= WIDTH));
+    }
+
+    #[test]
+    fn each_check_is_told_before_the_next_one_begins() {
+        let told = std::cell::Cell::new(0);
+        let checks = (0..3).map(|done| {
+            assert_eq!(told.get(), done);
+            Check::works("videos", "GIF")
+        });
+        let tell = |_: &Check| {
+            told.set(told.get() + 1);
+            Ok(())
+        };
+        assert_eq!(look(checks, tell).unwrap().len(), 3);
     }
 }

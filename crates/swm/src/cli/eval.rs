@@ -82,11 +82,11 @@ pub(super) struct Eval {
     #[arg(long)]
     budget: Option<u64>,
     #[command(flatten)]
-    world: WorldArgs,
+    pub(super) world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// A folder for the result: receipt.json with --manifest, else result.json, images and videos.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
     /// With --out: run again what the folder holds already, and replace it.
     #[arg(long, requires = "out")]
@@ -142,6 +142,12 @@ impl Eval {
     fn run_in(self, env: &EnvArgs, registry: &Registry, output: &Output) -> Result<(), Failure> {
         if self.episodes == 0 {
             return Err(usage("0 episodes asked for; use 1 or more"));
+        }
+        if self.budget == Some(0) {
+            return Err(usage("--budget 0: allow 1 action or more"));
+        }
+        if self.goal_offset == 0 {
+            return Err(usage("--goal-offset 0: every start would be its goal; use 1 or more"));
         }
         let entry = env.entry(registry)?;
         registry.policy_entry(entry, &policy_args(&self.policy)?.name)?;

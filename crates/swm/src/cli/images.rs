@@ -22,8 +22,8 @@ fn size(dataset: &dyn Dataset) -> Option<ImageSize> {
     })
 }
 
-/// Refuses to join datasets of which some hold no images, or others.
-pub(super) fn check_alike(datasets: &[Box<dyn Dataset>]) -> Result<(), Failure> {
+/// Refuses to join datasets of which some hold no images, or others; `command` is what was called.
+pub(super) fn check_alike(datasets: &[Box<dyn Dataset>], command: &str) -> Result<(), Failure> {
     let Some((first, rest)) = datasets.split_first() else { return Ok(()) };
     let wanted = size(first.as_ref());
     let Some(other) = rest.iter().find(|other| size(other.as_ref()) != wanted) else { return Ok(()) };
@@ -33,7 +33,7 @@ pub(super) fn check_alike(datasets: &[Box<dyn Dataset>]) -> Result<(), Failure> 
     };
     let size = wanted.or_else(|| size(other.as_ref())).map_or(String::new(), |size| size.to_string());
     Err(usage(format!(
-        "{}, {}; --image-size {size} renders images of one size for all",
+        "{}, {}; images of one size for all are rendered by: {command} --image-size {size}",
         told(first.as_ref()),
         told(other.as_ref())
     )))

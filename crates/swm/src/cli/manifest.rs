@@ -57,7 +57,7 @@ struct Make {
     #[arg(long, value_enum)]
     tier: TierArg,
     /// The manifest to write.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
     /// Number of pairs.
     #[arg(long, default_value_t = 100)]

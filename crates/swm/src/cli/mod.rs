@@ -40,6 +40,7 @@ mod submit;
 mod sweep;
 mod table;
 mod task;
+mod threads;
 mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
@@ -57,6 +58,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
 
 pub(crate) use output::{Failure, Output, usage};
+use threads::ThreadsArg;
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
 #[derive(Parser)]
@@ -155,13 +157,44 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
             ExitCode::from(interrupt::status())
         }
         Err(failure) => {
-            eprintln!("{failure}");
+            if !failure.is_told() {
+                eprintln!("{failure}");
+            }
             ExitCode::from(failure.exit_code())
         }
     }
 }
 
+impl Command {
+    /// The threads that a command was given. Others divide no work, or choose the threads themselves.
+    fn threads(&self) -> ThreadsArg {
+        match self {
+            Self::Collect(command) => command.world.threads,
+            Self::Preview(command) => command.threads,
+            Self::Stats(command) => command.threads,
+            Self::Verify(command) => command.threads,
+            Self::Convert(command) => command.to.threads,
+            Self::Merge(command) => command.to.threads,
+            Self::Split(command) => command.to.threads,
+            Self::Replay(command) => command.threads,
+            Self::Eval(command) => command.world.threads,
+            Self::VerifyResult(command) => command.threads,
+            Self::Sweep(command) => command.world.threads,
+            Self::Report(command) => command.threads,
+            Self::Quality(command) => command.threads,
+            Self::Train(command) => command.threads,
+            Self::Plan(command) => command.threads,
+            Self::Render(command) => command.threads,
+            _ => ThreadsArg::default(),
+        }
+    }
+}
+
 fn run_command(registry: &Registry, command: Command, output: &Output) -> Result<(), Failure> {
+    command.threads().within(|| dispatch(registry, command, output))
+}
+
+fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<(), Failure> {
     match command {
         Command::Envs(command) => command.run(registry, output),
         Command::Fovs(command) => command.run(registry, output),
@@ -230,6 +263,54 @@ mod tests {
             command.get_subcommands().for_each(check);
         }
         check(&Cli::command());
+    }
+
+    /// A command, and those below it, with their names.
+    fn each(command: &clap::Command, path: &str, look: &mut dyn FnMut(&str, &clap::Command)) {
+        let path = format!("{path} {}", command.get_name());
+        look(path.trim_start_matches(" swm "), command);
+        command.get_subcommands().for_each(|below| each(below, &path, look));
+    }
+
+    #[test]
+    fn commands_that_divide_work_take_threads() {
+        let divide = [
+            "collect",
+            "preview",
+            "stats",
+            "verify",
+            "convert",
+            "merge",
+            "split",
+            "replay",
+            "eval",
+            "verify-result",
+            "sweep",
+            "report",
+            "quality",
+            "train",
+            "plan",
+            "render",
+        ];
+        each(&Cli::command(), "", &mut |name, command| {
+            let threads = command.get_arguments().any(|argument| argument.get_long() == Some("threads"));
+            assert_eq!(threads, divide.contains(&name), "`swm {name}`");
+        });
+    }
+
+    #[test]
+    fn options_of_several_commands_have_one_name_and_form() {
+        each(&Cli::command(), "", &mut |name, command| {
+            for argument in command.get_arguments() {
+                match argument.get_long() {
+                    Some("out") => assert_eq!(argument.get_short(), Some('o'), "`swm {name} --out`"),
+                    Some(other @ ("data" | "file" | "output" | "num-threads" | "random-seed")) => {
+                        panic!("`swm {name} --{other}`: others say --dataset, --out, --threads or --seed")
+                    }
+                    _ => {}
+                }
+            }
+        });
     }
 
     #[test]

@@ -26,6 +26,11 @@ impl Failure {
         matches!(self.source.downcast_ref(), Some(WorldError::Cancelled))
     }
 
+    /// Whether the result that was printed says it already.
+    pub(super) fn is_told(&self) -> bool {
+        self.source.is::<Told>()
+    }
+
     pub(crate) fn exit_code(&self) -> u8 {
         match self.usage {
             _ if self.source.is::<Postponed>() => 75,
@@ -71,6 +76,11 @@ impl Failure {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}; start the task again to continue")]
 pub(super) struct Postponed(pub(super) String);
+
+/// A command did its work and found what its exit status 1 stands for; the result that it printed says the rest.
+#[derive(Debug, thiserror::Error)]
+#[error("the result says what was found")]
+pub(super) struct Told;
 
 /// A wrong request.
 pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
@@ -172,6 +182,16 @@ impl Output {
         print(&if self.json { serde_json::to_string_pretty(json)? } else { text() })
     }
 
+    /// Prints a part of the result as soon as it is known; with `--json`, nothing.
+    pub(super) fn line(&self, text: impl FnOnce() -> String) -> Result<(), Failure> {
+        if self.json { Ok(()) } else { print(&text()) }
+    }
+
+    /// Prints the result whose parts [`Output::line`] has printed: with `--json` alone.
+    pub(super) fn json(&self, json: &impl serde::Serialize) -> Result<(), Failure> {
+        if self.json { print(&serde_json::to_string_pretty(json)?) } else { Ok(()) }
+    }
+
     /// A note for people.
     pub(crate) fn note(&self, text: impl fmt::Display) {
         if !self.quiet {
@@ -257,7 +277,7 @@ pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
 /// A difference as people write it: whole numbers as such, others by four digits or more.
 pub(super) fn compact(value: f64) -> String {
     match value {
-        value if value.is_infinite() => "no number".to_owned(),
+        value if value.is_infinite() => "NaN or infinite".to_owned(),
         value if value.fract() == 0.0 && value < 1e6 => format!("{value}"),
         value if (1e-3..1e6).contains(&value) => {
             let decimals = (3.0 - value.log10().floor()).max(4.0) as usize;
@@ -320,7 +340,7 @@ mod tests {
             (557.5545, "557.5545"),
             (1e-9, "1.000e-9"),
             (0.0, "0"),
-            (f64::INFINITY, "no number"),
+            (f64::INFINITY, "NaN or infinite"),
         ] {
             assert_eq!(compact(value), text);
         }

@@ -15,6 +15,7 @@ use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, sto
 use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, policy_args};
 use super::output::{counted, table};
 use super::scenario::ScenarioArgs;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
 use crate::video::Video;
@@ -65,9 +66,8 @@ pub(super) struct Plan {
     /// With --trace: image size, or `none`.
     #[arg(long, default_value = "224x224")]
     image_size: ImageArg,
-    /// Threads; results do not depend on it. Default: one per core.
-    #[arg(long, value_name = "T")]
-    threads: Option<usize>,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
     /// How often each action is applied per step.
     #[arg(long, default_value_t = 1, value_name = "F")]
     frame_skip: u32,

@@ -12,6 +12,7 @@ use swm_media::{Clip, Format, contact_sheet, framed, png};
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
 use super::replay::selection;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};
 
 /// The column of goal images.
@@ -49,6 +50,8 @@ pub(super) struct Preview {
     /// Render images of this size, HEIGHTxWIDTH, in place of recorded ones. Default: 128x128 where the recording holds no images.
     #[arg(long)]
     image_size: Option<ImageArg>,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
     /// The file to write: .png, .mp4 or .gif.
     #[arg(long, short)]
     out: PathBuf,

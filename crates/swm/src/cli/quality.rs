@@ -4,15 +4,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
 use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
+use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
-    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality_with,
+    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality,
     recorded_episodes, task_probes,
 };
 
@@ -71,6 +73,8 @@ pub(super) struct QualityCommand {
     /// Seed of episodes, plans and probes.
     #[arg(long, default_value_t = QualityOptions::default().seed)]
     seed: u64,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl QualityCommand {
@@ -118,12 +122,14 @@ impl QualityCommand {
             (dataset, _) => dataset,
         };
         let mut env = entry.make(&config)?;
+        violations.iter().try_for_each(|(_, violation)| check_violation(violation, env.spec()))?;
         let bar = output.bar(1 + measurements(&violations), "parts done");
         bar.set_message("now the episodes");
         let recorded = match &mut dataset {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
         };
+        named.iter().try_for_each(|target| check_probe(target, &recorded))?;
         let mut model = match &trained {
             Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
             None => yardstick(&self.model, entry, &config, &recorded)?,
@@ -141,7 +147,7 @@ impl QualityCommand {
             bar.set_message(format!("now {name}"));
         };
         let (model, env) = (model.as_mut(), env.as_mut());
-        let found = quality_with(model, env, &recorded, &probed, &violations, &options, begins);
+        let found = quality(model, env, &recorded, &probed, &violations, &options, begins);
         bar.finish_and_clear();
         let found = found?;
         if let Some(note) = few_episodes(&found, recorded.len()) {
@@ -242,6 +248,29 @@ fn violation(text: &str) -> Result<Violation, Failure> {
         (Ok(elements), Ok(to)) => Ok(Violation::Set { column: column.to_owned(), elements, to }),
         _ => Err(wrong()),
     }
+}
+
+/// Refuses a name that is neither a factor nor `teleport`.
+fn check_violation(violation: &Violation, env: &EnvSpec) -> Result<(), Failure> {
+    let Violation::Factor { name } = violation else { return Ok(()) };
+    let factors = || env.factors.iter().map(|factor| factor.name.as_str());
+    if factors().any(|factor| factor == name) {
+        return Ok(());
+    }
+    let meant = did_you_mean(nearest(name, factors().chain(["teleport"])).as_deref());
+    let lists = format!("`swm fovs {}` lists them", env.id);
+    Err(usage(format!("--violation {name}: it is neither teleport nor a factor{meant}; {lists}")))
+}
+
+/// Refuses to probe for a column that the episodes do not hold.
+fn check_probe(target: &ProbeTarget, recorded: &[Batch]) -> Result<(), Failure> {
+    let Some(schema) = recorded.first().map(Batch::schema) else { return Ok(()) };
+    if schema.index(&target.column).is_some() {
+        return Ok(());
+    }
+    let columns: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
+    let meant = did_you_mean(nearest(&target.column, columns.iter().copied()).as_deref());
+    Err(usage(format!("--probe {target}: unknown column{meant}; there are: {}", columns.join(", "))))
 }
 
 fn text(env: &str, model: &str, found: &Quality) -> String {

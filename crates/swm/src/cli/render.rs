@@ -10,6 +10,7 @@ use swm_media::{Clip, Format};
 use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::video::Video;
 
@@ -37,6 +38,8 @@ pub(super) struct Render {
     image_size: ImageArg,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
     /// The file to write: .png, .gif or .mp4.
     #[arg(long, short)]
     out: PathBuf,
@@ -50,7 +53,7 @@ impl Render {
         let format = Format::from_path(&self.out).map_err(usage)?;
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
-        let world = WorldArgs { num_envs: 1, threads: None, frame_skip: None };
+        let world = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: None };
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy(registry, &self.policy, &world, output)?);
         let mut video = Video::first(1);

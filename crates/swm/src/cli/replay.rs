@@ -7,6 +7,7 @@ use swm_core::{EnvConfig, Registry};
 
 use super::output::{compact, counted, table};
 use super::scenario::factor_values;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
 use crate::replay::{ReplayReport, replay};
 
@@ -35,6 +36,8 @@ pub(super) struct Replay {
     /// Largest accepted absolute error of any value.
     #[arg(long, default_value_t = 1e-6)]
     tolerance: f64,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl Replay {

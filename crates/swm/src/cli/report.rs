@@ -7,6 +7,7 @@ use swm_core::Registry;
 use swm_media::Format;
 
 use super::output::create_parent;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::report_page::{Item, PageOptions, write_page};
 
@@ -23,7 +24,7 @@ pub(super) struct ReportCommand {
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<PathBuf>,
     /// The page to write.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
     /// Videos of successes, and as many of failures, per result.
     #[arg(long, alias = "films", default_value_t = PageOptions::default().videos)]
@@ -34,6 +35,8 @@ pub(super) struct ReportCommand {
     /// Plans shown of the first success and the first failure of a planner.
     #[arg(long, default_value_t = PageOptions::default().plans)]
     plans: usize,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl ReportCommand {

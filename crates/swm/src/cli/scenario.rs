@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use swm_core::env::{nearest_factor, selects};
-use swm_core::error::did_you_mean;
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::{EnvEntry, FactorSpec, ResetOptions, Value};
 use swm_fov::color_values;
 
@@ -151,7 +151,7 @@ pub(super) fn factor_values(
                 .choice(inner)
                 .map(|choice| vec![choice as f64])
                 .or_else(|| numbers(inner))
-                .ok_or_else(|| usage(not_numbers(option, text, factor)))?,
+                .ok_or_else(|| usage(not_numbers(option, inner, factor)))?,
         };
         values.insert(name.to_owned(), Value::vector(&numbers));
     }
@@ -162,7 +162,10 @@ pub(super) fn factor_values(
 fn not_numbers(option: &str, text: &str, factor: &FactorSpec) -> String {
     match factor.choices.as_slice() {
         [] => format!("--set {option}: `{text}` is not a number or a list of numbers"),
-        choices => format!("--set {option}: `{text}` is not a number or one of {}", choices.join(", ")),
+        choices => {
+            let meant = did_you_mean(nearest(text, choices.iter().map(String::as_str)).as_deref());
+            format!("--set {option}: `{text}` is not a number or one of {}{meant}", choices.join(", "))
+        }
     }
 }
 
@@ -194,6 +197,8 @@ mod tests {
         }
         let refused = set("block.shape=U").unwrap_err().to_string();
         assert!(refused.contains("not a number or one of L, T, Z"), "{refused}");
+        let refused = set("block.shape=sqare").unwrap_err().to_string();
+        assert!(refused.contains("did you mean `square`?"), "{refused}");
     }
 
     #[test]

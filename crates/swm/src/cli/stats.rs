@@ -9,10 +9,21 @@ use swm_data::recording::EP_IDX;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
 use super::output::{counted, table};
+use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs};
 
-/// Columns of numbers that count or name something, or are bytes: their mean says nothing.
-const NO_QUANTITIES: [&str; 4] = [EP_IDX, "step_idx", "seed", CHECKPOINT];
+/// Columns of numbers that count or name something, or are bytes: their mean says nothing. The later ones are of other programs.
+const NO_QUANTITIES: [&str; 9] = [
+    EP_IDX,
+    "step_idx",
+    "seed",
+    CHECKPOINT,
+    "episode_idx",
+    "episode_index",
+    "frame_index",
+    "index",
+    "task_index",
+];
 
 /// Show mean, std, extremes and quantiles of columns; store them next to the dataset.
 #[derive(Args)]
@@ -23,7 +34,8 @@ Examples:
   swm stats pusht.h5 --quantiles 0.01,0.99
 
 Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalization looks for them. Of images there is \
-one set of numbers per channel, of other columns one per value. Rows with a NaN, such as the last action of an episode, do \
+one set of numbers per channel, of other columns one per value. Indices, seeds and stored states are left out of the table, where their mean \
+says nothing; the JSON and the file have every column. Rows with a NaN, such as the last action of an episode, do \
 not count.")]
 pub(super) struct Stats {
     /// The dataset.
@@ -37,6 +49,8 @@ pub(super) struct Stats {
     /// Do not store them next to the dataset.
     #[arg(long)]
     no_store: bool,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl Stats {

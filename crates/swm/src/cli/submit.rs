@@ -69,7 +69,7 @@ Examples:
   swm submit --on hq:cpus=8 --shards 64 --job sweep -- sweep --manifest pusht-strict.toml --policy cem
   swm submit --on script --shards 8 --job pusht -- collect swm/PushT-v1 --episodes 800    (prints the commands)
   swm submit --job pusht      (again: what is neither done nor queued)
-  swm submit --on slurm --each runs.txt --job runs -- train lewm --data tworoom.h5    (a training run per line of arguments)
+  swm submit --on slurm --each runs.txt --job runs -- train lewm --dataset tworoom.h5    (a training run per line of arguments)
 
 The commands are collect, eval --manifest, sweep and train, without --out: results go to the job's folder, which all machines must \
 see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals \

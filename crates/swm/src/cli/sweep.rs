@@ -48,9 +48,9 @@ pub(super) struct SweepCommand {
     #[arg(long)]
     points: Option<usize>,
     #[command(flatten)]
-    world: WorldArgs,
+    pub(super) world: WorldArgs,
     /// A folder for sweep.json, sweep.csv and sweep.svg.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
     /// With --out: run again what the folder holds already, and replace it.
     #[arg(long, requires = "out")]

@@ -6,14 +6,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::threads::ThreadsArg;
+
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm train --list
-  swm train lewm --data tworoom.h5 --preset small --out runs/lewm --epochs 10
-  swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
-  swm train --resume --out runs/lewm
+  swm train lewm --dataset tworoom.h5 --preset small --out runs/lewm --epochs 10
+  swm train pldm --dataset tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
+  swm train --resume runs/lewm
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
 
@@ -25,13 +27,13 @@ pub(super) struct Train {
     #[arg(required_unless_present_any = ["list", "resume"])]
     baseline: Option<String>,
     /// List baselines and agents, and their presets.
-    #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
+    #[arg(long, conflicts_with_all = ["dataset", "out", "resume"])]
     list: bool,
     /// The dataset that a baseline learns from; with --resume only if it has moved.
-    #[arg(long, value_name = "FILE")]
-    data: Option<PathBuf>,
+    #[arg(long, alias = "data", value_name = "FILE")]
+    dataset: Option<PathBuf>,
     /// The run's folder.
-    #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
+    #[arg(long, short, value_name = "RUN", required_unless_present_any = ["list", "resume"])]
     out: Option<PathBuf>,
     /// Preset, such as paper or small; `--list` names them. Default: the first of them.
     #[arg(long, conflicts_with = "resume")]
@@ -42,9 +44,10 @@ pub(super) struct Train {
     /// Initial weights of a vision transformer (.safetensors, .pt, .ckpt), such as a frozen DINOv2.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
-    /// Resume the run in --out, possibly with more epochs or steps.
-    #[arg(long, conflicts_with = "baseline")]
-    resume: bool,
+    /// Resume the run in this folder, or in --out, possibly with more epochs or steps.
+    #[arg(long, value_name = "RUN", conflicts_with = "baseline")]
+    #[expect(clippy::option_option, reason = "clap: not given, given alone, or with a folder")]
+    resume: Option<Option<PathBuf>>,
     /// Epochs over the clips, in each phase. Default: 10.
     #[arg(long, conflicts_with = "steps")]
     epochs: Option<u64>,
@@ -90,6 +93,8 @@ pub(super) struct Train {
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
     #[command(flatten)]
+    pub(super) threads: ThreadsArg,
+    #[command(flatten)]
     online: OnlineArgs,
 }
 
@@ -98,7 +103,7 @@ pub(super) struct Train {
 #[command(next_help_heading = "Learning online")]
 struct OnlineArgs {
     /// The environment that an agent learns in; `swm envs` lists them.
-    #[arg(long, value_name = "ID", conflicts_with_all = ["data", "resume"])]
+    #[arg(long, value_name = "ID", conflicts_with_all = ["dataset", "resume"])]
     env: Option<String>,
     /// A setting of the environment, `NAME=VALUE`; may be repeated.
     #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
@@ -119,6 +124,22 @@ struct OnlineArgs {
 
 /// The default of `--split`.
 const SPLIT: f64 = 0.9;
+
+#[cfg(feature = "baselines")]
+impl Train {
+    /// The run's folder: --out, or that behind --resume.
+    fn folder(&self) -> Result<&std::path::Path, super::Failure> {
+        match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
+            (Some(run), Some(out)) if run != out => Err(super::usage(format!(
+                "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",
+                run.display(),
+                out.display()
+            ))),
+            (Some(run), _) | (None, Some(run)) => Ok(run),
+            (None, None) => Err(super::usage("--resume: name the run's folder: swm train --resume RUN")),
+        }
+    }
+}
 
 /// List the checkpoints of a training run.
 #[derive(Args)]
@@ -148,7 +169,7 @@ mod work {
             let Self {
                 baseline: _,
                 list: _,
-                data: _,
+                dataset: _,
                 online:
                     super::OnlineArgs {
                         env: _,
@@ -177,6 +198,7 @@ mod work {
                 norm_batches: _,
                 quality_every: _,
                 patience: _,
+                threads: _,
             } = self;
             Err(not_built())
         }

@@ -26,13 +26,13 @@ impl Train {
         let name = self.baseline.as_deref().unwrap_or("this run");
         let OnlineArgs { env, eval_every, eval_episodes, .. } = &self.online;
         let (given, reason) = if is_online {
-            if env.is_none() && !self.resume {
+            if env.is_none() && self.resume.is_none() {
                 return Err(usage(format!(
                     "{name} learns online: name an environment with --env, such as swm/CartpoleDMControl-v0"
                 )));
             }
             let given = [
-                ("--data", self.data.is_some()),
+                ("--dataset", self.dataset.is_some()),
                 ("--encoder", self.encoder.is_some()),
                 ("--epochs", self.epochs.is_some()),
                 ("--batch (use --set batch=B)", self.batch.is_some()),
@@ -51,7 +51,7 @@ impl Train {
                 ("--eval-every", eval_every.is_some()),
                 ("--eval-episodes", eval_episodes.is_some()),
             ];
-            (given.to_vec(), "learns from a dataset: give --data, or train an agent")
+            (given.to_vec(), "learns from a dataset: give --dataset, or train an agent")
         };
         match given.iter().find(|(_, is_given)| *is_given) {
             Some((option, _)) => Err(usage(format!("{option}: {name} {reason}"))),
@@ -89,7 +89,7 @@ impl Train {
         let run = out.display().to_string();
         interrupt::allow(SAVING);
         let advice = run.clone();
-        let how = format!("run: swm train --resume --out {advice}");
+        let how = format!("run: swm train --resume {advice}");
         let cancel =
             interrupt::watch_resumable(move || format!("the last checkpoint is safe in {advice}"), how);
         let state = training.run(vec![Box::new(shown)], &cancel).map_err(failure)?;

@@ -81,7 +81,7 @@ impl Diagnosis for OnTheWay {
             return Err(format!("{} is no world model; leave --quality-every out", model.name()).into());
         };
         let Self { env, recorded, probed, options, .. } = self;
-        let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options)?;
+        let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options, |_| {})?;
         let probes = found
             .probes
             .iter()

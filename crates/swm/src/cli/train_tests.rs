@@ -20,7 +20,7 @@ fn what_is_missing_depends_on_what_shall_learn() {
     };
     for (words, reason) in [
         ("swm sac --out no/run", "sac learns online: name an environment with --env"),
-        ("swm lewm --out no/run", "--data: name the dataset that lewm learns from"),
+        ("swm lewm --out no/run", "--dataset: name the dataset that lewm learns from"),
         ("swm lewn --out no/run", "unknown baseline or agent `lewn`; did you mean `lewm`?"),
         ("swm sax --env swm/PushT-v1 --out no/run", "did you mean `sac`?"),
     ] {
@@ -63,7 +63,7 @@ impl Bench {
     fn train(&self, words: &str, data: &str, run: &str) -> Result<(), String> {
         let words = format!("swm {words} --steps 1 --batch 2");
         let [data, run] = [data, run].map(|name| OsString::from(self.path(name)));
-        let paths = [OsString::from("--data"), data, "--out".into(), run];
+        let paths = [OsString::from("--dataset"), data, "--out".into(), run];
         let words = words.split_whitespace().map(OsString::from).chain(paths);
         let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
         train.run(&self.registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
@@ -89,6 +89,41 @@ fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
     }
     bench.train("gcbc --preset small", "a.h5", "run").unwrap();
     assert!(bench.path("run").exists());
+}
+
+#[test]
+fn a_run_is_resumed_by_its_folder() {
+    let folder = |words: &str| {
+        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
+        train.folder().map(|path| path.display().to_string()).map_err(|failure| failure.to_string())
+    };
+    for words in ["swm --resume runs/a", "swm --resume --out runs/a", "swm --resume runs/a -o runs/a"] {
+        assert_eq!(folder(words).unwrap(), "runs/a", "{words}");
+    }
+    let message = folder("swm --resume").unwrap_err();
+    assert!(message.contains("swm train --resume RUN"), "{message}");
+    let message = folder("swm --resume runs/a --out runs/b").unwrap_err();
+    assert!(message.contains("name it once: swm train --resume runs/a"), "{message}");
+    let bench = Bench::new();
+    let resume = format!("swm --resume {}", bench.path("none").display());
+    let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(resume.split_whitespace());
+    let message = train.run(&bench.registry, &Output::new(false, true)).unwrap_err().to_string();
+    assert!(message.contains("none"), "{message}");
+}
+
+#[test]
+fn weights_do_not_depend_on_threads_nor_on_the_name_of_the_option() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    let weights = |option: &str, threads: &str| {
+        let run = bench.path(threads);
+        let words =
+            format!("swm -q train lewm --preset small --steps 1 --batch 2 --threads {threads} {option}");
+        let paths = [bench.path("a.h5").into(), OsString::from("--out"), run.clone().into()];
+        let _ = crate::cli::run(&bench.registry, words.split_whitespace().map(OsString::from).chain(paths));
+        std::fs::read(RunFolder::open(&run).unwrap().weights(1)).unwrap()
+    };
+    assert!(weights("--dataset", "1") == weights("--data", "3"));
 }
 
 #[test]

@@ -28,7 +28,7 @@ impl Train {
         if self.list {
             return list(output);
         }
-        let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
+        let out = self.folder()?;
         if self.is_online(out)? {
             return self.run_online(out, registry, output);
         }
@@ -38,17 +38,17 @@ impl Train {
         let measured = |model: &dyn Baseline, config: &RunConfig| {
             self.quality_every.map(|every| on_the_way(registry, every, model, config)).transpose()
         };
-        let (mut training, mut measured) = if self.resume {
-            let training = Training::resume(registry, out, device, self.data.as_deref(), |fit| {
+        let (mut training, mut measured) = if self.resume.is_some() {
+            let training = Training::resume(registry, out, device, self.dataset.as_deref(), |fit| {
                 self.apply(fit, precision);
             })
             .map_err(failure)?;
             let measured = measured(training.model(), training.config())?;
             (training, measured)
         } else {
-            let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
+            let (Some(baseline), Some(path)) = (self.baseline.as_deref(), &self.dataset) else {
                 let name = self.baseline.as_deref().unwrap_or("a baseline");
-                return Err(usage(format!("--data: name the dataset that {name} learns from")));
+                return Err(usage(format!("--dataset: name the dataset that {name} learns from")));
             };
             let mut fit = FitSettings::default();
             self.apply(&mut fit, precision);
@@ -58,12 +58,12 @@ impl Train {
             let first = of_baseline.map_or("", |entry| entry.presets[0]);
             let preset = self.preset.as_deref().unwrap_or(first);
             let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
-            let dataset = inputs::open(registry, data)?;
+            let dataset = inputs::open(registry, path)?;
             let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failure)?;
             if !images::holds_images(dataset.as_ref()) {
                 let image = prepared.config().data.image;
                 let size = ImageSize { height: image, width: image };
-                output.note(images::note(data, size, "the model's size"));
+                output.note(images::note(path, size, "the model's size"));
             }
             // What cannot be measured is refused before anything is written.
             let measured = measured(prepared.model(), prepared.config())?;
@@ -79,7 +79,7 @@ impl Train {
         let shown = Shown::new(&bar, output, Pace::Clips, has_phases, begun_at);
         let run = out.display().to_string();
         interrupt::allow(SAVING);
-        let how = format!("run: swm train --resume --out {run}");
+        let how = format!("run: swm train --resume {run}");
         let cancel = interrupt::watch_resumable(move || format!("the last checkpoint is safe in {run}"), how);
         let diagnosis = measured.as_mut().map(|measured| measured as &mut dyn Diagnosis);
         let state = training.run_with(vec![Box::new(shown)], diagnosis, &cancel).map_err(failure)?;
@@ -95,13 +95,13 @@ impl Train {
 
     /// What a job needs to know before it is submitted.
     pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
-        let Self { baseline, data, encoder, resume, .. } = self;
+        let Self { baseline, dataset, encoder, resume, .. } = self;
         let name = baseline.as_deref().unwrap_or_default();
-        if !resume && !trainable().any(|(known, ..)| known == name) {
+        if resume.is_none() && !trainable().any(|(known, ..)| known == name) {
             return Err(unknown(name));
         }
         changes(&self.set)?;
-        Ok(Plan { episodes: 0, inputs: data.iter().chain(encoder).cloned().collect() })
+        Ok(Plan { episodes: 0, inputs: dataset.iter().chain(encoder).cloned().collect() })
     }
 
     /// What a new run should be told about before it takes hours.
@@ -114,7 +114,7 @@ impl Train {
         let (batch, usual) = (config.fit.batch, training.model().input_spec().batch);
         let weight = model.settings.pointer("/sigreg/weight").and_then(Json::as_f64);
         let is_set = self.set.iter().any(|option| option.starts_with("sigreg"));
-        if let Some(weight) = weight.filter(|_| !self.resume && !is_set && batch != usual) {
+        if let Some(weight) = weight.filter(|_| self.resume.is_none() && !is_set && batch != usual) {
             // The statistic is proportional to the number of clips: docs/baselines.md.
             let same = short(weight * usual as f64 / batch.max(1) as f64);
             notes.push(format!(

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
-use swm_data::tools::compare::{SharedEpisodes, compare};
+use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, format};
 
-use super::output::{compact, counted, table};
+use super::output::{Told, compact, counted, table};
+use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
 
 /// Read all of a dataset and report what is wrong with it.
@@ -38,6 +39,8 @@ pub(super) struct Verify {
     /// With --fix: only print what would be done.
     #[arg(long, requires = "fix")]
     dry_run: bool,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
 }
 
 impl Verify {
@@ -124,7 +127,7 @@ Examples:
   swm diff here.h5 there.h5 --tolerance 1e-9 --json
 
 Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ, \
-by how much (`no number`: one of two values is NaN or a text), and where first; for images also the PSNR in dB (differences \
+by how much, and where first; for images also the PSNR in dB (differences \
 above 35 dB are hard to see). Episodes are compared by their place. Where the second dataset holds episodes of the first at \
 another place, as after `swm split`, that is said.
 
@@ -189,7 +192,7 @@ impl Diff {
                     vec![
                         column.name.clone(),
                         column.rows.to_string(),
-                        compact(column.largest),
+                        amount(column),
                         format!("episode {episode}, row {row}"),
                         column.psnr.map_or(String::new(), |psnr| format!("{psnr:.1} dB")),
                     ]
@@ -198,12 +201,22 @@ impl Diff {
                 text += &table(&header, &cells.collect::<Vec<_>>());
             }
             text += &found.shared.map_or(String::new(), |shared| elsewhere(found.episodes, shared));
-            text + if found.equal { "equal" } else { "different" }
+            let (first, second) = (self.first.display(), self.second.display());
+            text + &format!("{first} and {second} {}", if found.equal { "are equal" } else { "differ" })
         })?;
-        match found.equal {
-            true => Ok(()),
-            false => Err(format!("{} and {} differ", self.first.display(), self.second.display()).into()),
-        }
+        if found.equal { Ok(()) } else { Err(Told.into()) }
+    }
+}
+
+/// By how much a column differs.
+fn amount(column: &ColumnComparison) -> String {
+    let nan = || format!("NaN in one of them ({})", counted(column.nan_rows, "row"));
+    match (column.largest, column.nan_rows) {
+        (0.0, 0) => "texts".to_owned(),
+        (0.0, _) => nan(),
+        (f64::INFINITY, 0) => "infinite in one of them".to_owned(),
+        (largest, 0) => compact(largest),
+        (largest, _) => format!("{}, {}", compact(largest), nan()),
     }
 }
 
@@ -220,4 +233,23 @@ fn elsewhere([first, second]: [usize; 2], SharedEpisodes { held, moved, .. }: Sh
         ),
     };
     format!("{told} (images are not compared for this)\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_without_a_size_is_named() {
+        let of = |largest, nan_rows| {
+            let mut column = ColumnComparison::default();
+            (column.rows, column.largest, column.nan_rows) = (3, largest, nan_rows);
+            amount(&column)
+        };
+        assert_eq!(of(0.25, 0), "0.2500");
+        assert_eq!(of(0.0, 0), "texts");
+        assert_eq!(of(0.0, 1), "NaN in one of them (1 row)");
+        assert_eq!(of(2.0, 2), "2, NaN in one of them (2 rows)");
+        assert_eq!(of(f64::INFINITY, 0), "infinite in one of them");
+    }
 }

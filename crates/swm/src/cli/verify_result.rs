@@ -7,6 +7,7 @@ use swm_core::Registry;
 
 use super::eval_manifest::rate;
 use super::output::counted;
+use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
 use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
 
@@ -25,9 +26,8 @@ pub(super) struct VerifyResult {
     /// Environments stepped in parallel; results do not depend on it.
     #[arg(long, default_value_t = RunOptions::default().num_envs, value_name = "N")]
     num_envs: usize,
-    /// Threads; results do not depend on it. Default: one per core.
-    #[arg(long, value_name = "T")]
-    threads: Option<usize>,
+    #[command(flatten)]
+    pub(super) threads: ThreadsArg,
     /// Run the oracle again, too: it can take as long as the policy itself.
     #[arg(long, alias = "ceiling")]
     oracle: bool,
@@ -40,7 +40,7 @@ impl VerifyResult {
         let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");
         let cancel = interrupt::watch(|| "the result is not verified; run it again".to_owned());
-        let (num_envs, threads) = (self.num_envs, self.threads);
+        let (num_envs, threads) = (self.num_envs, self.threads.count());
         let options = RunOptions { num_envs, threads, cancel: Some(cancel), ..RunOptions::default() };
         let verification = verify(registry, &receipt, &options, self.oracle, || bar.inc(1));
         bar.finish_and_clear();

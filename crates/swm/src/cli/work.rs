@@ -32,8 +32,8 @@ pub(super) enum Kind {
 /// Arguments that `swm submit` adds itself.
 const OWN: &[(Kind, &[&str])] = &[
     (Kind::Collect, &["--shard", "--mode", "--mix", "--out", "-o"]),
-    (Kind::Eval, &["--shard", "--join", "--again", "--out"]),
-    (Kind::Sweep, &["--shard", "--join", "--again", "--out"]),
+    (Kind::Eval, &["--shard", "--join", "--again", "--out", "-o"]),
+    (Kind::Sweep, &["--shard", "--join", "--again", "--out", "-o"]),
     (Kind::Train, &["--resume", "--list", "--out", "-o"]),
 ];
 /// A format that writes a file per image is refused above so many.
@@ -149,13 +149,13 @@ pub(super) fn shard_line(folder: &JobFolder, kind: Kind, shard: u64) -> Vec<Stri
     line
 }
 
-/// The line that resumes a training run: its settings stand in its folder, but not the device.
+/// The line that resumes a training run: its settings stand in its folder, but not what it is computed on.
 fn resumed(line: &[String]) -> Vec<String> {
     let mut resumed = vec!["train".to_owned(), "--resume".to_owned()];
     for (at, word) in line.iter().enumerate() {
-        if word == "--device" {
+        if word == "--device" || word == "--threads" {
             resumed.extend(line[at..].iter().take(2).cloned());
-        } else if word.starts_with("--device=") {
+        } else if word.starts_with("--device=") || word.starts_with("--threads=") {
             resumed.push(word.clone());
         }
     }
@@ -278,11 +278,12 @@ mod tests {
     }
 
     #[test]
-    fn a_resumed_training_keeps_its_device() {
+    fn a_resumed_training_keeps_its_device_and_threads() {
         assert_eq!(
-            resumed(&words("train lewm --data a.h5 --device cuda:1 --epochs 3")),
-            words("train --resume --device cuda:1")
+            resumed(&words("train lewm --dataset a.h5 --device cuda:1 --threads 2 --epochs 3")),
+            words("train --resume --device cuda:1 --threads 2")
         );
-        assert_eq!(resumed(&words("train lewm --device=cuda")), words("train --resume --device=cuda"));
+        let line = words("train lewm --device=cuda --threads=4");
+        assert_eq!(resumed(&line), words("train --resume --device=cuda --threads=4"));
     }
 }

@@ -80,28 +80,12 @@ pub struct Surprised {
 }
 
 /// Measures `model` in `env` and on `recorded` episodes, tables with the columns that it reads and `action`; `violations` have
-/// names, `probed` are parts of the true state.
+/// names, `probed` are parts of the true state. `begins` is called with the name of each of the [`measurements`] before it.
 ///
 /// # Errors
 ///
 /// A horizon shorter than the model's stride or longer than every episode; whatever the single measurements refuse.
 pub fn quality(
-    model: &mut dyn WorldModel,
-    env: &mut dyn Env,
-    recorded: &[Batch],
-    probed: &[ProbeTarget],
-    violations: &[(String, Violation)],
-    options: &QualityOptions,
-) -> Result<Quality, BoxError> {
-    quality_with(model, env, recorded, probed, violations, options, |_| {})
-}
-
-/// As [`quality`]; `begins` is called with the name of each of its [`measurements`] before it.
-///
-/// # Errors
-///
-/// As of [`quality`].
-pub fn quality_with(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,
     recorded: &[Batch],
@@ -120,8 +104,9 @@ pub fn quality_with(
     }
     begins("open-loop prediction");
     let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
+        let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0);
         format!(
-            "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
+            "no episode has more rows than the horizon of {horizon}, the longest has {longest}: use longer ones, or a shorter horizon"
         )
     })?;
     let latent_dim = model.latent_dim();
@@ -154,7 +139,7 @@ pub fn quality_with(
     Ok(Quality { stride, open_loop_error, open_loop_unexplained, probes, ranking, gate, violations })
 }
 
-/// How many measurements [`quality_with`] names: open-loop prediction, probes, ranking, and every violation.
+/// How many measurements [`quality`] names: open-loop prediction, probes, ranking, and every violation.
 pub fn measurements(violations: &[(String, Violation)]) -> u64 {
     3 + violations.len() as u64
 }

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import core as _swm
 from ._tensors import to_numpy
 from .concat import ConcatDataset
 from .goals import GoalDataset
@@ -116,6 +117,15 @@ class Dataset:
         self.span: int = self.num_steps * self.frameskip
         self.transform = transform
         self.clip_indices: Sequence[tuple[int, int]] = ClipIndices(lengths, self.span)
+
+    def _require_clips(self, name: object) -> None:
+        """Refuses clips that are longer than every episode of the dataset ``name``; of no episodes there are none."""
+        longest = int(self.lengths.max(initial=0))
+        if longest and self.span > longest:
+            raise _swm.DataError(
+                f"{name}: a clip spans {self.span} rows (num_steps={self.num_steps} × frameskip={self.frameskip}), and the "
+                f"longest episode has {longest}; use fewer steps or a smaller frameskip, or record longer episodes"
+            )
 
     @property
     def column_names(self) -> list[str]:

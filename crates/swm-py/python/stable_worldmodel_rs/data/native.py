@@ -126,6 +126,7 @@ class NativeDataset(Dataset):
         self._table: dict[str, tuple[int, str, list[int], str]] | None = None
         lengths = self._reader.lengths
         super().__init__(lengths, np.cumsum(lengths) - lengths, frameskip, num_steps, transform)
+        self._require_clips(self.path)
         stored = [field[0] for field in self._reader.fields]
         if keys_to_load:
             self._keys = [key for key in dict.fromkeys(keys_to_load) if key not in _LAYOUT]
@@ -370,6 +371,13 @@ class NativeDataset(Dataset):
         part._keys, part.cached_columns = list(self._keys), list(self.cached_columns)
         part._reset()
         Dataset.__init__(part, lengths, np.cumsum(lengths) - lengths, self.frameskip, self.num_steps, self.transform)
+        if wanted and not len(part):
+            logger.warning(
+                "%s: none of the %d chosen episodes is as long as a clip (%d rows), so that this part holds none",
+                self.path,
+                len(wanted),
+                self.span,
+            )
         return part
 
     def statistics(self, keys: Sequence[str] | None = None, quantiles: Sequence[float] | None = None) -> dict[str, Any]:

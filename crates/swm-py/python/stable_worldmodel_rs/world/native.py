@@ -36,7 +36,7 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
     except _swm.EnvError as error:
         names: list[str] = list(json.loads(given["settings"]))
         for name in names:
-            near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.7)
+            near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.65)
             if near and f"`{name}`" in str(error):
                 raise _swm.EnvError(f"{error}; did you mean {near[0]}=?") from None
         raise

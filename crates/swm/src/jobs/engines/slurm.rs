@@ -8,7 +8,7 @@ use swm_core::error::BoxError;
 use super::super::JobFolder;
 use super::super::engine::{Driver, Engine, Queued, Request, Settings};
 use super::super::files::ranges;
-use super::super::process::run;
+use super::super::process::{Said, run};
 use super::task;
 
 pub(in super::super) const ENGINE: Engine = Engine {
@@ -139,7 +139,7 @@ exit \"$status\"
         let names = format!("{name},{name}-finish");
         let said = run("squeue", &["-h", "--me", "-r", "-n", &names, "-o", "%K|%T|%r|%i|%j"], "")?;
         if !said.is_ok && !said.err.contains("Invalid job id") {
-            return Err(format!("squeue: {}", said.words()).into());
+            return Err(refused("squeue", &said).into());
         }
         Ok(said.out.lines().filter_map(|line| queued_line(line, &name)).collect())
     }
@@ -149,7 +149,7 @@ exit \"$status\"
         for name in [format!("{name}-finish"), name] {
             let said = run("scancel", &["--me", "-n", &name], "")?;
             if !said.is_ok {
-                return Err(format!("scancel: {}", said.words()).into());
+                return Err(refused("scancel", &said).into());
             }
         }
         Ok(())
@@ -196,8 +196,27 @@ fn sbatch(script: &str) -> Result<String, BoxError> {
     });
     match number {
         Some(number) if said.is_ok => Ok(number),
+        _ if is_unconfigured(&said) => Err(refused("sbatch", &said).into()),
         _ => Err(format!("sbatch refused the job: {}", said.words()).into()),
     }
+}
+
+/// Whether a program of Slurm found no cluster that it belongs to.
+fn is_unconfigured(said: &Said) -> bool {
+    said.words().contains("establish a configuration source")
+}
+
+/// Why a program of Slurm did not do what it was asked, in one line.
+fn refused(program: &str, said: &Said) -> String {
+    if is_unconfigured(said) {
+        return format!(
+            "this machine belongs to no Slurm cluster: `{program}` is here and finds no configuration; run this on a login node, or \
+             name the file of the cluster in SLURM_CONF"
+        );
+    }
+    let own = format!("{program}: ");
+    let lines = said.words().lines().map(|line| line.strip_prefix(&own).unwrap_or(line).trim());
+    format!("{own}{}", lines.collect::<Vec<_>>().join("; "))
 }
 
 /// A line of `squeue`; anything else is a warning.
@@ -247,6 +266,19 @@ mod tests {
         let days = 86400 + 7200;
         assert_eq!(limits[..3], [Some(1800), Some(90), Some(7200)]);
         assert_eq!(limits[3..], [Some(days), Some(days + 180), Some(days + 184), None, None]);
+    }
+
+    #[test]
+    fn refusals_are_one_line() {
+        let said = |err: &str| Said { is_ok: false, out: String::new(), err: err.to_owned() };
+        let told = refused("squeue", &said("squeue: error: slow\nsqueue: error: no controller\n"));
+        assert_eq!(told, "squeue: error: slow; error: no controller");
+        let alone = "squeue: error: resolve_ctls_from_dns_srv: res_nsearch error: Unknown host\n\
+                     squeue: error: fetch_config: DNS SRV lookup failed\n\
+                     squeue: fatal: Could not establish a configuration source\n";
+        let told = refused("squeue", &said(alone));
+        assert!(told.contains("no Slurm cluster") && told.contains("SLURM_CONF"), "{told}");
+        assert!(!told.contains("resolve_ctls") && !told.contains('\n'), "{told}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import logging
 import time
@@ -11,11 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..._arrays import Array, is_array, is_tensor, require_torch
-from ..._swm import PlanError
-from ..._swm import Solver as NativeSolver
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
+from ._settings import native_solver
 from ._shown import FirstCandidates, Shown
 from ._space import PlanSpace
 from .utils import prepare_init_action
@@ -26,28 +26,12 @@ if TYPE_CHECKING:
     import gymnasium as gym
     import torch
 
+    from ..._swm import Solver as NativeSolver
     from .callbacks import Callback
 
 __all__ = ["BaseSolver", "PlanKeys"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
-
-
-_KEYWORDS = {
-    "samples": "num_samples",
-    "iterations": "n_steps",
-    "elites": "topk",
-    "sigma": "var_scale",
-    "elites_kept": "n_elite_keep",
-    "rounds": "n_outer_steps",
-}
-
-
-def _in_python(message: str) -> str:
-    """What Rust says of a setting, with the keyword that it has here."""
-    for setting, keyword in _KEYWORDS.items():
-        message = message.replace(f"setting `{setting}`", f"setting `{keyword}`")
-    return message
 
 
 class PlanKeys(NamedTuple):
@@ -71,6 +55,21 @@ class BaseSolver:
     native_name: ClassVar[str]
     _asks_actor: ClassVar[bool] = True
     """Whether a model's own actions continue a warm start."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        made = cls.__dict__.get("__init__")
+        if made is None:
+            return
+
+        @functools.wraps(made)
+        def init(self: BaseSolver, *args: Any, **kwargs: Any) -> None:
+            made(self, *args, **kwargs)
+            if type(self).__init__ is init:
+                # All settings are there now: wrong ones are refused here, and not when a long run begins to plan.
+                native_solver(self._key())
+
+        cls.__init__ = init  # type: ignore[method-assign]
 
     def __init__(
         self,
@@ -234,14 +233,15 @@ class BaseSolver:
 
     # The call of the Rust solver.
 
-    def _solver(self, **changes: Any) -> NativeSolver:
+    def _key(self, **changes: Any) -> tuple[str, str]:
+        """Name and settings of the Rust solver."""
         settings = {**self.settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
-        key = (self.native_name, json.dumps(settings))
+        return self.native_name, json.dumps(settings)
+
+    def _solver(self, **changes: Any) -> NativeSolver:
+        key = self._key(**changes)
         if key not in self._solvers:
-            try:
-                self._solvers[key] = NativeSolver(*key)
-            except PlanError as error:
-                raise PlanError(_in_python(str(error))) from None
+            self._solvers[key] = native_solver(key)
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:

@@ -1,0 +1,76 @@
+"""What a newcomer gets wrong: messages name the object, the reason and the fix in words of Python."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import stable_worldmodel_rs as swm
+from stable_worldmodel_rs import _swm
+
+# A command of the program, or an option of one.
+COMMAND = re.compile(r"`swm [a-z]|(?<![\w-])--[a-z]")
+
+
+def world() -> swm.World:
+    made = swm.World("swm/PushT-v1", num_envs=1, add_pixels=False, threads=1)
+    made.set_policy("random")
+    return made
+
+
+def unknown_policy(_: Path) -> None:
+    world().set_policy("wek")
+
+
+def unknown_factor(_: Path) -> None:
+    world().reset(seed=0, options={"variation": ["agent.colr"]})
+
+
+def unknown_environment(_: Path) -> None:
+    swm.World("swm_rs/PushTT-v1", add_pixels=False)
+
+
+def unknown_solver(_: Path) -> None:
+    _swm.Solver("cen", "{}")
+
+
+def no_manifest(folder: Path) -> None:
+    (folder / "task.toml").write_text("no manifest [")
+    swm.read_manifest(folder / "task.toml")
+
+
+def no_receipt(folder: Path) -> None:
+    (folder / "receipt.json").write_text("{}")
+    swm.read_receipt(folder)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (unknown_policy, ["`wek`", "did you mean `weak`?", '`swm.envs.info("swm_rs/PushT-v1")` lists them']),
+        (unknown_factor, ["`agent.colr`", "did you mean `agent.color`?", "`variation_space` of the environment"]),
+        (unknown_environment, ["`swm/PushTT-v1`", "did you mean `swm/PushT-v1`?", "`swm.envs.WORLDS` lists them"]),
+        (unknown_solver, ["`cen`", "did you mean `cem`?", "`swm.planning` holds them"]),
+        (no_manifest, ["task.toml", "`swm.make_manifest` writes"]),
+        (no_receipt, ["receipt.json", "`swm.evaluate(manifest, policy, out=DIR)` writes"]),
+    ],
+)
+def test_messages_speak_python(call: Callable[[Path], None], words: list[str], tmp_path: Path) -> None:
+    with pytest.raises(Exception) as caught:  # noqa: PT011  which one is said by the words
+        call(tmp_path)
+    message = str(caught.value)
+    assert not [word for word in words if word not in message], message
+    assert not COMMAND.search(message), message
+
+
+def test_what_only_the_command_can_have_is_said() -> None:
+    with pytest.raises(swm.SwmError, match="this package is built without the feature `baselines`.*the command can have it"):
+        world().set_policy("mpc:runs/lewm")
+
+
+def test_names_of_optional_packages_are_those_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match="`pip install huggingface_hub`"):
+        swm.data.download("user/repo")
