@@ -99,7 +99,7 @@ class Proof:
         run, size = self.out / "lewm", self.size
         words = ["train", "--resume", "--out", run, "--device", self.device]
         if not (run / "config.json").exists():
-            words = ["train", "lewm", "--preset", size["preset"], "--data", data, "--out", run, "--device", self.device, "--steps", size["steps"],
+            words = ["train", "lewm", "--preset", size["preset"], "--dataset", data, "--out", run, "--device", self.device, "--steps", size["steps"],
                      "--batch", size["batch"], "--checkpoint-every", size["checkpoint"], "--set", "optim.lr=0.0003"]  # fmt: skip
         self.call(*words, interrupt=True)
         last = (records(run) or [{}])[-1]
@@ -123,7 +123,7 @@ class Proof:
         """A few steps without dropout, whose random numbers may differ between devices: the records of the run."""
         run, data = self.out / name, self.collect("few.h5", self.size["few"], 104)
         if not (run / "config.json").exists():
-            self.call("train", "lewm", "--preset", preset, "--data", data, "--out", run, "--device", device, "--steps", steps, "--batch", batch,
+            self.call("train", "lewm", "--preset", preset, "--dataset", data, "--out", run, "--device", device, "--steps", steps, "--batch", batch,
                       "--log-every", 1, "--set", "model.predictor.dropout=0")  # fmt: skip
         return records(run)
 

@@ -200,7 +200,8 @@ fn doc() -> Result<()> {
 fn baselines() -> Result<()> {
     apart::check("swm-baselines", &[])?;
     let command = ["--package", "swm", "--features", "baselines,onnx"];
-    process::run(process::cargo(["clippy"]).args(command).args(["--", "-D", "warnings"]))?;
+    process::run(process::cargo(["clippy"]).args(command).args(["--all-targets", "--", "-D", "warnings"]))?;
+    process::run(process::cargo(["test"]).args(command).args(["--lib", "cli::train"]))?;
     process::run(process::cargo(["build"]).args(command))?;
     test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
