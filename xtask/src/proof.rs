@@ -211,7 +211,10 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, program: &Program<'_>) -> R
             swm(&["train", "--resume"], &[("--out", &run)])?;
         } else {
             let words = ["train", trial.baseline, "--preset", "small", "--steps", trial.steps];
-            swm(&[&words[..], trial.train].concat(), &[("--dataset", &out.join(trial.data)), ("--out", &run)])?;
+            swm(
+                &[&words[..], trial.train].concat(),
+                &[("--dataset", &out.join(trial.data)), ("--out", &run)],
+            )?;
         }
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = task.policy(trial.baseline, &run);
