@@ -13,7 +13,7 @@ use swm_core::{
     BoxError, Cancel, Column, Dtype, EpisodeEnd, LiveEpisode, LiveStep, Recorder, Rollout, World, WorldError,
 };
 
-use super::agent::OnlineAgent;
+use super::agent::{Observation, OnlineAgent};
 use super::interface::Interface;
 use super::replay::Replay;
 use super::settings::OnlineSettings;
@@ -225,19 +225,18 @@ fn drive(
     rollout: &Rollout,
     recorder: &mut dyn Recorder,
     interface: &Interface,
-    mut choose: impl FnMut(usize, &LiveEpisode, &[f32], &mut [f32]) -> Result<(), BaselineError>,
+    mut choose: impl FnMut(usize, &LiveEpisode, &Observation<'_>, &mut [f32]) -> Result<(), BaselineError>,
 ) -> Result<(), BaselineError> {
     let space = world.spec().action.clone();
     let map = interface.action_map(&space)?;
     let dim = map.dim();
     let mut actions = Column::zeros(space.dtype().unwrap_or(Dtype::F32), world.options().num_envs * dim);
-    let (mut observation, mut action) = (Vec::new(), vec![0.0; dim]);
+    let (mut vector, mut action) = (Vec::new(), vec![0.0; dim]);
     let mut run = world.begin(rollout, recorder)?;
     while let Some(view) = run.needs_actions() {
         for slot in view.live() {
             let Some(live) = view.row(slot) else { continue };
-            observation.clear();
-            interface.observe(live.row, &mut observation)?;
+            let observation = interface.observe(live.row, &mut vector)?;
             choose(slot, &live.episode, &observation, &mut action)?;
             let (_, mut of_slot) = actions.as_slice_mut().split_at(slot * dim);
             map.write(&action, &mut of_slot.reborrow().split_at(dim).0);

@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
+use swm_core::env::PIXELS;
 use swm_core::{Batch, BoxError, EpisodeSink, Metadata, Schema, Slice};
 use swm_data::dataset::DatasetWriter;
 use swm_data::{ClipOptions, ReplayBuffer, Sampler, WriteMode};
@@ -15,6 +16,7 @@ use swm_data::{ClipOptions, ReplayBuffer, Sampler, WriteMode};
 use super::agent::{OnlineAgent, Transitions};
 use super::interface::{ACTION, Interface, OBSERVATION, REWARD, TERMINATED};
 use crate::error::BaselineError;
+use crate::images::Images;
 
 /// Dataset, buffer and sampler of a run.
 pub(super) struct Replay {
@@ -28,7 +30,7 @@ pub(super) struct Replay {
     buffer: ReplayBuffer,
     sampler: Sampler,
     clips: Batch,
-    /// Observations, `[N, O]`, that the agent has not been shown.
+    /// Vectors, `[N, O]`, that the agent has not been shown.
     observed: Vec<f32>,
 }
 
@@ -70,7 +72,7 @@ impl Replay {
             let reason = format!("it is gone, with the {episodes} episodes of the run; bring it back");
             return Err(BaselineError::Run { path: path.to_owned(), reason });
         }
-        let keys = [OBSERVATION, ACTION, REWARD, TERMINATED].map(str::to_owned).to_vec();
+        let keys = interface.schema().fields().iter().map(|field| field.name.clone()).collect();
         let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
         Ok(Self {
             policy: format!("{} in training", agent.config().agent),
@@ -90,7 +92,7 @@ impl Replay {
         self.buffer.rows()
     }
 
-    /// The observations that came since the last call.
+    /// The vectors that came since the last call.
     pub(super) fn take_observed(&mut self) -> Vec<f32> {
         std::mem::take(&mut self.observed)
     }
@@ -108,10 +110,16 @@ impl Replay {
             _ => &[],
         };
         let reward = values(REWARD);
+        let steps = reward.len() / size.max(1);
+        let images = self.interface.image.zip(clips.schema().index(PIXELS)).and_then(|(side, index)| {
+            let Slice::U8(values) = clips.column(index) else { return None };
+            Some(Images { values, rows: size, steps, height: side, width: side, channels_last: true })
+        });
         Ok(Transitions {
             rows: size,
-            steps: reward.len() / size.max(1),
+            steps,
             observation: values(OBSERVATION),
+            images,
             action: values(ACTION),
             reward,
             terminated: values(TERMINATED),
@@ -145,7 +153,9 @@ impl EpisodeSink for Replay {
             Some(_) => {}
             None => self.writer.write_episode(rows)?,
         }
-        if let Slice::F32(values) = transitions.column(0) {
+        if let Some(index) = transitions.schema().index(OBSERVATION)
+            && let Slice::F32(values) = transitions.column(index)
+        {
             self.observed.extend_from_slice(values);
         }
         self.buffer.write_episode(&transitions)
@@ -163,6 +173,7 @@ fn is_same(a: &Batch, b: &Batch) -> bool {
         (Slice::F32(a), Slice::F32(b)) => {
             a.iter().map(|value| value.to_bits()).eq(b.iter().map(|value| value.to_bits()))
         }
+        (Slice::U8(a), Slice::U8(b)) => a == b,
         _ => false,
     };
     a.schema() == b.schema() && (0..a.schema().fields().len()).all(same)

@@ -4,15 +4,16 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde_json::{Map, Value as Json};
-use swm_core::{Cancel, EnvConfig, EnvEntry, Registry, World, WorldOptions};
+use swm_core::env::PIXELS;
+use swm_core::{Cancel, EnvConfig, EnvEntry, ImageSize, Registry, World, WorldOptions};
 
-use super::agent::{OnlineAgent, Task};
+use super::agent::{AgentConfig, OnlineAgent, Task};
 use super::interface::Interface;
 use super::learn::{Learn, OnlineState};
 use super::replay::Replay;
 use super::run::OnlineConfig;
-use super::settings::OnlineSettings;
-use super::table::{make_agent, restore_agent};
+use super::settings::{CollectConfig, OnlineSettings};
+use super::table::{find, restore_agent};
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::train::{Checkpoint, JsonLines, MetricSink, RUN_VERSION, RunFolder, RunLock, TensorBoard};
@@ -31,7 +32,7 @@ pub struct NewOnlineRun<'a> {
     pub changes: Json,
     /// Settings of the environment.
     pub env_settings: Map<String, Json>,
-    /// Columns that the agent observes; none: see [`Interface::new`].
+    /// Columns that the agent observes, vectors and `pixels`; none: see [`Interface::new`].
     pub observe: &'a [String],
     /// How long, and how often it is looked at.
     pub fit: OnlineSettings,
@@ -58,10 +59,22 @@ impl OnlineTraining {
     pub fn create(folder: &Path, env: &EnvEntry, new: &NewOnlineRun<'_>) -> Result<Self, BaselineError> {
         let NewOnlineRun { agent, preset, changes, env_settings, observe, fit, device } = new;
         fit.check()?;
-        let probe = world(env, 1, env_settings, fit)?;
-        let interface = Interface::new(&probe, observe)?;
+        let entry = find(agent)?;
         let task = Task { env: env.id, max_episode_steps: fit.max_episode_steps };
-        let agent = make_agent(agent, preset, changes, &task, interface.dims(), fit.seed, *device)?;
+        let settings = entry.settings(preset, changes, &task)?;
+        let sees = observe.iter().any(|name| name == PIXELS);
+        let image = sees.then(|| entry.image(&settings)).transpose()?;
+        let interface = Interface::new(&world(env, 1, env_settings, image, fit)?, observe)?;
+        let agent = AgentConfig {
+            agent: entry.name.to_owned(),
+            preset: (*preset).to_owned(),
+            settings,
+            observation_dim: interface.observation_dim,
+            image: interface.image,
+            action_dim: interface.action_dim(),
+            seed: fit.seed,
+        };
+        let agent = restore_agent(&agent, &Map::new(), *device)?;
         let config = OnlineConfig {
             version: RUN_VERSION,
             agent: agent.config().clone(),
@@ -104,7 +117,7 @@ impl OnlineTraining {
             registry.env(&config.env).map_err(|error| run.wrong(format!("its environment: {error}")))?;
         let agent = restore_agent(&config.agent, &Map::new(), device)?;
         let worlds = worlds(env, agent.as_ref(), &config)?;
-        if Interface::new(&worlds[0], &config.interface.columns)? != config.interface {
+        if Interface::new(&worlds[0], &config.interface.observed())? != config.interface {
             return Err(run.wrong(format!(
                 "{} has other observations or actions than when it was begun; make a new run",
                 config.env
@@ -124,6 +137,16 @@ impl OnlineTraining {
     /// What the run's `config.json` says.
     pub fn config(&self) -> &OnlineConfig {
         &self.config
+    }
+
+    /// What the replay buffer can come to hold: steps, and bytes.
+    pub fn buffer_size(&self) -> [u64; 2] {
+        let OnlineConfig { fit, interface, .. } = &self.config;
+        let CollectConfig { num_envs, capacity, .. } = *self.agent.collect();
+        // Episodes are collected whole, and each has a last observation.
+        let collected = fit.steps.saturating_add((num_envs as u64).saturating_mul(fit.max_episode_steps));
+        let rows = collected.saturating_add(collected / fit.max_episode_steps).min(capacity as u64);
+        [rows, rows.saturating_mul(interface.step_bytes() as u64)]
     }
 
     /// Steps before the last checkpoint.
@@ -186,18 +209,21 @@ fn worlds(
     agent: &dyn OnlineAgent,
     config: &OnlineConfig,
 ) -> Result<[World; 2], BaselineError> {
-    let of = |num_envs| world(env, num_envs, &config.env_settings, &config.fit);
+    let image = config.interface.image;
+    let of = |num_envs| world(env, num_envs, &config.env_settings, image, &config.fit);
     Ok([of(agent.collect().num_envs)?, of(1)?])
 }
 
-/// Environments without images, on the caller's thread: an agent's updates take longer than its steps.
+/// Environments with images of this side, if any, on the caller's thread: an agent's updates take longer than its steps.
 fn world(
     env: &EnvEntry,
     num_envs: usize,
     settings: &Map<String, Json>,
+    image: Option<usize>,
     fit: &OnlineSettings,
 ) -> Result<World, BaselineError> {
-    let config = EnvConfig { image: None, settings: settings.clone() };
+    let image = image.map(|side| ImageSize { height: side, width: side });
+    let config = EnvConfig { image, settings: settings.clone() };
     let options = WorldOptions::new(num_envs).env(config).max_episode_steps(fit.max_episode_steps);
     Ok(World::new(env, options.threads(1))?)
 }

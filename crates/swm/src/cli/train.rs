@@ -16,6 +16,7 @@ Examples:
   swm train --resume --out runs/lewm
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
+  swm train tdmpc2 --env swm/CheetahDMControl-v0 --observe pixels --preset small --steps 100000 --out runs/tdmpc2-pixels
 
 RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its \
 last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`. \
@@ -103,7 +104,8 @@ struct OnlineArgs {
     /// A setting of the environment, `NAME=VALUE`; may be repeated.
     #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
     env_options: Vec<String>,
-    /// Columns that the agent observes, with commas. Default: observation, state or proprio, whichever is there.
+    /// Columns that the agent observes, with commas: vectors, and of tdmpc2 also pixels. Default: observation, state or proprio,
+    /// whichever is there.
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "env")]
     observe: Vec<String>,
     /// Steps after which an episode is truncated. Default: 500.

@@ -12,6 +12,7 @@ use swm_core::{Registry, WorldError};
 use super::work::{Pace, SAVING, Shown, changes, failure, many, short, trainable, unknown};
 use super::{OnlineArgs, SPLIT, Train};
 use crate::cli::args::{assignment, json_value};
+use crate::cli::memory::machine_bytes;
 use crate::cli::output::{key_values, table};
 use crate::cli::{Failure, Output, interrupt, usage};
 
@@ -83,6 +84,9 @@ impl Train {
                 .map_err(failure)?,
         };
         output.note(beginning(&training));
+        if let Some(note) = memory(training.buffer_size(), machine_bytes()) {
+            output.note(note);
+        }
         let bar = output.bar_alone(0, "steps");
         let begun_at = training.done().map_err(failure)?;
         let shown = Shown::new(&bar, output, Pace::EnvSteps, false, begun_at);
@@ -120,13 +124,37 @@ impl Train {
 fn beginning(training: &OnlineTraining) -> String {
     let OnlineConfig { agent, env, interface, .. } = training.config();
     let [observed, acted] = interface.dims();
+    let vectors = (observed > 0).then(|| format!("{observed} values ({})", interface.columns.join(", ")));
+    let images = interface.image.map(|side| format!("images of {side}x{side}"));
+    let observed: Vec<String> = vectors.into_iter().chain(images).collect();
+    let [steps, bytes] = training.buffer_size();
     format!(
-        "{}, preset {}, {} parameters; in {env}: observations of {observed} values ({}), actions of {acted}",
+        "{}, preset {}, {} parameters; in {env}: observations of {}, actions of {acted}; replay buffer: up to {steps} steps, {}",
         agent.agent,
         agent.preset,
         many(training.agent().parameters()),
-        interface.columns.join(", "),
+        observed.join(" and "),
+        size(bytes),
     )
+}
+
+/// Bytes, in megabytes or gigabytes.
+fn size(bytes: u64) -> String {
+    match bytes {
+        ..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}
+
+/// A note where a replay buffer of so many steps and bytes takes more than half of the machine's memory.
+fn memory([steps, bytes]: [u64; 2], machine_bytes: Option<u64>) -> Option<String> {
+    let machine = machine_bytes.filter(|&machine| bytes > machine / 2)?;
+    Some(format!(
+        "the replay buffer is in memory: {} once it holds {steps} steps, of {} on this machine; a smaller --set collect.capacity=STEPS \
+         or, of images, --set image.size=PIXELS takes less",
+        size(bytes),
+        size(machine)
+    ))
 }
 
 /// The first of some values: the mean return of an evaluation.
@@ -169,4 +197,19 @@ pub(super) fn checkpoints(run: &RunFolder, output: &Output) -> Result<(), Failur
         let shown = table(&["step", "episodes", "mean return", "", "weights"], &rows);
         format!("{}, preset {}, in {env}\n\n{shown}", agent.agent, agent.preset)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_replay_buffer_that_takes_much_memory_is_told_before_it_does() {
+        assert_eq!(memory([1_000, 7_000_000], Some(16_000_000_000)), None);
+        assert_eq!(memory([1_000_000, 12_000_000_000], None), None);
+        let note = memory([1_000_000, 12_300_000_000], Some(16_000_000_000)).unwrap();
+        for part in ["12.3 GB once it holds 1000000 steps, of 16.0 GB", "collect.capacity", "image.size"] {
+            assert!(note.contains(part), "{part}: {note}");
+        }
+    }
 }

@@ -22,6 +22,7 @@ fn what_is_missing_depends_on_what_shall_learn() {
         ("swm sac --out no/run", "sac learns online: name an environment with --env"),
         ("swm lewm --out no/run", "--data: name the dataset that lewm learns from"),
         ("swm lewn --out no/run", "unknown baseline or agent `lewn`; did you mean `lewm`?"),
+        ("swm sac --env swm/TwoRoom-v2 --observe pixels --out no/run", "sac learns from vectors alone; leave `pixels` out"),
         ("swm sax --env swm/PushT-v1 --out no/run", "did you mean `sac`?"),
     ] {
         let message = refused(words);

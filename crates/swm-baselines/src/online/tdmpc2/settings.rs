@@ -5,6 +5,7 @@ use serde_json::Value as Json;
 use swm_core::Setting;
 
 use super::NAME;
+use super::images::LEAST_SIDE;
 use crate::error::BaselineError;
 use crate::models::settings::with_changes;
 use crate::online::agent::Task;
@@ -14,10 +15,13 @@ use crate::online::settings::CollectConfig;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tdmpc2Config {
-    /// Z: values of a latent, a multiple of `simnorm_dim`.
+    /// Values of a latent, a multiple of `simnorm_dim`: so many for vectors, and so many for images.
     pub latent_dim: usize,
-    /// Hidden dim of the encoder.
+    /// Hidden dim of the encoder of vectors.
     pub encoder_dim: usize,
+    /// The encoder of images.
+    #[serde(default)]
+    pub image: Tdmpc2Image,
     /// Hidden dim of all other networks.
     pub mlp_dim: usize,
     /// Values of a simplex in a latent.
@@ -62,6 +66,23 @@ pub struct Tdmpc2Config {
     pub plan: Tdmpc2Plan,
     /// How it collects.
     pub collect: CollectConfig,
+}
+
+/// The encoder of images, where they are observed: four convolutions and a linear layer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tdmpc2Image {
+    /// S: the side of the images, in pixels, 39 or more.
+    pub size: usize,
+    /// Channels of each convolution.
+    pub channels: usize,
+}
+
+impl Default for Tdmpc2Image {
+    /// The reference's.
+    fn default() -> Self {
+        Self { size: 64, channels: 32 }
+    }
 }
 
 /// How it acts: each action is the first of a plan that is searched in latent space, by MPPI or the cross-entropy method.
@@ -120,6 +141,7 @@ impl Tdmpc2Config {
         Self {
             latent_dim: 128,
             encoder_dim: 256,
+            image: Tdmpc2Image::default(),
             mlp_dim: 256,
             simnorm_dim: 8,
             num_q: 5,
@@ -177,6 +199,7 @@ impl Tdmpc2Config {
         Self {
             latent_dim: 64,
             encoder_dim: 128,
+            image: Tdmpc2Image { size: 48, ..Tdmpc2Image::default() },
             mlp_dim: 128,
             num_q: 3,
             lr: 1e-3,
@@ -200,6 +223,8 @@ impl Tdmpc2Config {
         let sizes = [
             ("latent_dim", latent_dim, 1),
             ("encoder_dim", encoder_dim, 1),
+            ("image.size", self.image.size, LEAST_SIDE),
+            ("image.channels", self.image.channels, 1),
             ("mlp_dim", mlp_dim, 1),
             ("simnorm_dim", simnorm_dim, 1),
             ("num_q", num_q, 2),
@@ -357,6 +382,8 @@ mod tests {
         for (changes, reason) in [
             (json!({ "lr": 0.0 }), "`lr` is 0"),
             (json!({ "num_q": 1 }), "`num_q` is 1; it must be at least 2"),
+            (json!({ "image": { "size": 32 } }), "`image.size` is 32; it must be at least 39"),
+            (json!({ "image": { "sice": 48 } }), "did you mean `image.size`?"),
             (json!({ "latent_dim": 12 }), "must be a multiple of `simnorm_dim`, 8"),
             (json!({ "vmin": 11.0 }), "`vmin` is 11"),
             (json!({ "rho": 2.0 }), "`rho` is 2"),
