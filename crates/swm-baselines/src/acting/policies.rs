@@ -230,7 +230,9 @@ impl Given {
                 self.wrong(args, format!("it trained {found}, not {}; use it as `{found}:RUN`", args.name))
             );
         }
-        self.check_env(args, Some(&agent.config.env), env)?;
+        // A dataset may not say where it was recorded.
+        let trained_in = Some(agent.config.env.as_str()).filter(|env| !env.is_empty());
+        self.check_env(args, trained_in, env)?;
         Ok(agent)
     }
 

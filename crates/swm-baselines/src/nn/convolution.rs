@@ -127,9 +127,7 @@ impl<C: CheckpointStrategy> Convolve for Autodiff<Flex, C> {
                 };
                 ops.finish(Seen { images, weight, sums, form, activation }, outputs)
             }
-            OpsKind::UnTracked(ops) => {
-                ops.finish(Flex::convolve(images, weight, bias, kernel, activation))
-            }
+            OpsKind::UnTracked(ops) => ops.finish(Flex::convolve(images, weight, bias, kernel, activation)),
         }
     }
 }

@@ -100,13 +100,7 @@ impl Conv {
         self.weight.dims()[2]
     }
 
-    fn convolve(
-        &self,
-        input: Tensor<4>,
-        stride: usize,
-        padding: usize,
-        activation: Activation,
-    ) -> Tensor<4> {
+    fn convolve(&self, input: Tensor<4>, stride: usize, padding: usize, activation: Activation) -> Tensor<4> {
         let [outputs, inputs, size, _] = self.weight.dims();
         let weight = self.weight.val().permute([2, 3, 1, 0]).reshape([size * size * inputs, outputs]);
         convolve(input, weight, self.bias.val(), Kernel { size, stride, padding }, activation)

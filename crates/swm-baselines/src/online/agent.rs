@@ -92,6 +92,15 @@ pub struct Task<'a> {
     pub env: &'a str,
     /// Steps after which an episode is truncated.
     pub max_episode_steps: u64,
+    /// Whether it learns from a dataset.
+    pub from_dataset: bool,
+}
+
+impl<'a> Task<'a> {
+    /// Learning online.
+    pub const fn online(env: &'a str, max_episode_steps: u64) -> Self {
+        Self { env, max_episode_steps, from_dataset: false }
+    }
 }
 
 /// What is observed at a step.

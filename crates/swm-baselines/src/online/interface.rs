@@ -10,9 +10,10 @@ use swm_solvers::{ActionMap, ActionScale};
 use super::agent::Observation;
 use crate::error::BaselineError;
 use crate::images::Images;
+use crate::train::Scale;
 
 /// Columns that are observed where none are named: the first of these that the environment has.
-const OBSERVED: [&str; 3] = ["observation", "state", "proprio"];
+pub(super) const OBSERVED: [&str; 3] = ["observation", "state", "proprio"];
 
 /// Which columns are observed, and the bounds of actions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,9 @@ pub struct Interface {
     /// S: the side of the images, if the column [`PIXELS`] is observed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<usize>,
+    /// How vectors are scaled, where they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<Scale>,
     /// `[A]`: lower bounds of an action.
     pub low: Vec<f64>,
     /// `[A]`: upper bounds.
@@ -56,7 +60,10 @@ impl Interface {
             true => match schema.index(PIXELS).map(|index| &schema.fields()[index].shape[..]) {
                 Some(&[height, width, 3]) if height == width => Some(height),
                 Some(shape) => {
-                    return wrong("observe", format!("`{PIXELS}` has the shape {shape:?}, not of a square color image"));
+                    return wrong(
+                        "observe",
+                        format!("`{PIXELS}` has the shape {shape:?}, not of a square color image"),
+                    );
                 }
                 None => return wrong("observe", format!("it renders no `{PIXELS}`; leave the column out")),
             },
@@ -78,7 +85,8 @@ impl Interface {
             return wrong("observe", reason);
         }
         if let Some(name) = columns.iter().find(|name| !known().contains(&name.as_str())) {
-            let reason = format!("no vector `{name}`; there are {}, and the image `{PIXELS}`", known().join(", "));
+            let reason =
+                format!("no vector `{name}`; there are {}, and the image `{PIXELS}`", known().join(", "));
             return wrong("observe", reason);
         }
         let Space::Box { low, high, .. } = &spec.action else {
@@ -94,7 +102,7 @@ impl Interface {
         }
         let dim = |name: &String| schema.index(name).map_or(0, |index| schema.dim(index));
         let observation_dim = columns.iter().map(dim).sum();
-        Ok(Self { columns, observation_dim, image, low: low.clone(), high: high.clone() })
+        Ok(Self { columns, observation_dim, image, scale: None, low: low.clone(), high: high.clone() })
     }
 
     /// The observed columns, the image first: what [`Interface::new`] was given, or what it chose.
@@ -145,7 +153,8 @@ impl Interface {
         vector: &'a mut Vec<f32>,
     ) -> Result<Observation<'a>, BaselineError> {
         vector.clear();
-        self.vectors(row, vector)?;
+        self.vectors(row, None, vector)?;
+        self.scale.iter().for_each(|scale| scale.apply(vector));
         let image = self.image.map(|side| {
             let schema = row.schema();
             let index = schema.index(PIXELS);
@@ -165,9 +174,18 @@ impl Interface {
         Ok(Observation { vector, image: image.transpose()? })
     }
 
-    /// Appends the values of the vectors of a row, `[O]`.
-    fn vectors(&self, row: Row<'_>, out: &mut Vec<f32>) -> Result<(), BaselineError> {
+    /// Appends the values of the vectors of a row, `[O]`, as they are; those of goals from the row `reached`, where there is one.
+    pub(super) fn vectors(
+        &self,
+        row: Row<'_>,
+        reached: Option<Row<'_>>,
+        out: &mut Vec<f32>,
+    ) -> Result<(), BaselineError> {
         for name in &self.columns {
+            let (row, name) = match (reached, name.strip_prefix(GOAL_PREFIX)) {
+                (Some(reached), Some(of)) => (reached, of),
+                _ => (row, name.as_str()),
+            };
             let index = row.schema().require(name);
             let values = row.at(index.map_err(|error| BaselineError::data(OBSERVATION, error.to_string()))?);
             out.extend((0..values.len()).map(|index| values.as_f64(index).unwrap_or(f64::NAN) as f32));
@@ -178,8 +196,7 @@ impl Interface {
     /// The columns of [`Interface::transitions`].
     pub(super) fn schema(&self) -> Arc<Schema> {
         let vector = |name, dim| Field::step(name, Dtype::F32, &[dim]);
-        let mut fields =
-            vec![vector(ACTION, self.action_dim()), vector(REWARD, 1), vector(TERMINATED, 1)];
+        let mut fields = vec![vector(ACTION, self.action_dim()), vector(REWARD, 1), vector(TERMINATED, 1)];
         if self.observation_dim > 0 {
             fields.push(vector(OBSERVATION, self.observation_dim));
         }
@@ -187,8 +204,9 @@ impl Interface {
         Schema::new(fields).expect("names that differ")
     }
 
-    /// What an agent learns from an episode's rows: see [`super::Transitions`]. Missing actions and rewards are 0.
-    pub(super) fn transitions(&self, rows: &Batch) -> Result<Batch, BaselineError> {
+    /// What an agent learns from an episode's rows: see [`super::Transitions`]. Missing actions and rewards are 0, and nothing ends
+    /// where no column tells.
+    pub(super) fn transitions(&self, rows: &Batch, goals: Goals) -> Result<Batch, BaselineError> {
         let mut out = Batch::new(self.schema(), rows.rows());
         let finite = |value: f64| if value.is_finite() { value as f32 } else { 0.0 };
         let column = |name: &'static str| {
@@ -198,22 +216,29 @@ impl Interface {
                 .map_err(|error| BaselineError::data(name, error.to_string()))
         };
         let scale = self.scale();
-        let (action, reward, terminated) = (column(ACTION)?, column(REWARD)?, column(TERMINATED)?);
+        let (action, reward) = (column(ACTION)?, column(REWARD)?);
+        let terminated = rows.schema().index(TERMINATED).map(|index| rows.column(index));
         let dim = self.action_dim();
         fill(&mut out, ACTION, |index| {
             finite(scale.to_plan(index % dim, action.as_f64(index).unwrap_or(f64::NAN)))
         });
         fill(&mut out, REWARD, |index| finite(reward.as_f64(index).unwrap_or(f64::NAN)));
-        fill(&mut out, TERMINATED, |index| finite(terminated.as_f64(index).unwrap_or(0.0)));
+        fill(&mut out, TERMINATED, |index| {
+            finite(terminated.and_then(|ends| ends.as_f64(index)).unwrap_or(0.0))
+        });
         if self.observation_dim > 0 {
             let mut vectors = Vec::with_capacity(rows.rows() * self.observation_dim);
-            (0..rows.rows()).try_for_each(|row| self.vectors(rows.row(row), &mut vectors))?;
+            let reached = goals.reached(rows);
+            (0..rows.rows()).try_for_each(|row| self.vectors(rows.row(row), reached, &mut vectors))?;
+            self.scale.iter().for_each(|scale| scale.apply(&mut vectors));
             fill(&mut out, OBSERVATION, |index| vectors[index]);
         }
         if let Some(side) = self.image {
             let index = out.schema().require(PIXELS).expect("a column of the schema above");
             if !out.column_mut(index).copy_from(column(PIXELS)?) {
-                let reason = format!("the dataset's images are not of {side} × {side} pixels; it is of another run");
+                let reason = format!(
+                    "the dataset's images are not of {side} × {side} pixels; bring back the dataset that the run was begun with"
+                );
                 return Err(BaselineError::data(PIXELS, reason));
             }
         }
@@ -221,6 +246,25 @@ impl Interface {
     }
 }
 
+/// Which goals an episode has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Goals {
+    /// Those that were recorded.
+    Recorded,
+    /// What it reached at its end.
+    Reached,
+}
+
+impl Goals {
+    /// The row that goals are taken from, if not from the one that they are recorded in.
+    pub(super) fn reached(self, rows: &Batch) -> Option<Row<'_>> {
+        let last = rows.rows().checked_sub(1)?;
+        (self == Self::Reached).then(|| rows.row(last))
+    }
+}
+
+/// What the name of the column of a goal begins with.
+pub(super) const GOAL_PREFIX: &str = "goal_";
 pub(super) const OBSERVATION: &str = "observation";
 pub(super) const ACTION: &str = "action";
 pub(super) const REWARD: &str = "reward";

@@ -10,12 +10,16 @@
 //! | `tdmpc2` | TD-MPC2: plans in the latent space of a world model |
 //! | `training` | what agents share |
 //! | `interface` | an environment's observations as a vector and an image, its actions as a vector |
+//! | `dataset` | a dataset in place of an environment |
 //! | `replay` | the dataset that grows, and the buffer that is sampled from |
 //! | `run` | what a run's folder holds; the agent of a checkpoint |
 //!
 //! The loop knows agents as [`OnlineAgent`] alone: one is a folder next to these files, and a line of [`AGENTS`].
 
 mod agent;
+mod dataset;
+#[cfg(test)]
+mod dataset_tests;
 mod interface;
 mod learn;
 mod replay;
@@ -30,6 +34,7 @@ mod tests;
 mod training;
 
 pub use agent::{AgentConfig, Observation, OnlineAgent, Task, Transitions};
+pub use dataset::LearnedData;
 pub use interface::Interface;
 pub use learn::OnlineState;
 pub(crate) use run::online_agent;

@@ -20,6 +20,8 @@ pub struct AgentEntry {
     pub about: &'static str,
     /// Its presets, the published one first.
     pub presets: &'static [&'static str],
+    /// Whether it also learns from datasets.
+    pub learns_from_datasets: bool,
     /// Settings below `plan` that its policy takes, such as `tdmpc2:RUN,samples=64`.
     pub options: &'static [Setting],
     /// The side of the images that it can learn from, by its settings; `None`: it learns from vectors alone.
@@ -36,6 +38,7 @@ pub const AGENTS: &[AgentEntry] = &[
         name: sac::NAME,
         about: "agent: soft actor-critic, learns online from observations (`--env`)",
         presets: &["paper", "small"],
+        learns_from_datasets: false,
         options: &[],
         image: |_| None,
         settings: sac::settings,
@@ -43,8 +46,9 @@ pub const AGENTS: &[AgentEntry] = &[
     },
     AgentEntry {
         name: tdmpc2::NAME,
-        about: "agent: plans in the latent space of a world model that learns online (`--env`)",
+        about: "agent: plans in the latent space of a world model that learns online (`--env`) or from a dataset (`--data`)",
         presets: &["paper", "small"],
+        learns_from_datasets: true,
         options: tdmpc2::OPTIONS,
         image: |settings| Some(settings["image"]["size"].as_u64()? as usize),
         settings: tdmpc2::settings,
@@ -91,8 +95,7 @@ impl AgentEntry {
 
     /// Whether it can learn from images.
     pub fn learns_from_images(&self) -> bool {
-        let task = Task { env: "", max_episode_steps: 1 };
-        let settings = (self.settings)(self.presets[0], &task, &Json::Null);
+        let settings = (self.settings)(self.presets[0], &Task::online("", 1), &Json::Null);
         settings.is_ok_and(|settings| (self.image)(&settings).is_some())
     }
 }

@@ -17,7 +17,7 @@ use crate::{BaselineError, Device};
 const KINDS: [&[&str]; 3] = [&["state", "goal_state"], &["pixels"], &["goal_state", "pixels"]];
 const STEPS: u64 = 130;
 
-fn registry() -> Registry {
+pub(super) fn registry() -> Registry {
     Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY])
 }
 
@@ -103,11 +103,11 @@ fn begin_with(
 }
 
 fn resume(folder: &Path) -> Result<OnlineTraining, BaselineError> {
-    OnlineTraining::resume(&registry(), folder, Device::Cpu, |_| {})
+    OnlineTraining::resume(&registry(), folder, Device::Cpu, None, |_| {})
 }
 
 /// At a step, an error that loses what is in memory, as a kill does; or the wish to stop.
-struct At(u64, Option<Cancel>);
+pub(super) struct At(pub(super) u64, pub(super) Option<Cancel>);
 
 impl MetricSink for At {
     fn record(&mut self, record: &Record) -> Result<(), BaselineError> {
@@ -126,6 +126,20 @@ impl MetricSink for At {
 
 /// All that a run leaves, but for times: the last checkpoint with the hashes of its weights and optimizers, metrics, episodes.
 fn left(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>, Vec<Vec<String>>) {
+    let (checkpoint, metrics) = left_of_run(folder);
+    let mut dataset = swm_data::open(&folder.join("episodes.h5")).unwrap();
+    let episodes = (0..dataset.num_episodes())
+        .map(|episode| {
+            let mut rows = swm_core::Batch::new(dataset.schema().clone(), 0);
+            dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).unwrap();
+            (0..rows.schema().fields().len()).map(|column| format!("{:?}", rows.column(column))).collect()
+        })
+        .collect();
+    (checkpoint, metrics, episodes)
+}
+
+/// The same without episodes.
+pub(super) fn left_of_run(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>) {
     let run = RunFolder::open(folder).unwrap();
     let checkpoint = run.checkpoint(*run.steps().unwrap().last().unwrap()).unwrap();
     let metrics = std::fs::read_to_string(run.file("metrics.jsonl")).unwrap();
@@ -134,15 +148,7 @@ fn left(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>, Vec<Vec<String>>)
         line.retain(|name, _| name != "clips_per_s" && name != "elapsed_s");
         Json::Object(line)
     };
-    let mut dataset = swm_data::open(&run.file("episodes.h5")).unwrap();
-    let episodes = (0..dataset.num_episodes())
-        .map(|episode| {
-            let mut rows = swm_core::Batch::new(dataset.schema().clone(), 0);
-            dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).unwrap();
-            (0..rows.schema().fields().len()).map(|column| format!("{:?}", rows.column(column))).collect()
-        })
-        .collect();
-    (checkpoint, metrics.lines().map(untimed).collect(), episodes)
+    (checkpoint, metrics.lines().map(untimed).collect())
 }
 
 #[test]
@@ -260,7 +266,10 @@ fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
         let blind = evaluated(1, None).unwrap_err();
         let blind = std::iter::successors(Some(&blind as &dyn std::error::Error), |error| error.source());
         let blind: Vec<String> = blind.map(ToString::to_string).collect();
-        assert!(blind.concat().contains("none are rendered; leave --image-size out, or set it to 40x40"), "{blind:?}");
+        assert!(
+            blind.concat().contains("none are rendered; leave --image-size out, or set it to 40x40"),
+            "{blind:?}"
+        );
     }
     assert!(made(format!("{agent}:{run},checkpoint=best"), &TOY).is_ok());
     let fails = |text: String, env: &EnvEntry| made(text, env).err().unwrap();
@@ -331,7 +340,8 @@ fn refuses_what_it_cannot_learn_in(tiny: &Tiny) {
     if find_agent(tiny.agent).unwrap().learns_from_images() {
         assert!(message.contains("no vector `stat`"), "{message}");
     } else {
-        let wanted = "sac learns from vectors alone; leave `pixels` out, or train one that learns from images: tdmpc2";
+        let wanted =
+            "sac learns from vectors alone; leave `pixels` out, or train one that learns from images: tdmpc2";
         assert!(message.contains(wanted), "{message}");
     }
     assert!(create(&TOY, &[], 0).contains("setting `steps`: 0"));

@@ -101,7 +101,8 @@ fn plans_cost_what_they_cost_the_reference() {
     for (name, image) in CASES {
         let fixture = Fixture::open(name);
         let agent = agent(&fixture, image);
-        let network = fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
+        let network =
+            fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
         let batch = agent.minibatch(&clips(&fixture, image, &bytes())).unwrap();
         let latent = network.encode(batch.observed.narrow(0, CLIPS));
         let differs = fixture.check("outputs.encoded", latent.clone());
@@ -144,7 +145,8 @@ fn learns_as_the_reference(name: &str, image: Option<usize>) {
     let noise =
         || Noise { next: noise_of(0), policy: noise_of(1), next_qs: pairs_of(0), policy_qs: pairs_of(1) };
 
-    let network = fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
+    let network =
+        fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
     let tracked = params::track(&network, crate::online::tdmpc2::TRAINED);
     let (terms, scale) = loss(&tracked, &network, &batch, &config(), noise(), &mut Pass::evaluate());
     for (name, part) in

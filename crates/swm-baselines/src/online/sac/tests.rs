@@ -7,9 +7,10 @@ use crate::online::agent::Task;
 
 fn agent(seed: u64) -> Sac {
     let changes = serde_json::json!({ "hidden": [8, 8], "batch": 4 });
-    let settings = settings("small", &Task { env: "x", max_episode_steps: 500 }, &changes).unwrap();
+    let settings = settings("small", &Task::online("x", 500), &changes).unwrap();
     let (agent, preset) = (NAME.to_owned(), "small".to_owned());
-    let config = AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
+    let config =
+        AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
     Sac::new(config, Device::Cpu).unwrap()
 }
 

@@ -179,14 +179,10 @@ impl Tdmpc2 {
 
     /// A step of Adam, in which encoder and policy have learning rates of their own.
     fn apply(&mut self, gradients: Gradients) {
-        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, .. } = self.settings;
+        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, weight_decay, .. } = self.settings;
         let specs = params::specs(&self.network);
-        let adam = OptimConfig {
-            weight_decay: 0.0,
-            clip: None,
-            schedule: Schedule::Constant,
-            ..OptimConfig::default()
-        };
+        let adam =
+            OptimConfig { weight_decay, clip: None, schedule: Schedule::Constant, ..OptimConfig::default() };
         let groups: [(&[&str], f64, f64); 3] = [
             (ENCODERS, lr * encoder_lr_scale, adam.epsilon),
             (&["dynamics", "reward", "qs"], lr, adam.epsilon),

@@ -11,8 +11,8 @@ use super::math::{Bins, log_std, mish, simnorm};
 use super::settings::Tdmpc2Config;
 use crate::init::initialize;
 use crate::learner::follow;
-use crate::online::agent::AgentConfig;
 use crate::nn::{LayerNorm, Linear, parameter};
+use crate::online::agent::AgentConfig;
 use crate::params;
 use crate::pass::Pass;
 

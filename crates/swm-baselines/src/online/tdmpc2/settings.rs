@@ -54,6 +54,9 @@ pub struct Tdmpc2Config {
     pub tau: f64,
     /// The learning rate of Adam.
     pub lr: f64,
+    /// Decoupled weight decay, as in AdamW.
+    #[serde(default)]
+    pub weight_decay: f64,
     /// Factor of the encoder's.
     pub encoder_lr_scale: f64,
     /// Factor of the policy's.
@@ -158,6 +161,7 @@ impl Tdmpc2Config {
             entropy_coef: 1e-4,
             tau: 0.01,
             lr: 3e-4,
+            weight_decay: 0.0,
             encoder_lr_scale: 0.3,
             policy_lr_scale: 1.0,
             clip: Some(20.0),
@@ -208,6 +212,37 @@ impl Tdmpc2Config {
             collect: CollectConfig::default(),
             ..Self::paper()
         }
+    }
+
+    /// The same for a dataset: the reference's of `scripts/train/config/tdmpc2.yaml` (August 2026) where its network is the reference's.
+    fn on_a_dataset(self) -> Self {
+        let is_small = self.mlp_dim < Self::paper().mlp_dim;
+        let uncertainty_penalty = 0.5;
+        let reference = Self {
+            vmin: -6.0,
+            vmax: 2.0,
+            discount: Some(0.99),
+            weight_decay: 0.01,
+            policy_lr_scale: 0.1,
+            plan: Tdmpc2Plan { uncertainty_penalty, ..self.plan.clone() },
+            ..self
+        };
+        if is_small {
+            return reference;
+        }
+        let plan = Tdmpc2Plan {
+            horizon: 5,
+            samples: 1024,
+            iterations: 12,
+            policy_samples: 256,
+            sigma: 0.1,
+            sigma_min: 0.01,
+            temperature: Some(0.5),
+            // Nothing is collected.
+            collect_samples: 1024,
+            ..reference.plan
+        };
+        Self { mlp_dim: 384, horizon: 5, plan, ..reference }
     }
 
     /// The settings of a stored run, checked.
@@ -263,6 +298,7 @@ impl Tdmpc2Config {
             ("reward_coef", reward_coef),
             ("value_coef", value_coef),
             ("entropy_coef", entropy_coef),
+            ("weight_decay", self.weight_decay),
         ])?;
         self.plan.check()?;
         self.collect.check()
@@ -350,6 +386,7 @@ pub(in crate::online) fn settings(
         "small" => Tdmpc2Config::small(),
         _ => Tdmpc2Config::paper(),
     };
+    let preset = if task.from_dataset { preset.on_a_dataset() } else { preset };
     let mut config = with_changes(NAME, &preset, changes)?;
     config.discount.get_or_insert(discount(task.max_episode_steps));
     config.check().map_err(wrong)?;
@@ -363,7 +400,7 @@ mod tests {
     use super::*;
 
     fn of(preset: &str, changes: &Json, max_episode_steps: u64) -> Result<Tdmpc2Config, BaselineError> {
-        let task = Task { env: "x", max_episode_steps };
+        let task = Task::online("x", max_episode_steps);
         Tdmpc2Config::parse(&settings(preset, &task, changes)?)
     }
 
@@ -375,6 +412,26 @@ mod tests {
         assert!((discount(1, Json::Null) - 0.95).abs() < 1e-12);
         assert!((discount(100_000, Json::Null) - 0.995).abs() < 1e-12);
         assert!((discount(500, json!({ "discount": 0.5 })) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn on_datasets_it_has_the_settings_of_the_references_file() {
+        let task = Task { from_dataset: true, ..Task::online("x", 500) };
+        let of = |preset, changes| Tdmpc2Config::parse(&settings(preset, &task, &changes).unwrap()).unwrap();
+        let Tdmpc2Config { horizon, mlp_dim, vmin, vmax, batch, clip, discount, .. } =
+            of("paper", Json::Null);
+        assert_eq!((horizon, mlp_dim, vmin, vmax, batch, clip), (5, 384, -6.0, 2.0, 256, Some(20.0)));
+        assert_eq!(discount, Some(0.99));
+        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, weight_decay, plan, .. } =
+            of("paper", Json::Null);
+        assert_eq!((lr, encoder_lr_scale, policy_lr_scale, weight_decay), (3e-4, 0.3, 0.1, 0.01));
+        let Tdmpc2Plan { samples, iterations, elites, policy_samples, uncertainty_penalty, .. } = plan;
+        assert_eq!(
+            (samples, iterations, elites, policy_samples, uncertainty_penalty),
+            (1024, 12, 64, 256, 0.5)
+        );
+        let small = of("small", json!({ "discount": 0.9 }));
+        assert_eq!((small.mlp_dim, small.vmin, small.discount), (128, -6.0, Some(0.9)));
     }
 
     #[test]

@@ -9,10 +9,11 @@ use crate::online::agent::Task;
 const OBSERVATION: [f32; 2] = [0.3, -0.2];
 
 fn agent_with(changes: &Json, seed: u64) -> Tdmpc2 {
-    let task = Task { env: "x", max_episode_steps: 500 };
+    let task = Task::online("x", 500);
     let settings = settings("small", &task, changes).unwrap();
     let (agent, preset) = (NAME.to_owned(), "small".to_owned());
-    let config = AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
+    let config =
+        AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
     Tdmpc2::new(config, Device::Cpu).unwrap()
 }
 
@@ -242,7 +243,9 @@ fn convolutions_begin_as_pytorchs() {
         let most = params::host(tensor).into_iter().fold(0.0_f32, |most, value| most.max(value.abs()));
         match spec.name.as_str() {
             // Uniform within 1 / √(inputs of a kernel).
-            "cnn.0.weight" => assert!((0.9 / 147_f32.sqrt()..=1.0 / 147_f32.sqrt()).contains(&most), "{most}"),
+            "cnn.0.weight" => {
+                assert!((0.9 / 147_f32.sqrt()..=1.0 / 147_f32.sqrt()).contains(&most), "{most}")
+            }
             "cnn.2.bias" => assert!(most > 0.0 && most <= 0.1, "{most}"),
             "pixel_encoder.weight" => assert!((0.02..0.12).contains(&most), "{most}"),
             "pixel_encoder.bias" => assert_eq!(most, 0.0),
