@@ -141,20 +141,25 @@ fn columns(
     }
 }
 
+/// Refuses a dataset whose episodes are all shorter than a clip.
+pub(super) fn check_length(dataset: &dyn Dataset, agent: &dyn OnlineAgent) -> Result<(), BaselineError> {
+    let lengths = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode));
+    let (longest, steps) = (lengths.max().unwrap_or(0), agent.clip_steps());
+    if longest < steps {
+        let reason =
+            format!("a clip has {steps} steps, and the longest episode {longest}; record longer ones");
+        return Err(columns_error(dataset, &agent.config().agent, reason));
+    }
+    Ok(())
+}
+
 /// The clips of all episodes, in memory.
 pub(super) fn read(
     dataset: &dyn Dataset,
     interface: &Interface,
     agent: &dyn OnlineAgent,
 ) -> Result<Clips, BaselineError> {
-    let LearnedData { episodes, rows, .. } = LearnedData::of(dataset);
-    let longest = (0..episodes).map(|episode| dataset.episode_len(episode)).max().unwrap_or(0);
-    if longest < agent.clip_steps() {
-        let (name, steps) = (&agent.config().agent, agent.clip_steps());
-        let reason =
-            format!("a clip has {steps} steps, and the longest episode {longest}; record longer ones");
-        return Err(columns_error(dataset, name, reason));
-    }
+    let rows = LearnedData::of(dataset).rows;
     let mut clips = Clips::new(interface, agent, rows)?;
     each_episode(dataset, |rows| clips.push(&interface.transitions(rows, Goals::Reached)?))?;
     Ok(clips)

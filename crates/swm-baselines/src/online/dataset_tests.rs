@@ -111,11 +111,11 @@ fn goals_are_what_episodes_reach_and_vectors_are_standardized() {
     assert!(rest < 10.0, "{rest}");
 }
 
-/// An episode of 10 rows with these columns, all of them 0.5, or NaN.
-fn in_memory(fields: &[(&str, Dtype, &[usize])], value: f64) -> MemoryDataset {
+/// An episode of so many rows with these columns, whose real numbers are all `value`.
+fn in_memory(fields: &[(&str, Dtype, &[usize])], value: f64, rows: usize) -> MemoryDataset {
     let fields = fields.iter().map(|&(name, dtype, shape)| Field::step(name, dtype, shape)).collect();
     let schema: Arc<Schema> = Schema::new(fields).unwrap();
-    let mut rows = Batch::new(schema.clone(), 10);
+    let mut rows = Batch::new(schema.clone(), rows);
     for column in 0..schema.fields().len() {
         if let swm_core::SliceMut::F32(values) = rows.column_mut(column) {
             values.fill(value as f32);
@@ -166,18 +166,20 @@ fn datasets_that_an_agent_cannot_learn_from_are_refused() {
             "its images are [64, 64, 3], and the agent's [40, 40, 3]; learn from them with --set image.size=64",
         ),
     ] {
-        let message = refused(&in_memory(fields, value), "tdmpc2", observe);
+        let message = refused(&in_memory(fields, value, 10), "tdmpc2", observe);
         assert!(
             message.starts_with("data.h5 cannot train tdmpc2: ") && message.contains(reason),
             "{message}"
         );
     }
-    let whole = in_memory(&[STATE, ACTION, REWARD], 0.5);
+    let whole = in_memory(&[STATE, ACTION, REWARD], 0.5, 10);
+    let message = refused(&in_memory(&[STATE, ACTION, REWARD], 0.5, 3), "tdmpc2", &[]);
+    assert!(message.contains("a clip has 4 steps, and the longest episode 3"), "{message}");
     let message = refused(&whole, "sac", &[]);
     assert!(
         message.contains("setting `data`: sac learns online alone; name an environment with --env"),
         "{message}"
     );
-    let foreign = begin(&run, &in_memory(&images(40), 0.5), "tdmpc2", &["state", "pixels"]).unwrap();
+    let foreign = begin(&run, &in_memory(&images(40), 0.5, 10), "tdmpc2", &["state", "pixels"]).unwrap();
     assert_eq!((foreign.config().env.as_str(), foreign.buffer_size()), ("", [10, 10 * (4_800 + 5 * 4)]));
 }

@@ -48,7 +48,7 @@ pub(super) enum Source<'a> {
     /// Episodes that the agent collects in `world`; it is evaluated in `stage`.
     Worlds { world: &'a mut World, stage: &'a mut World, interface: &'a Interface, replay: Box<Replay> },
     /// Those of a dataset: every step is an update, and nothing is evaluated.
-    Dataset(&'a mut Clips),
+    Dataset(Box<Clips>),
 }
 
 impl Source<'_> {

@@ -36,7 +36,7 @@ impl Clips {
     ) -> Result<Self, BaselineError> {
         let schema = interface.schema();
         let mut buffer = ReplayBuffer::new(capacity);
-        buffer.begin(&schema, &Metadata::default()).map_err(failed)?;
+        buffer.begin(&schema, &Metadata::default()).map_err(|error| failed(&error))?;
         let keys = schema.fields().iter().map(|field| field.name.clone()).collect();
         let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
         let sampler = Sampler::new(options, agent.config().seed);
@@ -45,7 +45,7 @@ impl Clips {
 
     /// Adds the transitions of an episode; the oldest leave where there is no room.
     pub(super) fn push(&mut self, transitions: &Batch) -> Result<(), BaselineError> {
-        self.buffer.write_episode(transitions).map_err(failed)
+        self.buffer.write_episode(transitions).map_err(|error| failed(&error))
     }
 
     /// Steps that it holds, the last one of each episode included.
@@ -83,7 +83,7 @@ impl Clips {
     }
 }
 
-fn failed(error: BoxError) -> BaselineError {
+fn failed(error: &BoxError) -> BaselineError {
     BaselineError::data(OBSERVATION, error.to_string())
 }
 

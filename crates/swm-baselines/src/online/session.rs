@@ -12,7 +12,7 @@ use super::agent::{AgentConfig, OnlineAgent, Task};
 use super::dataset::{self, LearnedData};
 use super::interface::Interface;
 use super::learn::{Learn, OnlineState, Source};
-use super::replay::{Clips, Replay};
+use super::replay::Replay;
 use super::run::OnlineConfig;
 use super::settings::{CollectConfig, OnlineSettings};
 use super::table::{AgentEntry, find, restore_agent};
@@ -56,8 +56,8 @@ pub struct OnlineTraining {
 enum Held {
     /// Where it collects, and where it is evaluated.
     Worlds(Box<[World; 2]>),
-    /// A dataset's episodes.
-    Dataset(Box<Clips>),
+    /// A dataset, whose episodes are read when it begins to learn.
+    Dataset(Box<dyn Dataset>),
 }
 
 impl OnlineTraining {
@@ -105,9 +105,9 @@ impl OnlineTraining {
         let agent = new.agent(settings, &interface)?;
         let mut config = new.config(&metadata.env, &metadata.settings, interface, agent.as_ref());
         config.data = Some(LearnedData::of(dataset));
-        let clips = dataset::read(dataset, &config.interface, agent.as_ref())?;
+        dataset::check_length(dataset, agent.as_ref())?;
         let run = RunFolder::create(folder, &config)?;
-        Ok(Self { _lock: run.lock()?, run, agent, config, held: Held::Dataset(Box::new(clips)) })
+        Ok(Self { _lock: run.lock()?, run, agent, config, held: Held::Dataset(dataset.share()) })
     }
 
     /// Resumes the run in `folder`, in the environment that it was begun in, or on the dataset, which may have `moved`. `change` may
@@ -139,8 +139,10 @@ impl OnlineTraining {
         let agent = restore_agent(&config.agent, &Map::new(), device)?;
         let held = match (&mut config.data, moved) {
             (Some(data), _) => {
-                moved.iter().for_each(|path| data.path = path.to_path_buf());
-                Held::Dataset(Box::new(reopened(registry, &run, &config, agent.as_ref())?))
+                if let Some(moved) = moved {
+                    moved.clone_into(&mut data.path);
+                }
+                Held::Dataset(reopened(registry, &run, data, &config.interface, &config.agent.agent)?)
             }
             (None, Some(_)) => return Err(run.wrong("it learns online; leave --data out")),
             (None, None) => {
@@ -221,7 +223,10 @@ impl OnlineTraining {
         ];
         all.extend(sinks);
         let source = match held {
-            Held::Dataset(clips) => Source::Dataset(clips),
+            Held::Dataset(dataset) => {
+                let clips = dataset::read(dataset.as_ref(), &config.interface, agent.as_ref())?;
+                Source::Dataset(Box::new(clips))
+            }
             Held::Worlds(worlds) => {
                 let ([world, stage], interface) = (&mut **worlds, &config.interface);
                 let replay = Replay::open(&run.file(EPISODES), interface, agent.as_ref(), state.episodes)?;
@@ -284,25 +289,21 @@ fn image(observe: &[String], entry: &AgentEntry, settings: &Json) -> Result<Opti
     observe.iter().any(|name| name == PIXELS).then(|| entry.image(settings)).transpose()
 }
 
-/// The dataset that a run was begun with.
+/// The dataset that a run was begun with, of which its agent sees what it saw.
 fn reopened(
     registry: &Registry,
     run: &RunFolder,
-    config: &OnlineConfig,
-    agent: &dyn OnlineAgent,
-) -> Result<Clips, BaselineError> {
-    let (Some(data), interface) = (&config.data, &config.interface) else {
-        return Err(run.wrong("it has no dataset"));
-    };
+    data: &LearnedData,
+    interface: &Interface,
+    agent: &str,
+) -> Result<Box<dyn Dataset>, BaselineError> {
     let dataset = swm_data::open_in(registry, &data.path).map_err(|error| {
         run.wrong(format!("its dataset is not there: {error}; bring it back, or name its place with --data"))
     })?;
     let found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref()) };
-    let same = found == *data
-        && dataset::interface(dataset.as_ref(), &config.agent.agent, &interface.observed(), interface.image)?
-            == *interface;
-    match same {
-        true => dataset::read(dataset.as_ref(), interface, agent),
+    let seen = || dataset::interface(dataset.as_ref(), agent, &interface.observed(), interface.image);
+    match found == *data && seen()? == *interface {
+        true => Ok(dataset),
         false => Err(run.wrong(format!(
             "{} is not the dataset that it was begun with; bring that one back, or name its place with --data",
             data.path.display()

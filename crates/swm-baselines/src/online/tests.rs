@@ -18,7 +18,7 @@ const KINDS: [&[&str]; 3] = [&["state", "goal_state"], &["pixels"], &["goal_stat
 const STEPS: u64 = 130;
 
 pub(super) fn registry() -> Registry {
-    Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY])
+    Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY]).with(swm_data::FORMATS)
 }
 
 /// What makes an agent tiny: for many short runs, and for one that learns.

@@ -5,6 +5,7 @@ mod images;
 mod loss;
 mod math;
 mod network;
+mod plan;
 mod planner;
 mod settings;
 
@@ -32,10 +33,11 @@ use crate::weights;
 pub(crate) use loss::{Minibatch, Noise, loss};
 use network::TARGETS;
 pub(crate) use network::{Observed, Tdmpc2Network};
+pub(crate) use plan::OPTIONS;
+pub use plan::Tdmpc2Plan;
 use planner::{Planner, Searched};
-pub(crate) use settings::OPTIONS;
 pub(super) use settings::settings;
-pub use settings::{Tdmpc2Config, Tdmpc2Image, Tdmpc2Plan};
+pub use settings::{Tdmpc2Config, Tdmpc2Image};
 
 /// Its name.
 pub(super) const NAME: &str = "tdmpc2";

@@ -244,7 +244,7 @@ fn convolutions_begin_as_pytorchs() {
         match spec.name.as_str() {
             // Uniform within 1 / √(inputs of a kernel).
             "cnn.0.weight" => {
-                assert!((0.9 / 147_f32.sqrt()..=1.0 / 147_f32.sqrt()).contains(&most), "{most}")
+                assert!((0.9 / 147_f32.sqrt()..=1.0 / 147_f32.sqrt()).contains(&most), "{most}");
             }
             "cnn.2.bias" => assert!(most > 0.0 && most <= 0.1, "{most}"),
             "pixel_encoder.weight" => assert!((0.02..0.12).contains(&most), "{most}"),
