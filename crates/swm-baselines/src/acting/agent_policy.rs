@@ -11,7 +11,7 @@ pub struct AgentPolicy {
     trained: TrainedAgent,
     /// From the agent's values to actions of the last requested space.
     map: Option<(Space, ActionMap)>,
-    observation: Vec<f32>,
+    vector: Vec<f32>,
     action: Vec<f32>,
 }
 
@@ -19,7 +19,7 @@ impl AgentPolicy {
     /// A policy that acts as `trained` does.
     pub fn new(trained: TrainedAgent) -> Self {
         let action = vec![0.0; trained.config.interface.action_dim()];
-        Self { trained, map: None, observation: Vec::new(), action }
+        Self { trained, map: None, vector: Vec::new(), action }
     }
 }
 
@@ -32,7 +32,7 @@ impl Policy for AgentPolicy {
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
-        let Self { trained: TrainedAgent { agent, config, .. }, map, observation, action } = self;
+        let Self { trained: TrainedAgent { agent, config, .. }, map, vector, action } = self;
         let space = actions.space();
         if map.as_ref().is_none_or(|(known, _)| known != space) {
             *map = Some((space.clone(), config.interface.action_map(space).map_err(other)?));
@@ -40,9 +40,8 @@ impl Policy for AgentPolicy {
         let (_, map) = map.as_ref().expect("made above");
         for slot in view.live() {
             let Some(live) = view.row(slot) else { continue };
-            observation.clear();
-            config.interface.observe(live.row, observation).map_err(|error| other(error.into()))?;
-            agent.act(slot, &live.episode, false, observation, action).map_err(other)?;
+            let observation = config.interface.observe(live.row, vector).map_err(other)?;
+            agent.act(slot, &live.episode, false, &observation, action).map_err(other)?;
             map.write(action, &mut actions.row(slot));
         }
         Ok(())

@@ -15,7 +15,7 @@ use super::cost::{self, ModelCost};
 use super::goal_policy::ModelPolicy;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::online::{TrainedAgent, find_agent, tdmpc2};
+use crate::online::{OnlineConfig, TrainedAgent, find_agent, tdmpc2};
 use crate::precision::Precision;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
@@ -98,6 +98,7 @@ const fn agent(name: &'static str, summary: &'static str, settings: &'static [Se
         Ok(Box::new(AgentPolicy::new(agent)))
     })
     .settings(settings)
+    .image(agent_image)
     .files(|args| {
         let given = Given::of(args)?;
         TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
@@ -127,6 +128,13 @@ fn model_policy(
 pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
     let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
     let side = RunConfig::read(&run).ok()?.data.image;
+    Some(ImageSize { height: side, width: side })
+}
+
+/// The size of the images that the agent of these arguments observes; `None` also for runs that are not there.
+fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
+    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let side = OnlineConfig::read(&run).ok()?.interface.image?;
     Some(ImageSize { height: side, width: side })
 }
 
@@ -222,7 +230,9 @@ impl Given {
                 self.wrong(args, format!("it trained {found}, not {}; use it as `{found}:RUN`", args.name))
             );
         }
-        self.check_env(args, Some(&agent.config.env), env)?;
+        // A dataset may not say where it was recorded.
+        let trained_in = Some(agent.config.env.as_str()).filter(|env| !env.is_empty());
+        self.check_env(args, trained_in, env)?;
         Ok(agent)
     }
 

@@ -1,4 +1,4 @@
-//! Rectified convolutions on a CPU, forwards and backwards: images have their channels last, so that what a kernel
+//! Convolutions with an activation on a CPU, forwards and backwards: images have their channels last, so that what a kernel
 //! sees of a row is one piece of memory, and all kernels at all places of some images are one product of matrices.
 //!
 //! Burn's own convolution is for any shape, and its gradients are convolutions again: with it a training step of the
@@ -12,11 +12,12 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, DispatchDevice, Flex, backend_extension};
-use burn::tensor::activation::relu;
 use burn::tensor::module::conv2d;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
+
+use super::activation::Activation;
 
 /// A square kernel that goes over images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,22 +30,34 @@ pub(crate) struct Kernel {
     pub(crate) padding: usize,
 }
 
-/// `[N, H, W, in]` images, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, negative values become 0.
-pub(crate) fn convolve(images: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
+/// `[N, H, W, in]` images, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, after the activation.
+pub(crate) fn convolve(
+    images: Tensor<4>,
+    weight: Tensor<2>,
+    bias: Tensor<1>,
+    kernel: Kernel,
+    activation: Activation,
+) -> Tensor<4> {
     if !matches!(images.device().inner().as_dispatch(), DispatchDevice::Flex(_)) {
-        return convolve_anywhere(images, weight, bias, kernel);
+        return convolve_anywhere(images, weight, bias, kernel, activation);
     }
     let [images, weight, bias] = [images.into_dispatch(), weight.into_dispatch(), bias.into_dispatch()];
-    Tensor::from_dispatch(<Dispatch as Convolve>::convolve(images, weight, bias, kernel))
+    Tensor::from_dispatch(<Dispatch as Convolve>::convolve(images, weight, bias, kernel, activation))
 }
 
 /// The same by burn's own operations.
-fn convolve_anywhere(images: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
+fn convolve_anywhere(
+    images: Tensor<4>,
+    weight: Tensor<2>,
+    bias: Tensor<1>,
+    kernel: Kernel,
+    activation: Activation,
+) -> Tensor<4> {
     let Kernel { size, stride, padding } = kernel;
     let [seen, outputs] = weight.dims();
     let weight = weight.reshape([size, size, seen / (size * size), outputs]).permute([3, 2, 0, 1]);
     let options = ConvOptions::new([stride; 2], [padding; 2], [1, 1], 1);
-    relu(conv2d(images.permute([0, 3, 1, 2]), weight, Some(bias), options)).permute([0, 2, 3, 1])
+    activation.of(conv2d(images.permute([0, 3, 1, 2]), weight, Some(bias), options)).permute([0, 2, 3, 1])
 }
 
 #[backend_extension(Flex, Autodiff)]
@@ -54,26 +67,21 @@ trait Convolve: Backend {
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
         kernel: Kernel,
+        activation: Activation,
     ) -> FloatTensor<Self>;
 }
 
 impl Convolve for Flex {
-    fn convolve(images: FlexTensor, weight: FlexTensor, bias: FlexTensor, kernel: Kernel) -> FlexTensor {
+    fn convolve(
+        images: FlexTensor,
+        weight: FlexTensor,
+        bias: FlexTensor,
+        kernel: Kernel,
+        activation: Activation,
+    ) -> FlexTensor {
         let [images, weight, bias] = [images, weight, bias].map(|tensor| tensor.to_contiguous());
         let form = Form::new(&images, &weight, kernel);
-        let bias = values_of(&bias);
-        let mut outputs = vec![0.0; form.count * form.values_out()];
-        let groups = values_of(&images).par_chunks(form.group() * form.values_in());
-        groups.zip(outputs.par_chunks_mut(form.group() * form.values_out())).for_each(|(images, outputs)| {
-            let product = Flex::float_matmul(form.patches(images), weight.clone());
-            let sums = values_of(&product).chunks_exact(form.outputs);
-            for (out, sums) in outputs.chunks_exact_mut(form.outputs).zip(sums) {
-                for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
-                    *out = (sum + bias).max(0.0);
-                }
-            }
-        });
-        tensor(outputs, [form.count, form.rows, form.columns, form.outputs])
+        form.convolve(&images, &weight, &bias, |sum| activation.of_value(sum))
     }
 }
 
@@ -86,8 +94,10 @@ struct Convolved;
 struct Seen {
     images: FlexTensor,
     weight: FlexTensor,
-    outputs: FlexTensor,
+    /// Before the activation, or after it where that tells the slope.
+    sums: FlexTensor,
     form: Form,
+    activation: Activation,
 }
 
 impl<C: CheckpointStrategy> Convolve for Autodiff<Flex, C> {
@@ -96,17 +106,28 @@ impl<C: CheckpointStrategy> Convolve for Autodiff<Flex, C> {
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
         kernel: Kernel,
+        activation: Activation,
     ) -> FloatTensor<Self> {
         let ((images, of_images), (weight, of_weight), (bias, of_bias)) =
             (images.into_parts(), weight.into_parts(), bias.into_parts());
-        let [images, weight] = [images, weight].map(|tensor| tensor.to_contiguous());
+        let [images, weight, bias] = [images, weight, bias].map(|tensor| tensor.to_contiguous());
         let form = Form::new(&images, &weight, kernel);
-        let outputs = Flex::convolve(images.clone(), weight.clone(), bias, kernel);
         match Convolved.prepare::<C>([of_images, of_weight, of_bias]).compute_bound().stateful() {
             OpsKind::Tracked(ops) => {
-                ops.finish(Seen { images, weight, outputs: outputs.clone(), form }, outputs)
+                let (sums, outputs) = match activation {
+                    Activation::Relu => {
+                        let outputs = form.convolve(&images, &weight, &bias, |sum| activation.of_value(sum));
+                        (outputs.clone(), outputs)
+                    }
+                    Activation::Mish => {
+                        let sums = form.convolve(&images, &weight, &bias, |sum| sum);
+                        let outputs = activation.of_all(values_of(&sums));
+                        (sums, tensor(outputs, form.shape_out()))
+                    }
+                };
+                ops.finish(Seen { images, weight, sums, form, activation }, outputs)
             }
-            OpsKind::UnTracked(ops) => ops.finish(outputs),
+            OpsKind::UnTracked(ops) => ops.finish(Flex::convolve(images, weight, bias, kernel, activation)),
         }
     }
 }
@@ -139,23 +160,20 @@ struct Found {
 impl Seen {
     /// Gradients where that of the outputs is `given`.
     fn gradients(&self, given: &FlexTensor, of_images: bool) -> Found {
-        let Self { images, weight, outputs, form } = self;
+        let Self { images, weight, sums, form, activation } = self;
         let mut back = vec![0.0; if of_images { values_of(images).len() } else { 0 }];
         let group = form.group() * form.values_in();
         let mut backs: Vec<&mut [f32]> = back.chunks_mut(group).collect();
         backs.resize_with(form.count.div_ceil(form.group()), || &mut []);
         let group_out = form.group() * form.values_out();
-        let groups = values_of(outputs).par_chunks(group_out).zip(values_of(given).par_chunks(group_out));
+        let groups = values_of(sums).par_chunks(group_out).zip(values_of(given).par_chunks(group_out));
         let transposed = weight.transpose(0, 1);
         let parts: Vec<(FlexTensor, Vec<f32>)> = groups
             .zip(values_of(images).par_chunks(group))
             .zip(backs)
-            .map(|(((outputs, given), images), back)| {
-                let passed: Vec<f32> = outputs
-                    .iter()
-                    .zip(given)
-                    .map(|(out, given)| if *out > 0.0 { *given } else { 0.0 })
-                    .collect();
+            .map(|(((sums, given), images), back)| {
+                let passed: Vec<f32> =
+                    sums.iter().zip(given).map(|(sum, given)| activation.pass_back(*sum, *given)).collect();
                 let mut bias = vec![0.0; form.outputs];
                 for passed in passed.chunks_exact(form.outputs) {
                     add(&mut bias, passed);
@@ -233,6 +251,33 @@ impl Form {
         self.rows * self.columns * self.outputs
     }
 
+    fn shape_out(&self) -> [usize; 4] {
+        [self.count, self.rows, self.columns, self.outputs]
+    }
+
+    /// `[N, H', W', out]`: what `after` makes of each kernel's sum at each place.
+    fn convolve(
+        &self,
+        images: &FlexTensor,
+        weight: &FlexTensor,
+        bias: &FlexTensor,
+        after: impl Fn(f32) -> f32 + Sync,
+    ) -> FlexTensor {
+        let bias = values_of(bias);
+        let mut outputs = vec![0.0; self.count * self.values_out()];
+        let groups = values_of(images).par_chunks(self.group() * self.values_in());
+        groups.zip(outputs.par_chunks_mut(self.group() * self.values_out())).for_each(|(images, outputs)| {
+            let product = Flex::float_matmul(self.patches(images), weight.clone());
+            let sums = values_of(&product).chunks_exact(self.outputs);
+            for (out, sums) in outputs.chunks_exact_mut(self.outputs).zip(sums) {
+                for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
+                    *out = after(sum + bias);
+                }
+            }
+        });
+        tensor(outputs, self.shape_out())
+    }
+
     /// Images of a group.
     fn group(&self) -> usize {
         (GROUP / self.values_seen()).max(1)
@@ -293,74 +338,5 @@ fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> FlexTensor {
 }
 
 #[cfg(test)]
-mod tests {
-    use burn::tensor::Device;
-
-    use super::*;
-    use crate::params::host;
-
-    /// Values between −1 and 1 without a pattern that sums would hide.
-    fn wild<const D: usize>(shape: [usize; D], device: &Device) -> Tensor<D> {
-        let count: usize = shape.iter().product();
-        let values: Vec<f32> = (0..count).map(|i| ((i * i + 7 * count) as f32).sin()).collect();
-        Tensor::from_data(TensorData::new(values, shape), device)
-    }
-
-    type Way = fn(Tensor<4>, Tensor<2>, Tensor<1>, Kernel) -> Tensor<4>;
-
-    /// Outputs, and the gradients of images, weights and bias.
-    fn pass(way: Way, shape: [usize; 4], outputs: usize, kernel: Kernel) -> [Vec<f32>; 4] {
-        let device = Device::flex().autodiff();
-        let images = wild(shape, &device).require_grad();
-        let weight = wild([kernel.size * kernel.size * shape[3], outputs], &device).require_grad();
-        let bias = wild([outputs], &device).require_grad();
-        let out = way(images.clone(), weight.clone(), bias.clone(), kernel);
-        // Another value for each output.
-        let gradients = (out.clone() * wild(out.dims(), &device)).sum().backward();
-        let of = "all three are tracked";
-        [
-            host(out),
-            host(images.grad(&gradients).expect(of)),
-            host(weight.grad(&gradients).expect(of)),
-            host(bias.grad(&gradients).expect(of)),
-        ]
-    }
-
-    #[test]
-    fn agrees_with_burns_convolution_forwards_and_backwards() {
-        let kernels =
-            [(5, 2, 2), (3, 2, 1), (3, 1, 1), (3, 1, 0), (4, 2, 1), (1, 1, 0), (2, 3, 0), (5, 2, 4)];
-        for (size, stride, padding) in kernels {
-            let kernel = Kernel { size, stride, padding };
-            for shape in [[3, 8, 8, 3], [2, 7, 9, 4], [1, 5, 5, 1], [40, 32, 32, 3]] {
-                let [ours, burns] =
-                    [convolve as Way, convolve_anywhere].map(|way| pass(way, shape, 6, kernel));
-                for (what, (ours, burns)) in
-                    ["outputs", "images", "weight", "bias"].iter().zip(ours.iter().zip(&burns))
-                {
-                    assert_eq!(ours.len(), burns.len(), "{what} of {kernel:?}, {shape:?}");
-                    let largest = burns.iter().fold(1.0_f32, |most, value| most.max(value.abs()));
-                    for (a, b) in ours.iter().zip(burns) {
-                        assert!(
-                            (a - b).abs() <= 1e-5 * largest,
-                            "{what} of {kernel:?}, {shape:?}: {a} and {b}"
-                        );
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn an_image_is_convolved_alike_in_any_batch() {
-        let device = Device::flex();
-        let kernel = Kernel { size: 3, stride: 2, padding: 1 };
-        let (weight, bias) = (wild([9 * 16, 32], &device), wild([32], &device));
-        let images = wild([50, 16, 16, 16], &device);
-        let all = convolve(images.clone(), weight.clone(), bias.clone(), kernel);
-        for one in [0, 17, 49] {
-            let alone = convolve(images.clone().narrow(0, one, 1), weight.clone(), bias.clone(), kernel);
-            assert_eq!(host(alone), host(all.clone().narrow(0, one, 1)));
-        }
-    }
-}
+#[path = "convolution_tests.rs"]
+mod tests;

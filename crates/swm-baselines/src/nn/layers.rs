@@ -4,6 +4,7 @@ use burn::module::{Module, Param, ParamId};
 use burn::tensor::module::linear;
 use burn::tensor::{Device, FloatDType, Tensor};
 
+use super::activation::Activation;
 use super::convolution::{Kernel, convolve};
 
 /// A parameter of zeros; [`initialize`](crate::init::initialize) gives it its first values.
@@ -86,9 +87,22 @@ impl Conv {
     /// The kernel at every `stride`-th pixel, rectified, with as many zeros around the image as leave ⌈pixels / stride⌉ places
     /// where the stride divides the pixels: `[N, H, W, in]` → `[N, H / stride, W / stride, out]`.
     pub(crate) fn rectified(&self, input: Tensor<4>, stride: usize) -> Tensor<4> {
+        let padding = (self.size() - stride).div_ceil(2);
+        self.convolve(input, stride, padding, Activation::Relu)
+    }
+
+    /// The kernel at every `stride`-th pixel, nothing around the image, then Mish: `[N, H, W, in]` → `[N, H', W', out]`.
+    pub(crate) fn with_mish(&self, input: Tensor<4>, stride: usize) -> Tensor<4> {
+        self.convolve(input, stride, 0, Activation::Mish)
+    }
+
+    fn size(&self) -> usize {
+        self.weight.dims()[2]
+    }
+
+    fn convolve(&self, input: Tensor<4>, stride: usize, padding: usize, activation: Activation) -> Tensor<4> {
         let [outputs, inputs, size, _] = self.weight.dims();
         let weight = self.weight.val().permute([2, 3, 1, 0]).reshape([size * size * inputs, outputs]);
-        let padding = (size - stride).div_ceil(2);
-        convolve(input, weight, self.bias.val(), Kernel { size, stride, padding })
+        convolve(input, weight, self.bias.val(), Kernel { size, stride, padding }, activation)
     }
 }

@@ -5,6 +5,7 @@
 //!
 //! [`Pass`]: crate::pass::Pass
 
+mod activation;
 mod attention;
 mod background;
 mod cnn;
@@ -23,6 +24,7 @@ mod predictor;
 mod projector;
 mod vit;
 
+pub(crate) use activation::mish;
 pub(crate) use background::Background;
 pub(crate) use cnn::Cnn;
 pub use cnn::CnnConfig;
@@ -36,7 +38,7 @@ pub(crate) use goal::{Critic, GoalPredictor, QHead, TokenForm, ValueNetwork};
 pub use goal::{GoalTransformerConfig, Pool};
 pub use keypoints::KeypointConfig;
 pub(crate) use keypoints::Keypoints;
-pub(crate) use layers::{Linear, parameter};
+pub(crate) use layers::{Conv, Linear, parameter};
 pub(crate) use metric::MetricValue;
 pub(crate) use norm::LayerNorm;
 pub use predictor::PredictorConfig;

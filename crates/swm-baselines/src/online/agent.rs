@@ -9,6 +9,7 @@ use swm_core::LiveEpisode;
 use super::settings::CollectConfig;
 use crate::baseline::Losses;
 use crate::error::BaselineError;
+use crate::images::Images;
 
 /// An agent: acts on observations, and learns from clips of what came of it.
 ///
@@ -30,21 +31,21 @@ pub trait OnlineAgent: Send {
     /// Number of trainable parameters.
     fn parameters(&self) -> usize;
 
-    /// Takes the observations of a collected episode, `[N, O]`, into the statistics that it normalizes with.
+    /// Takes the vectors of a collected episode, `[N, O]`, into the statistics that it normalizes with.
     fn observe(&mut self, observations: &[f32]);
 
-    /// Writes the action, `[A]` in [-1, 1], for `observation`, `[O]`, in the environment of this slot: with the noise of
-    /// exploration, or the one that it thinks best.
+    /// Writes the action, `[A]` in [-1, 1], for an observation in the environment of this slot: with the noise of exploration, or
+    /// the one that it thinks best.
     ///
     /// # Errors
     ///
-    /// The values have other dimensions than the agent was made for.
+    /// The observation or the action has another form than the agent was made for.
     fn act(
         &mut self,
         slot: usize,
         episode: &LiveEpisode,
         explore: bool,
-        observation: &[f32],
+        observation: &Observation<'_>,
         action: &mut [f32],
     ) -> Result<(), BaselineError>;
 
@@ -91,6 +92,24 @@ pub struct Task<'a> {
     pub env: &'a str,
     /// Steps after which an episode is truncated.
     pub max_episode_steps: u64,
+    /// Whether it learns from a dataset.
+    pub from_dataset: bool,
+}
+
+impl<'a> Task<'a> {
+    /// Learning online.
+    pub const fn online(env: &'a str, max_episode_steps: u64) -> Self {
+        Self { env, max_episode_steps, from_dataset: false }
+    }
+}
+
+/// What is observed at a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    /// `[O]`: the values of vectors.
+    pub vector: &'a [f32],
+    /// The image, one row of one step, where images are observed. Of another size than the agent's, it is resized.
+    pub image: Option<Images<'a>>,
 }
 
 /// B clips of T consecutive steps.
@@ -100,8 +119,10 @@ pub struct Transitions<'a> {
     pub rows: usize,
     /// T.
     pub steps: usize,
-    /// `[B, T, O]`.
+    /// `[B, T, O]`: vectors.
     pub observation: &'a [f32],
+    /// B rows of T images, where images are observed.
+    pub images: Option<Images<'a>>,
     /// `[B, T, A]`, in [-1, 1]: the actions taken from the observations.
     pub action: &'a [f32],
     /// `[B, T]`: the reward that came with each observation, of the action before it.
@@ -120,8 +141,11 @@ pub struct AgentConfig {
     pub preset: String,
     /// All settings.
     pub settings: Json,
-    /// O: values of an observation.
+    /// O: values of the vectors that it observes.
     pub observation_dim: usize,
+    /// S: the side of the images that it observes; `None`: vectors alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub image: Option<usize>,
     /// A: values of an action.
     pub action_dim: usize,
     /// The seed of its first weights and of its noise.

@@ -13,9 +13,9 @@ use swm_core::{
     BoxError, Cancel, Column, Dtype, EpisodeEnd, LiveEpisode, LiveStep, Recorder, Rollout, World, WorldError,
 };
 
-use super::agent::OnlineAgent;
+use super::agent::{Observation, OnlineAgent};
 use super::interface::Interface;
-use super::replay::Replay;
+use super::replay::{Clips, Replay};
 use super::settings::OnlineSettings;
 use crate::error::BaselineError;
 use crate::train::{End, MetricSink, Part, Record, RunFolder, Sums, values};
@@ -43,15 +43,28 @@ pub struct OnlineState {
     pub end: Option<End>,
 }
 
+/// What is learned from.
+pub(super) enum Source<'a> {
+    /// Episodes that the agent collects in `world`; it is evaluated in `stage`.
+    Worlds { world: &'a mut World, stage: &'a mut World, interface: &'a Interface, replay: Box<Replay> },
+    /// Those of a dataset: every step is an update, and nothing is evaluated.
+    Dataset(Box<Clips>),
+}
+
+impl Source<'_> {
+    fn clips(&mut self) -> &mut Clips {
+        match self {
+            Self::Worlds { replay, .. } => &mut replay.clips,
+            Self::Dataset(clips) => clips,
+        }
+    }
+}
+
 /// Learning at work.
 pub(super) struct Learn<'a, 's> {
     pub(super) run: &'a RunFolder,
     pub(super) agent: &'a mut dyn OnlineAgent,
-    pub(super) world: &'a mut World,
-    /// Where it is evaluated.
-    pub(super) stage: &'a mut World,
-    pub(super) interface: &'a Interface,
-    pub(super) replay: Replay,
+    pub(super) source: Source<'a>,
     pub(super) settings: &'a OnlineSettings,
     pub(super) sinks: &'a mut [Box<dyn MetricSink + 's>],
     pub(super) cancel: &'a Cancel,
@@ -89,7 +102,12 @@ impl Learn<'_, '_> {
 
     /// Collects an episode in each environment. One that is cut short by `cancel` leaves no trace in the state.
     fn collect(&mut self) -> Result<(), BaselineError> {
-        let Self { agent, world, interface, replay, settings, cancel, state, .. } = self;
+        let Self { agent, source, settings, cancel, state, .. } = self;
+        let Source::Worlds { world, interface, replay, .. } = source else {
+            // A dataset is there as a whole.
+            state.collected = settings.steps;
+            return Ok(());
+        };
         let collect = agent.collect().clone();
         let mut random_left = collect.random_steps.saturating_sub(state.collected);
         let last = state.episodes + collect.num_envs as u64;
@@ -98,7 +116,7 @@ impl Learn<'_, '_> {
         let ran = drive(
             world,
             &rollout,
-            &mut (DatasetRecorder::new(replay), &mut ends),
+            &mut (DatasetRecorder::new(&mut **replay), &mut ends),
             interface,
             |slot, episode, observation, action| {
                 if random_left == 0 {
@@ -127,10 +145,13 @@ impl Learn<'_, '_> {
     /// Makes the updates that are due for one collected step, and looks at the agent if it is time to.
     fn step(&mut self) -> Result<(), BaselineError> {
         let (collect, before) = (self.agent.collect(), self.state.step);
-        let [from, to] = [before, before + 1].map(|step| collect.updates_at(step));
+        let [from, to] = match self.source {
+            Source::Worlds { .. } => [before, before + 1].map(|step| collect.updates_at(step)),
+            Source::Dataset(_) => [before, before + 1],
+        };
         let size = self.agent.batch();
         for index in from..to {
-            let clips = self.replay.sample(size, index)?;
+            let clips = self.source.clips().sample(size, index)?;
             let losses = match self.agent.update(&clips, index) {
                 Err(source @ BaselineError::NotFinite { .. }) => {
                     let kept = self.saved.map(|step| self.run.weights(step));
@@ -147,8 +168,10 @@ impl Learn<'_, '_> {
         if step.is_multiple_of(self.settings.log_every) || step == total {
             let mut train = self.state.losses.take();
             train.extend(self.state.ended.take());
-            train.push(("episodes".to_owned(), self.state.episodes as f64));
-            train.push(("buffer".to_owned(), self.replay.rows() as f64));
+            if let Source::Worlds { replay, .. } = &self.source {
+                train.push(("episodes".to_owned(), self.state.episodes as f64));
+                train.push(("buffer".to_owned(), replay.clips.rows() as f64));
+            }
             self.state.train.clone_from(&train);
             self.tell(Part::Train, train)?;
         }
@@ -160,23 +183,27 @@ impl Learn<'_, '_> {
 
     /// Evaluates, and writes a checkpoint.
     fn look(&mut self) -> Result<(), BaselineError> {
-        let Self { agent, stage, interface, settings, state, .. } = self;
-        // Episodes of a run with another seed: none of them is learned from.
-        let rollout = Rollout::new(0..settings.eval_episodes).seed(!settings.seed);
-        let mut ends = Ends::default();
-        drive(stage, &rollout, &mut ends, interface, |slot, episode, observation, action| {
-            agent.act(slot, episode, false, observation, action)
-        })?;
-        state.evaluation = ends.summary();
-        let value = state.evaluation[0].1;
-        if state.best.is_none_or(|(_, best)| value > best) {
-            state.best = Some((state.step, value));
+        let Self { agent, source, settings, state, .. } = self;
+        if let Source::Worlds { stage, interface, .. } = source {
+            // Episodes of a run with another seed: none of them is learned from.
+            let rollout = Rollout::new(0..settings.eval_episodes).seed(!settings.seed);
+            let mut ends = Ends::default();
+            drive(stage, &rollout, &mut ends, interface, |slot, episode, observation, action| {
+                agent.act(slot, episode, false, observation, action)
+            })?;
+            state.evaluation = ends.summary();
+            let value = state.evaluation[0].1;
+            if state.best.is_none_or(|(_, best)| value > best) {
+                state.best = Some((state.step, value));
+            }
         }
         let best = state.best.map(|(step, _)| step);
         if state.step >= settings.steps {
             state.end = Some(End::Complete);
         }
-        self.tell(Part::Evaluation, self.state.evaluation.clone())?;
+        if !self.state.evaluation.is_empty() {
+            self.tell(Part::Evaluation, self.state.evaluation.clone())?;
+        }
         self.save()?;
         self.run.tidy(self.settings.keep, best)
     }
@@ -202,7 +229,10 @@ impl Learn<'_, '_> {
         let (since, clips) = self.pace;
         let record = Record {
             part,
-            phase: "online".to_owned(),
+            phase: match self.source {
+                Source::Worlds { .. } => "online".to_owned(),
+                Source::Dataset(_) => "dataset".to_owned(),
+            },
             step: self.state.step,
             total: self.settings.steps,
             epoch: 0,
@@ -225,19 +255,18 @@ fn drive(
     rollout: &Rollout,
     recorder: &mut dyn Recorder,
     interface: &Interface,
-    mut choose: impl FnMut(usize, &LiveEpisode, &[f32], &mut [f32]) -> Result<(), BaselineError>,
+    mut choose: impl FnMut(usize, &LiveEpisode, &Observation<'_>, &mut [f32]) -> Result<(), BaselineError>,
 ) -> Result<(), BaselineError> {
     let space = world.spec().action.clone();
     let map = interface.action_map(&space)?;
     let dim = map.dim();
     let mut actions = Column::zeros(space.dtype().unwrap_or(Dtype::F32), world.options().num_envs * dim);
-    let (mut observation, mut action) = (Vec::new(), vec![0.0; dim]);
+    let (mut vector, mut action) = (Vec::new(), vec![0.0; dim]);
     let mut run = world.begin(rollout, recorder)?;
     while let Some(view) = run.needs_actions() {
         for slot in view.live() {
             let Some(live) = view.row(slot) else { continue };
-            observation.clear();
-            interface.observe(live.row, &mut observation)?;
+            let observation = interface.observe(live.row, &mut vector)?;
             choose(slot, &live.episode, &observation, &mut action)?;
             let (_, mut of_slot) = actions.as_slice_mut().split_at(slot * dim);
             map.write(&action, &mut of_slot.reborrow().split_at(dim).0);

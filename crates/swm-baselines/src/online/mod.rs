@@ -9,13 +9,17 @@
 //! | `sac` | soft actor-critic |
 //! | `tdmpc2` | TD-MPC2: plans in the latent space of a world model |
 //! | `training` | what agents share |
-//! | `interface` | an environment's observations and actions as vectors |
+//! | `interface` | an environment's observations as a vector and an image, its actions as a vector |
+//! | `dataset` | a dataset in place of an environment |
 //! | `replay` | the dataset that grows, and the buffer that is sampled from |
 //! | `run` | what a run's folder holds; the agent of a checkpoint |
 //!
 //! The loop knows agents as [`OnlineAgent`] alone: one is a folder next to these files, and a line of [`AGENTS`].
 
 mod agent;
+mod dataset;
+#[cfg(test)]
+mod dataset_tests;
 mod interface;
 mod learn;
 mod replay;
@@ -29,7 +33,8 @@ pub mod tdmpc2;
 mod tests;
 mod training;
 
-pub use agent::{AgentConfig, OnlineAgent, Task, Transitions};
+pub use agent::{AgentConfig, Observation, OnlineAgent, Task, Transitions};
+pub use dataset::LearnedData;
 pub use interface::Interface;
 pub use learn::OnlineState;
 pub(crate) use run::online_agent;
@@ -37,4 +42,4 @@ pub use run::{OnlineConfig, TrainedAgent, is_online};
 pub use session::{NewOnlineRun, OnlineTraining};
 pub use settings::{CollectConfig, OnlineSettings};
 pub(crate) use table::find as find_agent;
-pub use table::{AGENTS, AgentEntry, make_agent, restore_agent};
+pub use table::{AGENTS, AgentEntry, restore_agent};

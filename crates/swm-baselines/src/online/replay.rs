@@ -8,16 +8,88 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
+use swm_core::env::PIXELS;
 use swm_core::{Batch, BoxError, EpisodeSink, Metadata, Schema, Slice};
 use swm_data::dataset::DatasetWriter;
 use swm_data::{ClipOptions, ReplayBuffer, Sampler, WriteMode};
 
 use super::agent::{OnlineAgent, Transitions};
-use super::interface::{ACTION, Interface, OBSERVATION, REWARD, TERMINATED};
+use super::interface::{ACTION, Goals, Interface, OBSERVATION, REWARD, TERMINATED};
 use crate::error::BaselineError;
+use crate::images::Images;
 
-/// Dataset, buffer and sampler of a run.
+/// Transitions in memory, and the sampler of clips from them.
+pub(super) struct Clips {
+    buffer: ReplayBuffer,
+    sampler: Sampler,
+    batch: Batch,
+    /// The side of images, if there are any.
+    image: Option<usize>,
+}
+
+impl Clips {
+    /// None yet, and room for `capacity` steps.
+    pub(super) fn new(
+        interface: &Interface,
+        agent: &dyn OnlineAgent,
+        capacity: usize,
+    ) -> Result<Self, BaselineError> {
+        let schema = interface.schema();
+        let mut buffer = ReplayBuffer::new(capacity);
+        buffer.begin(&schema, &Metadata::default()).map_err(|error| failed(&error))?;
+        let keys = schema.fields().iter().map(|field| field.name.clone()).collect();
+        let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
+        let sampler = Sampler::new(options, agent.config().seed);
+        Ok(Self { buffer, sampler, batch: Batch::new(Arc::default(), 0), image: interface.image })
+    }
+
+    /// Adds the transitions of an episode; the oldest leave where there is no room.
+    pub(super) fn push(&mut self, transitions: &Batch) -> Result<(), BaselineError> {
+        self.buffer.write_episode(transitions).map_err(|error| failed(&error))
+    }
+
+    /// Steps that it holds, the last one of each episode included.
+    pub(super) fn rows(&self) -> usize {
+        self.buffer.rows()
+    }
+
+    /// Samples `size` clips for update `index`.
+    ///
+    /// # Errors
+    ///
+    /// No episode is as long as a clip.
+    pub(super) fn sample(&mut self, size: usize, index: u64) -> Result<Transitions<'_>, BaselineError> {
+        self.sampler.sample(&self.buffer, size, index, &mut self.batch)?;
+        let clips = &self.batch;
+        let values = |name: &str| match clips.schema().index(name).map(|index| clips.column(index)) {
+            Some(Slice::F32(values)) => values,
+            _ => &[],
+        };
+        let reward = values(REWARD);
+        let steps = reward.len() / size.max(1);
+        let images = self.image.zip(clips.schema().index(PIXELS)).and_then(|(side, index)| {
+            let Slice::U8(values) = clips.column(index) else { return None };
+            Some(Images { values, rows: size, steps, height: side, width: side, channels_last: true })
+        });
+        Ok(Transitions {
+            rows: size,
+            steps,
+            observation: values(OBSERVATION),
+            images,
+            action: values(ACTION),
+            reward,
+            terminated: values(TERMINATED),
+        })
+    }
+}
+
+fn failed(error: &BoxError) -> BaselineError {
+    BaselineError::data(OBSERVATION, error.to_string())
+}
+
+/// Dataset, buffer and sampler of an online run.
 pub(super) struct Replay {
+    pub(super) clips: Clips,
     /// The policy of the episodes, in their record.
     policy: String,
     interface: Interface,
@@ -25,10 +97,7 @@ pub(super) struct Replay {
     is_begun: bool,
     /// Transitions of the episodes that the dataset holds and the last checkpoint does not know.
     ahead: VecDeque<Batch>,
-    buffer: ReplayBuffer,
-    sampler: Sampler,
-    clips: Batch,
-    /// Observations, `[N, O]`, that the agent has not been shown.
+    /// Vectors, `[N, O]`, that the agent has not been shown.
     observed: Vec<f32>,
 }
 
@@ -44,9 +113,7 @@ impl Replay {
         agent: &dyn OnlineAgent,
         episodes: u64,
     ) -> Result<Self, BaselineError> {
-        let mut buffer = ReplayBuffer::new(agent.collect().capacity);
-        let failed = |error: BoxError| BaselineError::data(OBSERVATION, error.to_string());
-        buffer.begin(&interface.schema(), &Metadata::default()).map_err(failed)?;
+        let mut clips = Clips::new(interface, agent, agent.collect().capacity)?;
         let mut ahead = VecDeque::new();
         if path.exists() {
             let mut dataset = swm_data::open(path)?;
@@ -59,9 +126,9 @@ impl Replay {
             let mut rows = Batch::new(dataset.schema().clone(), 0);
             for episode in 0..held {
                 dataset.read(episode, 0..dataset.episode_len(episode), &mut rows)?;
-                let transitions = interface.transitions(&rows)?;
+                let transitions = interface.transitions(&rows, Goals::Recorded)?;
                 if (episode as u64) < episodes {
-                    buffer.write_episode(&transitions).map_err(failed)?;
+                    clips.push(&transitions)?;
                 } else {
                     ahead.push_back(transitions);
                 }
@@ -70,52 +137,20 @@ impl Replay {
             let reason = format!("it is gone, with the {episodes} episodes of the run; bring it back");
             return Err(BaselineError::Run { path: path.to_owned(), reason });
         }
-        let keys = [OBSERVATION, ACTION, REWARD, TERMINATED].map(str::to_owned).to_vec();
-        let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
         Ok(Self {
+            clips,
             policy: format!("{} in training", agent.config().agent),
             interface: interface.clone(),
             writer: swm_data::create(path, WriteMode::Append, None)?,
             is_begun: false,
             ahead,
-            buffer,
-            sampler: Sampler::new(options, agent.config().seed),
-            clips: Batch::new(Arc::default(), 0),
             observed: Vec::new(),
         })
     }
 
-    /// Steps that the buffer holds, the last one of each episode included.
-    pub(super) fn rows(&self) -> usize {
-        self.buffer.rows()
-    }
-
-    /// The observations that came since the last call.
+    /// The vectors that came since the last call.
     pub(super) fn take_observed(&mut self) -> Vec<f32> {
         std::mem::take(&mut self.observed)
-    }
-
-    /// Samples `size` clips for update `index`.
-    ///
-    /// # Errors
-    ///
-    /// No episode is as long as a clip.
-    pub(super) fn sample(&mut self, size: usize, index: u64) -> Result<Transitions<'_>, BaselineError> {
-        self.sampler.sample(&self.buffer, size, index, &mut self.clips)?;
-        let clips = &self.clips;
-        let values = |name: &str| match clips.schema().index(name).map(|index| clips.column(index)) {
-            Some(Slice::F32(values)) => values,
-            _ => &[],
-        };
-        let reward = values(REWARD);
-        Ok(Transitions {
-            rows: size,
-            steps: reward.len() / size.max(1),
-            observation: values(OBSERVATION),
-            action: values(ACTION),
-            reward,
-            terminated: values(TERMINATED),
-        })
     }
 }
 
@@ -124,7 +159,7 @@ impl EpisodeSink for Replay {
         if !std::mem::replace(&mut self.is_begun, true) {
             self.writer.begin(schema, &Metadata { policy: self.policy.clone(), ..metadata.clone() })?;
         }
-        Ok(self.buffer.written())
+        Ok(self.clips.buffer.written())
     }
 
     fn holds(&self, column: &str) -> bool {
@@ -132,10 +167,10 @@ impl EpisodeSink for Replay {
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
-        let transitions = self.interface.transitions(rows)?;
+        let transitions = self.interface.transitions(rows, Goals::Recorded)?;
         match self.ahead.pop_front() {
             Some(known) if !is_same(&known, &transitions) => {
-                let episode = self.buffer.written();
+                let episode = self.clips.buffer.written();
                 return Err(format!(
                     "episode {episode} is another one than the run's dataset holds; another version of the program or of the \
                      environment collected it: begin a new run"
@@ -145,10 +180,12 @@ impl EpisodeSink for Replay {
             Some(_) => {}
             None => self.writer.write_episode(rows)?,
         }
-        if let Slice::F32(values) = transitions.column(0) {
+        if let Some(index) = transitions.schema().index(OBSERVATION)
+            && let Slice::F32(values) = transitions.column(index)
+        {
             self.observed.extend_from_slice(values);
         }
-        self.buffer.write_episode(&transitions)
+        self.clips.buffer.write_episode(&transitions)
     }
 
     /// The next round goes on with the same dataset.
@@ -163,6 +200,7 @@ fn is_same(a: &Batch, b: &Batch) -> bool {
         (Slice::F32(a), Slice::F32(b)) => {
             a.iter().map(|value| value.to_bits()).eq(b.iter().map(|value| value.to_bits()))
         }
+        (Slice::U8(a), Slice::U8(b)) => a == b,
         _ => false,
     };
     a.schema() == b.schema() && (0..a.schema().fields().len()).all(same)

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use super::agent::{AgentConfig, OnlineAgent};
+use super::dataset::LearnedData;
 use super::interface::Interface;
 use super::learn::OnlineState;
 use super::settings::OnlineSettings;
@@ -14,7 +15,7 @@ use crate::device::Device;
 use crate::error::BaselineError;
 use crate::train::{Checkpoint, RUN_VERSION, RunFolder, Which, step_of};
 
-/// An online run, but for its weights and episodes.
+/// An agent's run, but for its weights and episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -23,10 +24,13 @@ pub struct OnlineConfig {
     pub version: u32,
     /// The agent.
     pub agent: AgentConfig,
-    /// The environment's id.
+    /// The environment's id; empty where a dataset does not tell it.
     pub env: String,
     /// Its settings.
     pub env_settings: Map<String, Json>,
+    /// The dataset that it learned from, where it did; then the environment is the one of the dataset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<LearnedData>,
     /// What of it the agent observes, and the bounds of actions.
     pub interface: Interface,
     /// How long, and how often it is looked at.
@@ -42,7 +46,7 @@ impl OnlineConfig {
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
         if !is_online(run)? {
             return Err(
-                run.wrong("it learned from a dataset, not online; use a run of `swm train AGENT --env ENV`")
+                run.wrong("it trained a model, not an agent; use a run of an agent (`swm train --list`)")
             );
         }
         let config: Self = run.config()?;

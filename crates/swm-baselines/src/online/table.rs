@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm_core::Setting;
+use swm_core::env::PIXELS;
 use swm_core::error::nearest;
 
 use super::agent::{AgentConfig, OnlineAgent, Task};
@@ -19,8 +20,12 @@ pub struct AgentEntry {
     pub about: &'static str,
     /// Its presets, the published one first.
     pub presets: &'static [&'static str],
+    /// Whether it also learns from datasets.
+    pub learns_from_datasets: bool,
     /// Settings below `plan` that its policy takes, such as `tdmpc2:RUN,samples=64`.
     pub options: &'static [Setting],
+    /// The side of the images that it can learn from, by its settings; `None`: it learns from vectors alone.
+    image: fn(&Json) -> Option<usize>,
     /// All settings, from a preset, the task, and changes.
     settings: fn(&str, &Task<'_>, &Json) -> Result<Json, BaselineError>,
     /// Makes it.
@@ -33,49 +38,69 @@ pub const AGENTS: &[AgentEntry] = &[
         name: sac::NAME,
         about: "agent: soft actor-critic, learns online from observations (`--env`)",
         presets: &["paper", "small"],
+        learns_from_datasets: false,
         options: &[],
+        image: |_| None,
         settings: sac::settings,
         make: |config, device| Ok(Box::new(sac::Sac::new(config, device)?)),
     },
     AgentEntry {
         name: tdmpc2::NAME,
-        about: "agent: plans in the latent space of a world model that learns online (`--env`)",
+        about: "agent: plans in the latent space of a world model that learns online (`--env`) or from a dataset (`--data`)",
         presets: &["paper", "small"],
+        learns_from_datasets: true,
         options: tdmpc2::OPTIONS,
+        image: |settings| Some(settings["image"]["size"].as_u64()? as usize),
         settings: tdmpc2::settings,
         make: |config, device| Ok(Box::new(tdmpc2::Tdmpc2::new(config, device)?)),
     },
 ];
 
-/// A new agent with fresh weights, for observations and actions of such dims of the environment of `task`. `changes` are
-/// settings that differ from the preset's, as nested objects.
-///
-/// # Errors
-///
-/// No such agent or preset, or an unknown or misfit setting.
-pub fn make_agent(
-    name: &str,
-    preset: &str,
-    changes: &Json,
-    task: &Task<'_>,
-    [observation_dim, action_dim]: [usize; 2],
-    seed: u64,
-    device: Device,
-) -> Result<Box<dyn OnlineAgent>, BaselineError> {
-    let entry = find(name)?;
-    if !entry.presets.contains(&preset) {
-        return Err(BaselineError::UnknownPreset {
-            baseline: entry.name,
-            preset: preset.to_owned(),
-            known: entry.presets.join(", "),
-        });
+impl AgentEntry {
+    /// All settings: those of a preset, with `changes` as nested objects.
+    pub(super) fn settings(
+        &self,
+        preset: &str,
+        changes: &Json,
+        task: &Task<'_>,
+    ) -> Result<Json, BaselineError> {
+        if !self.presets.contains(&preset) {
+            return Err(BaselineError::UnknownPreset {
+                baseline: self.name,
+                preset: preset.to_owned(),
+                known: self.presets.join(", "),
+            });
+        }
+        (self.settings)(preset, task, changes)
     }
-    let (agent, preset) = (entry.name.to_owned(), preset.to_owned());
-    let settings = (entry.settings)(&preset, task, changes)?;
-    (entry.make)(AgentConfig { agent, preset, settings, observation_dim, action_dim, seed }, device)
+
+    /// The side of the images that it can learn from, with these settings.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Training`]: it learns from vectors alone.
+    pub(super) fn image(&self, settings: &Json) -> Result<usize, BaselineError> {
+        (self.image)(settings).ok_or_else(|| {
+            let others = AGENTS.iter().filter(|entry| entry.learns_from_images()).map(|entry| entry.name);
+            BaselineError::Training {
+                setting: "observe".to_owned(),
+                reason: format!(
+                    "{} learns from vectors alone; leave `{PIXELS}` out, or train one that learns from images: {}",
+                    self.name,
+                    others.collect::<Vec<_>>().join(", ")
+                ),
+            }
+        })
+    }
+
+    /// Whether it can learn from images.
+    pub fn learns_from_images(&self) -> bool {
+        let settings = (self.settings)(self.presets[0], &Task::online("", 1), &Json::Null);
+        settings.is_ok_and(|settings| (self.image)(&settings).is_some())
+    }
 }
 
-/// The agent of a config, with its initial weights. `options` are settings of its plan that differ from the config's, by the names
+/// The agent of a config, new or stored, with its initial weights. `options` are settings of its plan that differ from the config's, by the names
 /// in [`AgentEntry::options`].
 ///
 /// # Errors

@@ -1,9 +1,10 @@
-//! What every line of [`AGENTS`] keeps to, in the toy environment: runs that are killed, stopped, resumed, used as policies,
-//! refused. A new agent is tested by its line in [`TINY`].
+//! What every line of [`AGENTS`] keeps to, in the toy environment, with every kind of observation that it learns from: runs that are
+//! killed, stopped, resumed, used as policies, refused. A new agent is tested by its line in [`TINY`].
 
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
+use swm_core::env::PIXELS;
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{Cancel, EnvConfig, EnvEntry, PolicyContext, Registry, Rollout, World, WorldOptions};
 
@@ -12,11 +13,12 @@ use crate::acting::POLICIES;
 use crate::train::{Checkpoint, End, MetricSink, Record, RunFolder, Which};
 use crate::{BaselineError, Device};
 
-const OBSERVED: [&str; 2] = ["state", "goal_state"];
+/// Vectors, images, both.
+const KINDS: [&[&str]; 3] = [&["state", "goal_state"], &["pixels"], &["goal_state", "pixels"]];
 const STEPS: u64 = 130;
 
-fn registry() -> Registry {
-    Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY])
+pub(super) fn registry() -> Registry {
+    Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY]).with(swm_data::FORMATS)
 }
 
 /// What makes an agent tiny: for many short runs, and for one that learns.
@@ -36,7 +38,8 @@ const TINY: &[Tiny] = &[
         agent: "tdmpc2",
         changes: || {
             let plan = json!({ "samples": 12, "collect_samples": 10, "elites": 4, "policy_samples": 3, "iterations": 2 });
-            json!({ "latent_dim": 8, "encoder_dim": 8, "mlp_dim": 8, "num_bins": 11, "batch": 8, "plan": plan })
+            json!({ "latent_dim": 8, "encoder_dim": 8, "mlp_dim": 8, "num_bins": 11, "batch": 8, "plan": plan,
+                "image": { "size": 40, "channels": 4 } })
         },
         learns_with: || {
             let plan = json!({ "samples": 32, "collect_samples": 32, "elites": 8, "policy_samples": 8 });
@@ -54,7 +57,16 @@ fn for_each(check: impl Fn(&Tiny)) {
     }
 }
 
-fn begin(tiny: &Tiny, folder: &Path) -> OnlineTraining {
+/// Calls `check` with each agent of the table, and the columns of each kind of observation that it learns from.
+fn for_each_kind(check: impl Fn(&Tiny, &[&str])) {
+    for_each(|tiny| {
+        let sees = find_agent(tiny.agent).unwrap().learns_from_images();
+        let kinds = KINDS.iter().filter(|kind| sees || !kind.contains(&PIXELS));
+        kinds.for_each(|observe| check(tiny, observe));
+    });
+}
+
+fn begin(tiny: &Tiny, observe: &[&str], folder: &Path) -> OnlineTraining {
     let fit = OnlineSettings {
         steps: STEPS,
         max_episode_steps: 20,
@@ -67,16 +79,17 @@ fn begin(tiny: &Tiny, folder: &Path) -> OnlineTraining {
     let collect = json!({ "num_envs": 3, "random_steps": 30, "updates_per_step": 0.7, "capacity": 90 });
     let mut changes = (tiny.changes)();
     changes["collect"] = collect;
-    begin_with(tiny.agent, folder, &changes, &fit).unwrap()
+    begin_with(tiny.agent, observe, folder, &changes, &fit).unwrap()
 }
 
 fn begin_with(
     agent: &str,
+    observe: &[&str],
     folder: &Path,
     changes: &Json,
     fit: &OnlineSettings,
 ) -> Result<OnlineTraining, BaselineError> {
-    let observe = OBSERVED.map(str::to_owned);
+    let observe: Vec<String> = observe.iter().map(|&name| name.to_owned()).collect();
     let new = NewOnlineRun {
         agent,
         preset: "small",
@@ -90,11 +103,11 @@ fn begin_with(
 }
 
 fn resume(folder: &Path) -> Result<OnlineTraining, BaselineError> {
-    OnlineTraining::resume(&registry(), folder, Device::Cpu, |_| {})
+    OnlineTraining::resume(&registry(), folder, Device::Cpu, None, |_| {})
 }
 
 /// At a step, an error that loses what is in memory, as a kill does; or the wish to stop.
-struct At(u64, Option<Cancel>);
+pub(super) struct At(pub(super) u64, pub(super) Option<Cancel>);
 
 impl MetricSink for At {
     fn record(&mut self, record: &Record) -> Result<(), BaselineError> {
@@ -113,6 +126,20 @@ impl MetricSink for At {
 
 /// All that a run leaves, but for times: the last checkpoint with the hashes of its weights and optimizers, metrics, episodes.
 fn left(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>, Vec<Vec<String>>) {
+    let (checkpoint, metrics) = left_of_run(folder);
+    let mut dataset = swm_data::open(&folder.join("episodes.h5")).unwrap();
+    let episodes = (0..dataset.num_episodes())
+        .map(|episode| {
+            let mut rows = swm_core::Batch::new(dataset.schema().clone(), 0);
+            dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).unwrap();
+            (0..rows.schema().fields().len()).map(|column| format!("{:?}", rows.column(column))).collect()
+        })
+        .collect();
+    (checkpoint, metrics, episodes)
+}
+
+/// The same without episodes.
+pub(super) fn left_of_run(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>) {
     let run = RunFolder::open(folder).unwrap();
     let checkpoint = run.checkpoint(*run.steps().unwrap().last().unwrap()).unwrap();
     let metrics = std::fs::read_to_string(run.file("metrics.jsonl")).unwrap();
@@ -121,31 +148,23 @@ fn left(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>, Vec<Vec<String>>)
         line.retain(|name, _| name != "clips_per_s" && name != "elapsed_s");
         Json::Object(line)
     };
-    let mut dataset = swm_data::open(&run.file("episodes.h5")).unwrap();
-    let episodes = (0..dataset.num_episodes())
-        .map(|episode| {
-            let mut rows = swm_core::Batch::new(dataset.schema().clone(), 0);
-            dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).unwrap();
-            (0..rows.schema().fields().len()).map(|column| format!("{:?}", rows.column(column))).collect()
-        })
-        .collect();
-    (checkpoint, metrics.lines().map(untimed).collect(), episodes)
+    (checkpoint, metrics.lines().map(untimed).collect())
 }
 
 #[test]
 fn runs_that_were_killed_and_stopped_go_on_to_the_same_bits() {
-    for_each(goes_on_to_the_same_bits);
+    for_each_kind(goes_on_to_the_same_bits);
 }
 
-fn goes_on_to_the_same_bits(tiny: &Tiny) {
+fn goes_on_to_the_same_bits(tiny: &Tiny, observe: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let [whole, cut] = ["whole", "cut"].map(|name| folder.path().join(name));
-    let state = begin(tiny, &whole).run(Vec::new(), &Cancel::new()).unwrap();
+    let state = begin(tiny, observe, &whole).run(Vec::new(), &Cancel::new()).unwrap();
     assert_eq!((state.step, state.end), (STEPS, Some(End::Complete)));
     assert!(state.episodes >= 6 && state.collected >= STEPS, "{state:?}");
 
     // Killed after the checkpoint at step 40, when the dataset holds more episodes than the checkpoint knows.
-    let killed = begin(tiny, &cut).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
+    let killed = begin(tiny, observe, &cut).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
     assert!(killed.to_string().contains("killed"), "{killed}");
     let held = left(&cut);
     assert_eq!(held.0.step, 40);
@@ -174,12 +193,12 @@ fn a_dataset_that_is_gone_or_another_is_refused() {
 fn refuses_another_dataset(tiny: &Tiny) {
     let folder = tempfile::tempdir().unwrap();
     let [run, other] = ["run", "other"].map(|name| folder.path().join(name));
-    begin(tiny, &run).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
+    begin(tiny, KINDS[0], &run).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
     let goes_on = || resume(&run).unwrap().run(Vec::new(), &Cancel::new()).unwrap_err().to_string();
     let episodes = run.join("episodes.h5");
     // Another run's first episodes, and then those that this one has not learned from.
     let seed = OnlineSettings { steps: 200, seed: 5, max_episode_steps: 20, ..OnlineSettings::default() };
-    begin_with(tiny.agent, &other, &(tiny.changes)(), &seed)
+    begin_with(tiny.agent, KINDS[0], &other, &(tiny.changes)(), &seed)
         .unwrap()
         .run(Vec::new(), &Cancel::new())
         .unwrap();
@@ -204,7 +223,7 @@ fn learns_to_reach_the_goal(tiny: &Tiny) {
         eval_episodes: 20,
         ..OnlineSettings::default()
     };
-    let mut training = begin_with(tiny.agent, folder.path(), &(tiny.learns_with)(), &fit).unwrap();
+    let mut training = begin_with(tiny.agent, KINDS[0], folder.path(), &(tiny.learns_with)(), &fit).unwrap();
     let state = training.run(Vec::new(), &Cancel::new()).unwrap();
     let value = |name: &str| state.evaluation.iter().find(|(known, _)| known == name).unwrap().1;
     let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
@@ -218,26 +237,40 @@ fn learns_to_reach_the_goal(tiny: &Tiny) {
 
 #[test]
 fn agents_act_as_policies() {
-    for_each(acts_as_a_policy);
+    for_each_kind(acts_as_a_policy);
 }
 
-fn acts_as_a_policy(tiny: &Tiny) {
+fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
     let agent = tiny.agent;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
-    begin(tiny, &path).run(Vec::new(), &Cancel::new()).unwrap();
+    begin(tiny, observe, &path).run(Vec::new(), &Cancel::new()).unwrap();
     let run = path.display();
     let (registry, config) = (registry(), EnvConfig::default());
+    let args = swm_core::PolicyArgs::parse(&format!("{agent}:{run}")).unwrap();
+    let image = registry.policy_entry(&TOY, agent).unwrap().image_size(&args);
+    assert_eq!(image.map(|size| size.width), observe.contains(&PIXELS).then_some(40));
     let made = |text: String, env: &EnvEntry| {
         registry.policy(&text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
     };
-    let returns = |num_envs| {
-        let mut world =
-            World::new(&TOY, WorldOptions::new(num_envs).max_episode_steps(20).threads(1)).unwrap();
+    let evaluated = |num_envs, image| {
+        let options = WorldOptions::new(num_envs).max_episode_steps(20).threads(1);
+        let config = EnvConfig { image, ..EnvConfig::default() };
+        let mut world = World::new(&TOY, options.env(config)).unwrap();
         world.set_policy(made(format!("{agent}:{run}"), &TOY).unwrap());
-        world.evaluate(&Rollout::new(0..5).seed(3)).unwrap().episode_returns
+        world.evaluate(&Rollout::new(0..5).seed(3))
     };
+    let returns = |num_envs| evaluated(num_envs, image).unwrap().episode_returns;
     assert_eq!(returns(1), returns(4));
+    if image.is_some() {
+        let blind = evaluated(1, None).unwrap_err();
+        let blind = std::iter::successors(Some(&blind as &dyn std::error::Error), |error| error.source());
+        let blind: Vec<String> = blind.map(ToString::to_string).collect();
+        assert!(
+            blind.concat().contains("none are rendered; leave --image-size out, or set it to 40x40"),
+            "{blind:?}"
+        );
+    }
     assert!(made(format!("{agent}:{run},checkpoint=best"), &TOY).is_ok());
     let fails = |text: String, env: &EnvEntry| made(text, env).err().unwrap();
     assert!(fails(format!("{agent}:{run}"), &DISCRETE_TOY).contains("transfer=true"));
@@ -259,7 +292,7 @@ fn options_of_a_plan_are_the_policys_settings() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
     let tiny = TINY.iter().find(|tiny| tiny.agent == "tdmpc2").unwrap();
-    begin(tiny, &path).run(Vec::new(), &Cancel::new()).unwrap();
+    begin(tiny, KINDS[0], &path).run(Vec::new(), &Cancel::new()).unwrap();
     let made = |options: &str| {
         let (registry, config) = (registry(), EnvConfig::default());
         let text = format!("tdmpc2:{}{options}", path.display());
@@ -303,6 +336,14 @@ fn refuses_what_it_cannot_learn_in(tiny: &Tiny) {
     assert!(create(&DISCRETE_TOY, &[], 10).contains("swm/DiscreteToy-v0: actions are"));
     let message = create(&TOY, &["stat"], 10);
     assert!(message.contains("no vector `stat`; there are state, goal_state"), "{message}");
+    let message = create(&TOY, &["stat", "pixels"], 10);
+    if find_agent(tiny.agent).unwrap().learns_from_images() {
+        assert!(message.contains("no vector `stat`"), "{message}");
+    } else {
+        let wanted =
+            "sac learns from vectors alone; leave `pixels` out, or train one that learns from images: tdmpc2";
+        assert!(message.contains(wanted), "{message}");
+    }
     assert!(create(&TOY, &[], 0).contains("setting `steps`: 0"));
     assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "nothing is left behind");
 }

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use swm_core::env::PIXELS;
 
-use super::agent::AgentConfig;
+use super::agent::{AgentConfig, Observation};
 use crate::baseline::Losses;
 use crate::error::BaselineError;
 use crate::losses::Terms;
@@ -33,23 +34,27 @@ pub(super) fn differentiate<M: Module>(
     Ok((losses, gradients))
 }
 
-/// The observation of one environment, `[1, O]`, after checking it and the action that is to be written.
-pub(super) fn observed(
+/// Refuses an observation and an action that this agent does not take.
+pub(super) fn check_form(
     config: &AgentConfig,
-    observation: &[f32],
+    observation: &Observation<'_>,
     action: &[f32],
-    device: &Device,
-) -> Result<Tensor<2>, BaselineError> {
+) -> Result<(), BaselineError> {
     let [inputs, outputs] = [config.observation_dim, config.action_dim];
-    if observation.len() != inputs || action.len() != outputs {
+    if observation.vector.len() != inputs || action.len() != outputs {
         let reason = format!(
             "{} values and an action of {}; this agent takes {inputs} and gives {outputs}",
-            observation.len(),
+            observation.vector.len(),
             action.len()
         );
         return Err(BaselineError::data("observation", reason));
     }
-    Ok(tensor(observation.to_vec(), [1, inputs], device))
+    match (config.image, observation.image) {
+        (Some(_), None) => {
+            Err(BaselineError::data(PIXELS, "there are no images, and this agent learned from them"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Number of trainable parameters: those that are neither statistics nor below `targets`.

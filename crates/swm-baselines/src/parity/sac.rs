@@ -17,6 +17,7 @@ fn sac_learns_as_the_reference() {
         preset: "paper".to_owned(),
         settings: json!(null),
         observation_dim: 3,
+        image: None,
         action_dim: 2,
         seed: 0,
     };
@@ -27,6 +28,7 @@ fn sac_learns_as_the_reference() {
         rows: 6,
         steps: 2,
         observation: values("observation"),
+        images: None,
         action: values("action"),
         reward: values("reward"),
         terminated: values("terminated"),

@@ -1,9 +1,11 @@
-//! TD-MPC2: its functions, losses, gradients, the scale of values, all weights after one update, and costs of plans.
+//! TD-MPC2: its functions, losses, gradients, the scale of values, all weights after one update, and costs of plans; from vectors,
+//! and from images and vectors.
 
 use serde_json::json;
 
 use super::{Fixture, GRADIENT, LOSS, STEPPED, worst};
-use crate::online::tdmpc2::{Noise, Tdmpc2, Tdmpc2Config, Tdmpc2Network, check_functions, loss};
+use crate::images::Images;
+use crate::online::tdmpc2::{Noise, Tdmpc2, Tdmpc2Config, Tdmpc2Image, Tdmpc2Network, check_functions, loss};
 use crate::online::{AgentConfig, OnlineAgent as _, Transitions};
 use crate::optim::Gradients;
 use crate::params;
@@ -11,11 +13,17 @@ use crate::pass::Pass;
 
 const STEPS: usize = 2;
 const CLIPS: usize = 5;
+/// The side of images.
+const SIDE: usize = 39;
+
+/// The fixtures, and the side of the images that are observed in each.
+const CASES: [(&str, Option<usize>); 2] = [("tdmpc2", None), ("tdmpc2_pixels", Some(SIDE))];
 
 fn config() -> Tdmpc2Config {
     Tdmpc2Config {
         latent_dim: 8,
         encoder_dim: 7,
+        image: Tdmpc2Image { size: SIDE, channels: 3 },
         mlp_dim: 6,
         simnorm_dim: 4,
         num_q: 3,
@@ -31,17 +39,50 @@ fn config() -> Tdmpc2Config {
     }
 }
 
-fn agent(fixture: &Fixture) -> Tdmpc2 {
-    let agent = AgentConfig {
+fn agent_config(image: Option<usize>) -> AgentConfig {
+    AgentConfig {
         agent: "tdmpc2".to_owned(),
         preset: "paper".to_owned(),
         settings: json!(null),
         observation_dim: 3,
+        image,
         action_dim: 2,
         seed: 0,
-    };
-    let network = fixture.load(&Tdmpc2Network::new([3, 2], &config(), &fixture.device), "weights");
+    }
+}
+
+fn agent(fixture: &Fixture, image: Option<usize>) -> Tdmpc2 {
+    let agent = agent_config(image);
+    let network = fixture.load(&Tdmpc2Network::new(&agent, &config(), &fixture.device), "weights");
     Tdmpc2::with(agent, config(), network, fixture.device.clone())
+}
+
+/// The bytes of all images: a function of their place, as in the script that makes the fixture.
+fn bytes() -> Vec<u8> {
+    let count = CLIPS * (STEPS + 1) * SIDE * SIDE * 3;
+    (0..count as u64).map(|place| (place.wrapping_mul(2_654_435_761) as u32 >> 24) as u8).collect()
+}
+
+/// The clips of a fixture.
+fn clips<'a>(fixture: &'a Fixture, image: Option<usize>, bytes: &'a [u8]) -> Transitions<'a> {
+    let values = |name: &str| fixture.values(&format!("inputs.{name}"));
+    let images = image.map(|side| Images {
+        values: bytes,
+        rows: CLIPS,
+        steps: STEPS + 1,
+        height: side,
+        width: side,
+        channels_last: true,
+    });
+    Transitions {
+        rows: CLIPS,
+        steps: STEPS + 1,
+        observation: values("observation"),
+        images,
+        action: values("action"),
+        reward: values("reward"),
+        terminated: &[0.0; CLIPS * (STEPS + 1)],
+    }
 }
 
 #[test]
@@ -57,36 +98,39 @@ fn functions_are_the_references() {
 
 #[test]
 fn plans_cost_what_they_cost_the_reference() {
-    let fixture = Fixture::open("tdmpc2");
-    let network = fixture.load(&Tdmpc2Network::new([3, 2], &config(), &fixture.device), "weights");
-    let observation = fixture.tensor::<3>("inputs.observation").narrow(1, 0, 1).squeeze_dim::<2>(1);
-    let latent = network.encode(observation);
-    fixture.check("outputs.encoded", latent.clone());
-    let candidates = fixture.tensor::<4>("inputs.candidates");
-    for (problem, theirs) in fixture.values("outputs.costs").chunks_exact(6).enumerate() {
-        let plans = candidates.clone().narrow(0, problem, 1).squeeze_dim::<3>(0);
-        let latents = latent.clone().narrow(0, problem, 1).repeat_dim(0, 6);
-        let returns = params::host(network.returns(latents, &plans, 0.97, 0.5));
-        for (ours, theirs) in returns.iter().zip(theirs) {
-            assert!((ours + theirs).abs() <= LOSS * theirs.abs(), "cost {} instead of {theirs}", -ours);
+    for (name, image) in CASES {
+        let fixture = Fixture::open(name);
+        let agent = agent(&fixture, image);
+        let network =
+            fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
+        let batch = agent.minibatch(&clips(&fixture, image, &bytes())).unwrap();
+        let latent = network.encode(batch.observed.narrow(0, CLIPS));
+        let differs = fixture.check("outputs.encoded", latent.clone());
+        assert!(differs <= 1e-6, "latents of {name}: {differs}");
+        let candidates = fixture.tensor::<4>("inputs.candidates");
+        for (problem, theirs) in fixture.values("outputs.costs").chunks_exact(6).enumerate() {
+            let plans = candidates.clone().narrow(0, problem, 1).squeeze_dim::<3>(0);
+            let latents = latent.clone().narrow(0, problem, 1).repeat_dim(0, 6);
+            let returns = params::host(network.returns(latents, &plans, 0.97, 0.5));
+            for (ours, theirs) in returns.iter().zip(theirs) {
+                assert!((ours + theirs).abs() <= LOSS * theirs.abs(), "cost {} instead of {theirs}", -ours);
+            }
         }
     }
 }
 
 #[test]
 fn tdmpc2_learns_as_the_reference() {
-    let fixture = Fixture::open("tdmpc2");
-    let mut agent = agent(&fixture);
+    for (name, image) in CASES {
+        learns_as_the_reference(name, image);
+    }
+}
+
+fn learns_as_the_reference(name: &str, image: Option<usize>) {
+    let fixture = Fixture::open(name);
+    let mut agent = agent(&fixture, image);
     let values = |name: &str| fixture.values(&format!("inputs.{name}"));
-    let clips = Transitions {
-        rows: CLIPS,
-        steps: STEPS + 1,
-        observation: values("observation"),
-        action: values("action"),
-        reward: values("reward"),
-        terminated: &[0.0; CLIPS * (STEPS + 1)],
-    };
-    let batch = agent.minibatch(&clips).unwrap();
+    let batch = agent.minibatch(&clips(&fixture, image, &bytes())).unwrap();
     // In the order of the reference: of each step the targets', then the policy's.
     let given = fixture.tensor::<3>("inputs.noise");
     let noise_of = |which: usize| {
@@ -101,7 +145,8 @@ fn tdmpc2_learns_as_the_reference() {
     let noise =
         || Noise { next: noise_of(0), policy: noise_of(1), next_qs: pairs_of(0), policy_qs: pairs_of(1) };
 
-    let network = fixture.load(&Tdmpc2Network::new([3, 2], &config(), &fixture.device), "weights");
+    let network =
+        fixture.load(&Tdmpc2Network::new(&agent_config(image), &config(), &fixture.device), "weights");
     let tracked = params::track(&network, crate::online::tdmpc2::TRAINED);
     let (terms, scale) = loss(&tracked, &network, &batch, &config(), noise(), &mut Pass::evaluate());
     for (name, part) in

@@ -43,9 +43,7 @@ impl RunConfig {
     /// The file cannot be read, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
         if let Some(agent) = online_agent(run)? {
-            return Err(run.wrong(format!(
-                "it trained an agent online, not a model on a dataset; use it as `{agent}:RUN`"
-            )));
+            return Err(run.wrong(format!("it trained an agent, not a model; use it as `{agent}:RUN`")));
         }
         let config: Self = run.config()?;
         match config.version {

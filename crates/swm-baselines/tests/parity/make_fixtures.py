@@ -612,13 +612,20 @@ def tdmpc2() -> None:
         case.add("inputs", candidates=candidates)
         case.add("outputs", costs=model.get_cost({"observation": seen}, candidates))
 
+    batch = dict(observation=observation, action=action, reward=reward)
+    tdmpc2_update(case, model, cfg, batch, noise, pairs)
+    case.save("tdmpc2")
+
+
+def tdmpc2_update(case: Case, model: TDMPC2, cfg: "Settings", batch: dict, noise: torch.Tensor, pairs: list) -> None:
+    """Losses, scale, gradients with given noise and pairs of Qs, and weights after one update."""
     names = dict(consist="consistency_loss", reward="reward_loss", value="value_loss", policy="policy_loss", loss="total")
     logged = {}
     context = SimpleNamespace(model=model, log_dict=lambda terms, **_: logged.update(terms))
     given_noise, given_pairs = iter(noise), iter(pairs)
     randn_like, sample = torch.randn_like, random.sample
     torch.randn_like, random.sample = lambda _: next(given_noise), lambda *_: next(given_pairs)
-    loss = tdmpc2_forward(context, dict(observation=observation, action=action, reward=reward), "train", cfg)["loss"]
+    loss = tdmpc2_forward(context, batch, "train", cfg)["loss"]
     torch.randn_like, random.sample = randn_like, sample
     case.add("outputs", **{ours: logged[f"train/{theirs}"].reshape(1) for theirs, ours in names.items()})
     case.add("outputs", scale=model.scale.value)
@@ -626,20 +633,59 @@ def tdmpc2() -> None:
     case.add_gradients(model)
 
     adam = lambda modules, lr, eps=1e-8: torch.optim.Adam([p for m in modules for p in m.parameters()], lr=lr, eps=eps)
+    encoders = [getattr(model, name) for name in ("cnn", "pixel_encoder", "extra_encoders") if hasattr(model, name)]
     optimizers = (
-        adam([model.extra_encoders], 0.3 * 0.01), adam([model.dynamics, model.reward, model.qs], 0.01),
-        adam([model.pi], 0.1 * 0.01, eps=1e-5),
+        adam(encoders, 0.3 * 0.01), adam([model.dynamics, model.reward, model.qs], 0.01), adam([model.pi], 0.1 * 0.01, eps=1e-5),
     )
     case.add("outputs", norm=nn.utils.clip_grad_norm_(model.parameters(), CLIP).reshape(1))
     for optimizer in optimizers:
         optimizer.step()
     case.add_weights("stepped", model)
-    case.save("tdmpc2")
+
+
+def tdmpc2_pixels() -> None:
+    """TD-MPC2 from images and vectors: latents, losses, gradients and scale, weights after one update, costs of plans. Images are a
+    function of the place of a byte, which the test computes, too; they are normalized as the reference's training script does. The
+    module makes convolutions of 32 channels: here they have 3."""
+    torch.manual_seed(13)
+    steps, clips, qs, actions, side, channels = 2, 5, 3, 2, 39, 3
+    wm = Settings(
+        horizon=steps, mlp_dim=6, enc_dim=7, simnorm_dim=4, num_q=qs, rho=0.5, tau=0.01, consistency_coef=20.0, reward_coef=0.1,
+        value_coef=0.1, discount=0.97, uncertainty_penalty=0.5, entropy_coef=1e-4, num_bins=11, vmin=-3, vmax=3,
+        encoding={"pixels": 8, "observation": 8},
+    )
+    cfg = Settings(wm=wm, action_dim=actions, extra_dims={"observation": 3}, image_size=side)
+    conv = nn.Conv2d
+    nn.Conv2d = lambda inputs, outputs, size, stride: conv(min(inputs, channels), min(outputs, channels), size, stride=stride)
+    case, model = Case(), TDMPC2(cfg).eval()
+    nn.Conv2d = conv
+    randomize(model)
+    case.add_weights("weights", model)
+
+    place = torch.arange(clips * (steps + 1) * side * side * 3, dtype=torch.int64)
+    images = ((place * 2654435761) % 2**32 >> 24).reshape(clips, steps + 1, side, side, 3).movedim(-1, -3)
+    mean, std = (torch.tensor(values).reshape(3, 1, 1) for values in ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]))
+    pixels = (images.float() / 255 - mean) / std
+    observation, action = torch.randn(clips, steps + 1, 3), torch.rand(clips, steps + 1, actions) * 2 - 1
+    reward, noise = torch.randn(clips, steps + 1), torch.randn(2 * steps, clips, actions)
+    pairs = [random.Random(13 + index).sample(range(qs), 2) for index in range(2 * steps)]
+    case.add("inputs", observation=observation, action=action, reward=reward.roll(1, dims=1), noise=noise)
+    case.add("inputs", pairs=torch.tensor(pairs))
+    with torch.no_grad():
+        case.add("outputs", encoded=model.encode({"pixels": pixels[:, 0], "observation": observation[:, 0]}))
+        candidates = torch.rand(2, 6, 3, actions) * 2 - 1
+        seen = {"pixels": pixels[:2, 0], "observation": observation[:2, 0]}
+        case.add("inputs", candidates=candidates)
+        case.add("outputs", costs=model.get_cost(seen, candidates))
+
+    batch = dict(pixels=pixels, observation=observation, action=action, reward=reward)
+    tdmpc2_update(case, model, cfg, batch, noise, pairs)
+    case.save("tdmpc2_pixels")
 
 
 CASES = dict(
     encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql, hilp=hilp,
-    sac=sac, tdmpc2=tdmpc2,
+    sac=sac, tdmpc2=tdmpc2, tdmpc2_pixels=tdmpc2_pixels,
 )
 
 # Made when they are named only.

@@ -1,4 +1,4 @@
-//! `swm train` and `swm checkpoints`: baselines learn from datasets, agents in environments.
+//! `swm train` and `swm checkpoints`: baselines learn from datasets, agents in environments or from datasets.
 //!
 //! Without the feature `baselines` the commands are there and say how to build it.
 
@@ -18,6 +18,8 @@ Examples:
   swm train --resume runs/lewm
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
+  swm train tdmpc2 --env swm/CheetahDMControl-v0 --observe pixels --preset small --steps 100000 --out runs/tdmpc2-pixels
+  swm train tdmpc2 --dataset tworoom.h5 --preset small --steps 20000 --out runs/tdmpc2-data
 
 RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its \
 last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`. \
@@ -29,7 +31,7 @@ pub(super) struct Train {
     /// List baselines and agents, and their presets.
     #[arg(long, conflicts_with_all = ["dataset", "out", "resume"])]
     list: bool,
-    /// The dataset that a baseline learns from; with --resume only if it has moved.
+    /// The dataset that a baseline learns from, or tdmpc2 instead of an environment; with --resume only if it has moved.
     #[arg(long, alias = "data", value_name = "FILE")]
     dataset: Option<PathBuf>,
     /// The run's folder.
@@ -108,8 +110,9 @@ struct OnlineArgs {
     /// A setting of the environment, `NAME=VALUE`; may be repeated.
     #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
     env_options: Vec<String>,
-    /// Columns that the agent observes, with commas. Default: observation, state or proprio, whichever is there.
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "env")]
+    /// Columns that the agent observes, with commas: vectors, and of tdmpc2 also pixels. Default: observation, state or proprio,
+    /// whichever is there; of a dataset its goal, too.
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with = "resume")]
     observe: Vec<String>,
     /// Steps after which an episode is truncated. Default: 500.
     #[arg(long, value_name = "STEPS", requires = "env")]

@@ -20,8 +20,19 @@ fn what_is_missing_depends_on_what_shall_learn() {
     };
     for (words, reason) in [
         ("swm sac --out no/run", "sac learns online: name an environment with --env"),
+        ("swm tdmpc2 --out no/run", "such as swm/CartpoleDMControl-v0, or a dataset with --dataset"),
+        (
+            "swm tdmpc2 --dataset no.h5 --eval-every 5 --out no/run",
+            "--eval-every (use --checkpoint-every): tdmpc2 learns from a dataset",
+        ),
+        ("swm sac --dataset no.h5 --out no/run", "sac learns online: name an environment with --env"),
+        ("swm lewm --dataset no.h5 --observe state --out no/run", "--observe: lewm learns from a dataset"),
         ("swm lewm --out no/run", "--dataset: name the dataset that lewm learns from"),
         ("swm lewn --out no/run", "unknown baseline or agent `lewn`; did you mean `lewm`?"),
+        (
+            "swm sac --env swm/TwoRoom-v2 --observe pixels --out no/run",
+            "sac learns from vectors alone; leave `pixels` out",
+        ),
         ("swm sax --env swm/PushT-v1 --out no/run", "did you mean `sac`?"),
     ] {
         let message = refused(words);

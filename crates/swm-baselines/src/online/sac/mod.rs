@@ -11,9 +11,9 @@ use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use swm_core::LiveEpisode;
 
-use super::agent::{AgentConfig, OnlineAgent, Transitions};
+use super::agent::{AgentConfig, Observation, OnlineAgent, Transitions};
 use super::settings::CollectConfig;
-use super::training::{differentiate, load_optimizer, observed, tensor, trainable};
+use super::training::{check_form, differentiate, load_optimizer, tensor, trainable};
 use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
@@ -192,10 +192,12 @@ impl OnlineAgent for Sac {
         _slot: usize,
         episode: &LiveEpisode,
         explore: bool,
-        observation: &[f32],
+        observation: &Observation<'_>,
         action: &mut [f32],
     ) -> Result<(), BaselineError> {
-        let observation = self.network.normalize(observed(&self.config, observation, action, &self.device)?);
+        check_form(&self.config, observation, action)?;
+        let shape = [1, self.config.observation_dim];
+        let observation = self.network.normalize(tensor(observation.vector.to_vec(), shape, &self.device));
         let chosen = if explore {
             let outputs = self.config.action_dim;
             let mut stream = episode.seed.indexed("agent exploration", [episode.step, 0]);

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     const fn of(env: &str) -> Task<'_> {
-        Task { env, max_episode_steps: 500 }
+        Task::online(env, 500)
     }
 
     #[test]

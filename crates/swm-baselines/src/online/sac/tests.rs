@@ -7,10 +7,15 @@ use crate::online::agent::Task;
 
 fn agent(seed: u64) -> Sac {
     let changes = serde_json::json!({ "hidden": [8, 8], "batch": 4 });
-    let settings = settings("small", &Task { env: "x", max_episode_steps: 500 }, &changes).unwrap();
+    let settings = settings("small", &Task::online("x", 500), &changes).unwrap();
     let (agent, preset) = (NAME.to_owned(), "small".to_owned());
-    let config = AgentConfig { agent, preset, settings, observation_dim: 2, action_dim: 1, seed };
+    let config =
+        AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
     Sac::new(config, Device::Cpu).unwrap()
+}
+
+fn seen(vector: &[f32]) -> Observation<'_> {
+    Observation { vector, image: None }
 }
 
 #[test]
@@ -36,7 +41,7 @@ fn exploration_is_keyed_by_episode_and_step() {
         let mut live = LiveEpisode::of(7, episode);
         live.step = step;
         let mut action = [0.0];
-        sac.act(0, &live, explore, &[0.3, -0.2], &mut action).unwrap();
+        sac.act(0, &live, explore, &seen(&[0.3, -0.2]), &mut action).unwrap();
         action[0]
     };
     assert_eq!(act(0, 0, true), act(0, 0, true));
@@ -52,12 +57,13 @@ fn clips_and_observations_of_another_form_are_refused() {
         rows: 4,
         steps: 3,
         observation: &[0.0; 24],
+        images: None,
         action: &[0.0; 12],
         reward: &[0.0; 12],
         terminated: &[0.0; 12],
     };
     assert!(sac.update(&clips, 0).unwrap_err().to_string().contains("4 clips of 3 steps"));
-    let refused = sac.act(0, &LiveEpisode::of(0, 0), false, &[0.0; 3], &mut [0.0]).unwrap_err();
+    let refused = sac.act(0, &LiveEpisode::of(0, 0), false, &seen(&[0.0; 3]), &mut [0.0]).unwrap_err();
     assert!(refused.to_string().contains("takes 2 and gives 1"), "{refused}");
     let nan = Transitions {
         steps: 2,

@@ -4,7 +4,7 @@
 use burn::tensor::Tensor;
 
 use super::math::{cross_entropy, gaussian_log_density, percentile_range, squash};
-use super::network::Tdmpc2Network;
+use super::network::{Observed, Tdmpc2Network};
 use super::settings::Tdmpc2Config;
 use crate::losses::{Terms, mean_squared_error};
 use crate::params::host;
@@ -14,8 +14,8 @@ use crate::pass::Pass;
 pub(crate) struct Minibatch {
     /// B.
     pub(crate) clips: usize,
-    /// `[(H + 1) B, O]`.
-    pub(crate) observation: Tensor<2>,
+    /// (H + 1) B of them.
+    pub(crate) observed: Observed,
     /// `[H B, A]`: what was done there.
     pub(crate) action: Tensor<2>,
     /// `[H B, 1]`: the reward of it.
@@ -55,8 +55,8 @@ pub(crate) fn loss(
     let of_step = |rows: &Tensor<2>, step: usize| rows.clone().narrow(0, step * clips, clips);
     let weight = |step: usize| config.rho.powi(step as i32) / horizon as f64;
 
-    let encoded = network.encode(batch.observation.clone().narrow(0, clips, horizon * clips));
-    let mut latent = tracked.encode(of_step(&batch.observation, 0));
+    let encoded = network.encode(batch.observed.narrow(clips, horizon * clips));
+    let mut latent = tracked.encode(batch.observed.narrow(0, clips));
     let (mut latents, mut consistency) = (Vec::with_capacity(horizon), None::<Tensor<1>>);
     for step in 0..horizon {
         latents.push(latent.clone());

@@ -4,6 +4,8 @@
 use burn::tensor::activation::{log_softmax, relu, softmax};
 use burn::tensor::{Tensor, TensorData};
 
+pub(super) use crate::nn::mish;
+
 /// Bounds of the logarithms of the policy's stds.
 const LOG_STDS: [f64; 2] = [-10.0, 2.0];
 /// Added to 1 − tanh² before its logarithm.
@@ -65,16 +67,6 @@ pub(super) fn cross_entropy(logits: Tensor<2>, target: Tensor<2>) -> Tensor<2> {
 pub(super) fn simnorm(x: Tensor<2>, group: usize) -> Tensor<2> {
     let [rows, dim] = x.dims();
     softmax(x.reshape([rows, dim / group, group]), 2).reshape([rows, dim])
-}
-
-/// Beyond this, mish(x) is x in 32-bit floats, and exp(x) would leave their range.
-const LINEAR: f64 = 20.0;
-
-/// Mish (Misra 2019, arXiv 1908.08681): x tanh(ln(1 + eˣ)) = x n / (n + 2) with n = eˣ (eˣ + 2), which needs one exponential.
-pub(super) fn mish(x: Tensor<2>) -> Tensor<2> {
-    let exp = x.clone().clamp_max(LINEAR).exp();
-    let n = exp.clone() * (exp + 2.0);
-    x * n.clone() / (n + 2.0)
 }
 
 /// The log std of a policy from what its network says: −10 + 6 (tanh x + 1).

@@ -1,25 +1,29 @@
 //! TD-MPC2 (Hansen, Su and Wang 2024, arXiv 2310.16828): a world model without decoder that learns to predict latents, rewards and
 //! values, and acts by planning in its latent space. Networks, losses and the order of an update are the reference's.
 
+mod images;
 mod loss;
 mod math;
 mod network;
+mod plan;
 mod planner;
 mod settings;
 
 use std::path::Path;
 
-use burn::tensor::Device as TensorDevice;
+use burn::tensor::{Device as TensorDevice, Tensor};
 use rand::RngExt as _;
+use swm_core::env::PIXELS;
 use swm_core::seed::keyed;
 use swm_core::{EpisodeSeed, LiveEpisode};
 
-use super::agent::{AgentConfig, OnlineAgent, Transitions};
+use super::agent::{AgentConfig, Observation, OnlineAgent, Transitions};
 use super::settings::CollectConfig;
-use super::training::{differentiate, load_optimizer, observed, tensor, trainable};
+use super::training::{check_form, differentiate, load_optimizer, tensor, trainable};
 use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::images::{Images, to_tensor};
 use crate::learner::follow;
 use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
 use crate::params;
@@ -28,17 +32,21 @@ use crate::weights;
 
 pub(crate) use loss::{Minibatch, Noise, loss};
 use network::TARGETS;
-pub(crate) use network::Tdmpc2Network;
+pub(crate) use network::{Observed, Tdmpc2Network};
+pub(crate) use plan::OPTIONS;
+pub use plan::Tdmpc2Plan;
 use planner::{Planner, Searched};
-pub(crate) use settings::OPTIONS;
 pub(super) use settings::settings;
-pub use settings::{Tdmpc2Config, Tdmpc2Plan};
+pub use settings::{Tdmpc2Config, Tdmpc2Image};
 
 /// Its name.
 pub(super) const NAME: &str = "tdmpc2";
 
 /// What is trained.
-pub(crate) const TRAINED: &[&str] = &["extra_encoders", "dynamics", "reward", "qs", "pi"];
+pub(crate) const TRAINED: &[&str] =
+    &["cnn", "pixel_encoder", "extra_encoders", "dynamics", "reward", "qs", "pi"];
+/// Of it, the encoders.
+const ENCODERS: &[&str] = &["cnn", "pixel_encoder", "extra_encoders"];
 /// Epsilon of Adam for the policy; PyTorch's for all else.
 const POLICY_EPSILON: f64 = 1e-5;
 
@@ -68,8 +76,7 @@ impl Tdmpc2 {
     pub(crate) fn new(config: AgentConfig, device: Device) -> Result<Self, BaselineError> {
         let settings = Tdmpc2Config::parse(&config.settings)?;
         let device = device.device()?;
-        let dims = [config.observation_dim, config.action_dim];
-        let network = Tdmpc2Network::new(dims, &settings, &device).initialized(config.seed);
+        let network = Tdmpc2Network::new(&config, &settings, &device).initialized(config.seed);
         Ok(Self::with(config, settings, network, device))
     }
 
@@ -94,6 +101,7 @@ impl Tdmpc2 {
             );
             return Err(BaselineError::data("observation", reason));
         }
+        let images = self.images(clips.images, [rows, steps])?;
         let steps_of = |values: &[f32], dim: usize, steps: std::ops::Range<usize>| {
             let count = steps.len() * rows;
             let place = |step: usize| move |clip: usize| (clip * all + step) * dim;
@@ -103,11 +111,28 @@ impl Tdmpc2 {
         };
         Ok(Minibatch {
             clips: rows,
-            observation: steps_of(clips.observation, observation, 0..all),
+            observed: Observed {
+                images,
+                vector: (observation > 0).then(|| steps_of(clips.observation, observation, 0..all)),
+            },
             action: steps_of(clips.action, action, 0..all - 1),
             reward: steps_of(clips.reward, 1, 1..all),
             goes_on: steps_of(clips.terminated, 1, 1..all) * -1.0 + 1.0,
         })
+    }
+
+    /// `[T B, 3, S, S]`: B rows of T images, all of a step together, where this agent observes images.
+    fn images(
+        &self,
+        images: Option<Images<'_>>,
+        [rows, steps]: [usize; 2],
+    ) -> Result<Option<Tensor<4>>, BaselineError> {
+        let Some(side) = self.config.image else { return Ok(None) };
+        let images = images.filter(|images| [images.rows, images.steps] == [rows, steps]);
+        let wanted = || format!("no {rows} rows of {steps} images, and this agent learned from images");
+        let images = images.ok_or_else(|| BaselineError::data(PIXELS, wanted()))?;
+        let images = to_tensor(PIXELS, &images, side, &self.device)?;
+        Ok(Some(images.swap_dims(0, 1).reshape([steps * rows, 3, side, side])))
     }
 
     /// What is random in update `index`, but for dropout.
@@ -156,16 +181,12 @@ impl Tdmpc2 {
 
     /// A step of Adam, in which encoder and policy have learning rates of their own.
     fn apply(&mut self, gradients: Gradients) {
-        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, .. } = self.settings;
+        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, weight_decay, .. } = self.settings;
         let specs = params::specs(&self.network);
-        let adam = OptimConfig {
-            weight_decay: 0.0,
-            clip: None,
-            schedule: Schedule::Constant,
-            ..OptimConfig::default()
-        };
+        let adam =
+            OptimConfig { weight_decay, clip: None, schedule: Schedule::Constant, ..OptimConfig::default() };
         let groups: [(&[&str], f64, f64); 3] = [
-            (&["extra_encoders"], lr * encoder_lr_scale, adam.epsilon),
+            (ENCODERS, lr * encoder_lr_scale, adam.epsilon),
             (&["dynamics", "reward", "qs"], lr, adam.epsilon),
             (&["pi"], lr * policy_lr_scale, POLICY_EPSILON),
         ];
@@ -183,11 +204,11 @@ impl Tdmpc2 {
         slot: usize,
         episode: &LiveEpisode,
         explore: bool,
-        observation: burn::tensor::Tensor<2>,
+        observed: Observed,
     ) -> Result<Vec<f32>, BaselineError> {
         let Self { settings, network, device, plans, .. } = self;
         let (plan, actions) = (&settings.plan, self.config.action_dim);
-        let latent = network.encode(observation);
+        let latent = network.encode(observed);
         let discount = settings.discount.unwrap_or(1.0);
         let planner = Planner { network, plan, discount, device, episode };
         if !plan.mpc {
@@ -231,7 +252,7 @@ impl OnlineAgent for Tdmpc2 {
         trainable(&self.network, TARGETS)
     }
 
-    /// Observations are taken as they are, as by the reference: the encoder's layer norm sees to their scale.
+    /// Vectors are taken as they are, as by the reference: the encoder's layer norm sees to their scale.
     fn observe(&mut self, _observations: &[f32]) {}
 
     fn act(
@@ -239,11 +260,16 @@ impl OnlineAgent for Tdmpc2 {
         slot: usize,
         episode: &LiveEpisode,
         explore: bool,
-        observation: &[f32],
+        observation: &Observation<'_>,
         action: &mut [f32],
     ) -> Result<(), BaselineError> {
-        let observation = observed(&self.config, observation, action, &self.device)?;
-        action.copy_from_slice(&self.plan(slot, episode, explore, observation)?);
+        check_form(&self.config, observation, action)?;
+        let dim = self.config.observation_dim;
+        let observed = Observed {
+            images: self.images(observation.image, [1, 1])?,
+            vector: (dim > 0).then(|| tensor(observation.vector.to_vec(), [1, dim], &self.device)),
+        };
+        action.copy_from_slice(&self.plan(slot, episode, explore, observed)?);
         Ok(())
     }
 
@@ -277,8 +303,8 @@ impl OnlineAgent for Tdmpc2 {
 #[cfg(test)]
 pub(crate) fn check_functions(
     config: &Tdmpc2Config,
-    input: impl Fn(&str) -> burn::tensor::Tensor<2>,
-) -> Vec<(&'static str, burn::tensor::Tensor<2>)> {
+    input: impl Fn(&str) -> Tensor<2>,
+) -> Vec<(&'static str, Tensor<2>)> {
     let bins = math::Bins { low: config.vmin, high: config.vmax, count: config.num_bins };
     let [action, density] = math::squash(input("gaussian"), input("log_density"));
     vec![

@@ -6,10 +6,13 @@ use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use swm_core::seed::keyed;
 
+use super::images::ImageEncoder;
 use super::math::{Bins, log_std, mish, simnorm};
 use super::settings::Tdmpc2Config;
+use crate::init::initialize;
 use crate::learner::follow;
 use crate::nn::{LayerNorm, Linear, parameter};
+use crate::online::agent::AgentConfig;
 use crate::params;
 use crate::pass::Pass;
 
@@ -19,10 +22,11 @@ pub(super) const TARGETS: &[(&str, &str)] = &[("qs", "target_qs")];
 const WEIGHT_STD: f32 = 0.02;
 const SCALE: f32 = 10.0;
 
-/// Encoder, dynamics, reward, policy prior, and an ensemble of Qs with their target networks.
+/// Encoders of what is observed, dynamics, reward, policy prior, and an ensemble of Qs with their target networks.
 #[derive(Module, Debug)]
 pub(crate) struct Tdmpc2Network {
-    encoder: StateEncoder,
+    images: Option<ImageEncoder>,
+    encoder: Option<StateEncoder>,
     dynamics: LatentMlp,
     reward: NormedMlp,
     pi: NormedMlp,
@@ -31,6 +35,25 @@ pub(crate) struct Tdmpc2Network {
     scale: RunningScale,
     #[module(skip)]
     form: NetworkForm,
+}
+
+/// N observations on the device.
+#[derive(Clone)]
+pub(crate) struct Observed {
+    /// `[N, 3, S, S]`, normalized, where images are observed.
+    pub(crate) images: Option<Tensor<4>>,
+    /// `[N, O]`, where vectors are.
+    pub(crate) vector: Option<Tensor<2>>,
+}
+
+impl Observed {
+    /// Some of them.
+    pub(crate) fn narrow(&self, start: usize, length: usize) -> Self {
+        Self {
+            images: self.images.clone().map(|images| images.narrow(0, start, length)),
+            vector: self.vector.clone().map(|vector| vector.narrow(0, start, length)),
+        }
+    }
 }
 
 /// What no tensor says.
@@ -113,18 +136,35 @@ impl NormedMlp {
     }
 }
 
+impl StateEncoder {
+    fn new([inputs, hidden, outputs]: [usize; 3], device: &Device) -> Self {
+        Self {
+            hidden: NormedLinear::new(inputs, hidden, device),
+            output: Linear::new(hidden, outputs, device),
+            norm: LayerNorm::new(outputs, device),
+        }
+    }
+
+    /// `[N, inputs]` → `[N, outputs]`.
+    fn forward(&self, vector: Tensor<2>) -> Tensor<2> {
+        self.norm.forward(self.output.forward(self.hidden.forward(vector)))
+    }
+}
+
 impl Tdmpc2Network {
-    /// A network of zeros, for observations and actions of these dims.
-    pub(crate) fn new([observation, actions]: [usize; 2], config: &Tdmpc2Config, device: &Device) -> Self {
-        let Tdmpc2Config { latent_dim: latent, encoder_dim, mlp_dim: hidden, num_bins, .. } = *config;
+    /// A network of zeros, for the observations and actions of this agent. Z is `latent_dim` for images and as much for vectors.
+    pub(crate) fn new(agent: &AgentConfig, config: &Tdmpc2Config, device: &Device) -> Self {
+        let AgentConfig { observation_dim: observation, action_dim: actions, image, .. } = *agent;
+        let Tdmpc2Config { latent_dim: part, encoder_dim, mlp_dim: hidden, num_bins, .. } = *config;
+        let images = image.map(|side| ImageEncoder::new(side, config.image.channels, part, device));
+        let dims = [observation, encoder_dim, part];
+        let encoder = (observation > 0).then(|| StateEncoder::new(dims, device));
+        let latent = part * (usize::from(images.is_some()) + usize::from(encoder.is_some()));
         let of_action = |outputs| NormedMlp::new(latent + actions, hidden, outputs, device);
         let qs = || (0..config.num_q).map(|_| of_action(num_bins)).collect();
         Self {
-            encoder: StateEncoder {
-                hidden: NormedLinear::new(observation, encoder_dim, device),
-                output: Linear::new(encoder_dim, latent, device),
-                norm: LayerNorm::new(latent, device),
-            },
+            images,
+            encoder,
             dynamics: LatentMlp {
                 first: NormedLinear::new(latent + actions, hidden, device),
                 second: NormedLinear::new(hidden, hidden, device),
@@ -144,14 +184,15 @@ impl Tdmpc2Network {
         }
     }
 
-    /// The first weights: normal with std 0.02, biases 0, layer norms 1 and 0, last weights of rewards and Qs 0; target networks are
-    /// copies. (The reference truncates at ±2, a hundred stds away.)
+    /// The first weights: normal with std 0.02, biases 0, layer norms 1 and 0, convolutions as in PyTorch, last weights of rewards and
+    /// Qs 0; target networks are copies. (The reference truncates at ±2, a hundred stds away.)
     pub(super) fn initialized(self, seed: u64) -> Self {
-        let network = params::map(self, |spec, tensor| {
+        let network = params::map(initialize(self, seed), |spec, tensor| {
             let count = spec.shape.iter().product();
             let is_last = ["reward", "qs"].iter().any(|part| spec.is_below(&[part]))
                 && spec.name.ends_with(".2.weight");
             let values = match (spec.place.0, spec.place.1.as_str()) {
+                ("Conv", _) => return tensor,
                 ("RunningScale", _) => vec![SCALE; count],
                 ("LayerNorm", "weight") => vec![1.0; count],
                 (_, "weight") if !is_last => {
@@ -174,10 +215,13 @@ impl Tdmpc2Network {
         self.scale.value.val()
     }
 
-    /// `[N, O]` → `[N, Z]`: the latent of observations.
-    pub(crate) fn encode(&self, observation: Tensor<2>) -> Tensor<2> {
-        let StateEncoder { hidden, output, norm } = &self.encoder;
-        simnorm(norm.forward(output.forward(hidden.forward(observation))), self.form.group)
+    /// `[N, Z]`: the latent of N observations, first what images say, then vectors.
+    pub(crate) fn encode(&self, observed: Observed) -> Tensor<2> {
+        let of_images = self.images.as_ref().zip(observed.images);
+        let of_images = of_images.map(|(encoder, images)| encoder.forward(images));
+        let of_vector = self.encoder.as_ref().zip(observed.vector);
+        let of_vector = of_vector.map(|(encoder, vector)| encoder.forward(vector));
+        simnorm(Tensor::cat(of_images.into_iter().chain(of_vector).collect(), 1), self.form.group)
     }
 
     /// `[N, Z + A]` → `[N, Z]`: the latent that follows a latent and an action.

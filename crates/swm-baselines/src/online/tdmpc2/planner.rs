@@ -10,7 +10,7 @@ use swm_core::seed::Stream;
 use swm_solvers::{cheapest, count_non_finite};
 
 use super::network::Tdmpc2Network;
-use super::settings::Tdmpc2Plan;
+use super::plan::Tdmpc2Plan;
 use crate::error::BaselineError;
 use crate::online::training::tensor;
 use crate::params::host;

@@ -1,10 +1,11 @@
-//! TD-MPC2's settings: networks, losses, and the plan by which it acts.
+//! TD-MPC2's settings: networks, losses, presets; the plan's are next to this file.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use swm_core::Setting;
 
 use super::NAME;
+use super::images::LEAST_SIDE;
+use super::plan::{Tdmpc2Plan, at_least, not_negative};
 use crate::error::BaselineError;
 use crate::models::settings::with_changes;
 use crate::online::agent::Task;
@@ -14,10 +15,13 @@ use crate::online::settings::CollectConfig;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tdmpc2Config {
-    /// Z: values of a latent, a multiple of `simnorm_dim`.
+    /// Values of a latent, a multiple of `simnorm_dim`: so many for vectors, and so many for images.
     pub latent_dim: usize,
-    /// Hidden dim of the encoder.
+    /// Hidden dim of the encoder of vectors.
     pub encoder_dim: usize,
+    /// The encoder of images.
+    #[serde(default)]
+    pub image: Tdmpc2Image,
     /// Hidden dim of all other networks.
     pub mlp_dim: usize,
     /// Values of a simplex in a latent.
@@ -50,6 +54,9 @@ pub struct Tdmpc2Config {
     pub tau: f64,
     /// The learning rate of Adam.
     pub lr: f64,
+    /// Decoupled weight decay, as in AdamW.
+    #[serde(default)]
+    pub weight_decay: f64,
     /// Factor of the encoder's.
     pub encoder_lr_scale: f64,
     /// Factor of the policy's.
@@ -64,55 +71,22 @@ pub struct Tdmpc2Config {
     pub collect: CollectConfig,
 }
 
-/// How it acts: each action is the first of a plan that is searched in latent space, by MPPI or the cross-entropy method.
+/// The encoder of images, where they are observed: four convolutions and a linear layer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Tdmpc2Plan {
-    /// Whether it plans; otherwise it acts as the policy prior says.
-    pub mpc: bool,
-    /// Steps of a plan; the Qs tell the return after them.
-    pub horizon: usize,
-    /// Candidate plans per iteration.
-    pub samples: usize,
-    /// Rounds of sampling and refitting.
-    pub iterations: usize,
-    /// The same while it collects.
-    pub collect_samples: usize,
-    /// The same while it collects.
-    pub collect_iterations: usize,
-    /// Candidates that a refit uses.
-    pub elites: usize,
-    /// Candidates, among all, that follow the policy prior.
-    pub policy_samples: usize,
-    /// Std of candidates in the first iteration; later ones have at most this.
-    pub sigma: f64,
-    /// The smallest std.
-    pub sigma_min: f64,
-    /// Return by which an elite must be worse to weigh e times less (MPPI); `null`: elites weigh the same (cross-entropy method).
-    pub temperature: Option<f64>,
-    /// Noise of collected actions, in stds of the last iteration.
-    pub exploration: f64,
-    /// c: values count less where the Qs disagree, by c |Q̄| times their std.
-    pub uncertainty_penalty: f64,
+#[serde(default, deny_unknown_fields)]
+pub struct Tdmpc2Image {
+    /// S: the side of the images, in pixels, 39 or more.
+    pub size: usize,
+    /// Channels of each convolution.
+    pub channels: usize,
 }
 
-/// Settings of [`Tdmpc2Plan`] that the policy `tdmpc2:RUN` takes.
-pub(crate) const OPTIONS: &[Setting] = &[
-    Setting::new("mpc", "Plan; false: act as the policy prior says", "the run's"),
-    Setting::new("horizon", "Steps of a plan", "the run's"),
-    Setting::new("samples", "Candidate plans per iteration", "the run's"),
-    Setting::new("iterations", "Rounds of sampling and refitting", "the run's"),
-    Setting::new("elites", "Candidates that a refit uses", "the run's"),
-    Setting::new("policy_samples", "Candidates that follow the policy prior", "the run's"),
-    Setting::new("sigma", "Std of candidates in the first iteration", "the run's"),
-    Setting::new("sigma_min", "Smallest std", "the run's"),
-    Setting::new(
-        "temperature",
-        "Return by which an elite must be worse to weigh e times less; null: all alike",
-        "the run's",
-    ),
-    Setting::new("uncertainty_penalty", "Weight of the disagreement between Qs", "the run's"),
-];
+impl Default for Tdmpc2Image {
+    /// The reference's.
+    fn default() -> Self {
+        Self { size: 64, channels: 32 }
+    }
+}
 
 impl Tdmpc2Config {
     /// The reference's, of `scripts/expert/tdmpc2_online.py` (August 2026).
@@ -120,6 +94,7 @@ impl Tdmpc2Config {
         Self {
             latent_dim: 128,
             encoder_dim: 256,
+            image: Tdmpc2Image::default(),
             mlp_dim: 256,
             simnorm_dim: 8,
             num_q: 5,
@@ -136,6 +111,7 @@ impl Tdmpc2Config {
             entropy_coef: 1e-4,
             tau: 0.01,
             lr: 3e-4,
+            weight_decay: 0.0,
             encoder_lr_scale: 0.3,
             policy_lr_scale: 1.0,
             clip: Some(20.0),
@@ -177,6 +153,7 @@ impl Tdmpc2Config {
         Self {
             latent_dim: 64,
             encoder_dim: 128,
+            image: Tdmpc2Image { size: 48, ..Tdmpc2Image::default() },
             mlp_dim: 128,
             num_q: 3,
             lr: 1e-3,
@@ -185,6 +162,37 @@ impl Tdmpc2Config {
             collect: CollectConfig::default(),
             ..Self::paper()
         }
+    }
+
+    /// The same for a dataset: the reference's of `scripts/train/config/tdmpc2.yaml` (August 2026) where its network is the reference's.
+    fn on_a_dataset(self) -> Self {
+        let is_small = self.mlp_dim < Self::paper().mlp_dim;
+        let uncertainty_penalty = 0.5;
+        let reference = Self {
+            vmin: -6.0,
+            vmax: 2.0,
+            discount: Some(0.99),
+            weight_decay: 0.01,
+            policy_lr_scale: 0.1,
+            plan: Tdmpc2Plan { uncertainty_penalty, ..self.plan.clone() },
+            ..self
+        };
+        if is_small {
+            return reference;
+        }
+        let plan = Tdmpc2Plan {
+            horizon: 5,
+            samples: 1024,
+            iterations: 12,
+            policy_samples: 256,
+            sigma: 0.1,
+            sigma_min: 0.01,
+            temperature: Some(0.5),
+            // Nothing is collected.
+            collect_samples: 1024,
+            ..reference.plan
+        };
+        Self { mlp_dim: 384, horizon: 5, plan, ..reference }
     }
 
     /// The settings of a stored run, checked.
@@ -200,6 +208,8 @@ impl Tdmpc2Config {
         let sizes = [
             ("latent_dim", latent_dim, 1),
             ("encoder_dim", encoder_dim, 1),
+            ("image.size", self.image.size, LEAST_SIDE),
+            ("image.channels", self.image.channels, 1),
             ("mlp_dim", mlp_dim, 1),
             ("simnorm_dim", simnorm_dim, 1),
             ("num_q", num_q, 2),
@@ -238,70 +248,10 @@ impl Tdmpc2Config {
             ("reward_coef", reward_coef),
             ("value_coef", value_coef),
             ("entropy_coef", entropy_coef),
+            ("weight_decay", self.weight_decay),
         ])?;
         self.plan.check()?;
         self.collect.check()
-    }
-}
-
-impl Tdmpc2Plan {
-    fn check(&self) -> Result<(), String> {
-        let Self {
-            horizon,
-            samples,
-            iterations,
-            collect_samples,
-            collect_iterations,
-            elites,
-            policy_samples,
-            ..
-        } = *self;
-        let sizes = [
-            ("plan.horizon", horizon, 1),
-            ("plan.iterations", iterations, 1),
-            ("plan.collect_iterations", collect_iterations, 1),
-            ("plan.elites", elites, 2),
-        ];
-        at_least(&sizes)?;
-        // The mean of the search is a candidate, too.
-        let least = elites.max(policy_samples + 1);
-        for (name, samples) in [("plan.samples", samples), ("plan.collect_samples", collect_samples)] {
-            if samples < least {
-                return Err(format!(
-                    "`{name}` is {samples}; it must be at least {least} for {elites} elites and {policy_samples} `policy_samples`"
-                ));
-            }
-        }
-        let &Self { sigma, sigma_min, temperature, exploration, uncertainty_penalty, .. } = self;
-        let above =
-            [Some(("plan.sigma", sigma)), temperature.map(|temperature| ("plan.temperature", temperature))];
-        if let Some((name, value)) =
-            above.iter().flatten().find(|(_, value)| !(*value > 0.0 && value.is_finite()))
-        {
-            return Err(format!("`{name}` is {value}; it must be above 0"));
-        }
-        if sigma_min > sigma {
-            return Err(format!("`plan.sigma_min` is {sigma_min}; it must be at most `plan.sigma`, {sigma}"));
-        }
-        not_negative(&[
-            ("plan.sigma_min", sigma_min),
-            ("plan.exploration", exploration),
-            ("plan.uncertainty_penalty", uncertainty_penalty),
-        ])
-    }
-}
-
-fn at_least(sizes: &[(&str, usize, usize)]) -> Result<(), String> {
-    match sizes.iter().find(|(_, size, least)| size < least) {
-        Some((name, size, least)) => Err(format!("`{name}` is {size}; it must be at least {least}")),
-        None => Ok(()),
-    }
-}
-
-fn not_negative(values: &[(&str, f64)]) -> Result<(), String> {
-    match values.iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
-        Some((name, value)) => Err(format!("`{name}` is {value}; it must be 0 or more")),
-        None => Ok(()),
     }
 }
 
@@ -325,6 +275,7 @@ pub(in crate::online) fn settings(
         "small" => Tdmpc2Config::small(),
         _ => Tdmpc2Config::paper(),
     };
+    let preset = if task.from_dataset { preset.on_a_dataset() } else { preset };
     let mut config = with_changes(NAME, &preset, changes)?;
     config.discount.get_or_insert(discount(task.max_episode_steps));
     config.check().map_err(wrong)?;
@@ -338,7 +289,7 @@ mod tests {
     use super::*;
 
     fn of(preset: &str, changes: &Json, max_episode_steps: u64) -> Result<Tdmpc2Config, BaselineError> {
-        let task = Task { env: "x", max_episode_steps };
+        let task = Task::online("x", max_episode_steps);
         Tdmpc2Config::parse(&settings(preset, &task, changes)?)
     }
 
@@ -353,10 +304,32 @@ mod tests {
     }
 
     #[test]
+    fn on_datasets_it_has_the_settings_of_the_references_file() {
+        let task = Task { from_dataset: true, ..Task::online("x", 500) };
+        let of = |preset, changes| Tdmpc2Config::parse(&settings(preset, &task, &changes).unwrap()).unwrap();
+        let Tdmpc2Config { horizon, mlp_dim, vmin, vmax, batch, clip, discount, .. } =
+            of("paper", Json::Null);
+        assert_eq!((horizon, mlp_dim, vmin, vmax, batch, clip), (5, 384, -6.0, 2.0, 256, Some(20.0)));
+        assert_eq!(discount, Some(0.99));
+        let Tdmpc2Config { lr, encoder_lr_scale, policy_lr_scale, weight_decay, plan, .. } =
+            of("paper", Json::Null);
+        assert_eq!((lr, encoder_lr_scale, policy_lr_scale, weight_decay), (3e-4, 0.3, 0.1, 0.01));
+        let Tdmpc2Plan { samples, iterations, elites, policy_samples, uncertainty_penalty, .. } = plan;
+        assert_eq!(
+            (samples, iterations, elites, policy_samples, uncertainty_penalty),
+            (1024, 12, 64, 256, 0.5)
+        );
+        let small = of("small", json!({ "discount": 0.9 }));
+        assert_eq!((small.mlp_dim, small.vmin, small.discount), (128, -6.0, Some(0.9)));
+    }
+
+    #[test]
     fn wrong_settings_are_refused_by_name() {
         for (changes, reason) in [
             (json!({ "lr": 0.0 }), "`lr` is 0"),
             (json!({ "num_q": 1 }), "`num_q` is 1; it must be at least 2"),
+            (json!({ "image": { "size": 32 } }), "`image.size` is 32; it must be at least 39"),
+            (json!({ "image": { "sice": 48 } }), "did you mean `image.size`?"),
             (json!({ "latent_dim": 12 }), "must be a multiple of `simnorm_dim`, 8"),
             (json!({ "vmin": 11.0 }), "`vmin` is 11"),
             (json!({ "rho": 2.0 }), "`rho` is 2"),

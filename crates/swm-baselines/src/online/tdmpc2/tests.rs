@@ -9,10 +9,11 @@ use crate::online::agent::Task;
 const OBSERVATION: [f32; 2] = [0.3, -0.2];
 
 fn agent_with(changes: &Json, seed: u64) -> Tdmpc2 {
-    let task = Task { env: "x", max_episode_steps: 500 };
+    let task = Task::online("x", 500);
     let settings = settings("small", &task, changes).unwrap();
     let (agent, preset) = (NAME.to_owned(), "small".to_owned());
-    let config = AgentConfig { agent, preset, settings, observation_dim: 2, action_dim: 1, seed };
+    let config =
+        AgentConfig { agent, preset, settings, observation_dim: 2, image: None, action_dim: 1, seed };
     Tdmpc2::new(config, Device::Cpu).unwrap()
 }
 
@@ -35,8 +36,12 @@ fn act(agent: &mut Tdmpc2, slot: usize, [episode, step]: [u64; 2], explore: bool
     let mut live = LiveEpisode::of(7, episode);
     live.step = step;
     let mut action = [0.0];
-    agent.act(slot, &live, explore, &OBSERVATION, &mut action).unwrap();
+    agent.act(slot, &live, explore, &seen(&OBSERVATION), &mut action).unwrap();
     action[0]
+}
+
+fn seen(vector: &[f32]) -> Observation<'_> {
+    Observation { vector, image: None }
 }
 
 #[test]
@@ -84,7 +89,10 @@ fn plans_are_worth_more_than_the_policy_prior() {
             iterations: 6,
             ..agent.settings.plan
         };
-        let latent = agent.network.encode(tensor(OBSERVATION.to_vec(), [1, 2], &agent.device));
+        let latent = agent.network.encode(Observed {
+            images: None,
+            vector: Some(tensor(OBSERVATION.to_vec(), [1, 2], &agent.device)),
+        });
         let episode = LiveEpisode::of(0, 0);
         let Tdmpc2 { network, settings, device, .. } = &agent;
         let planner = Planner { network, plan: &settings.plan, discount: 0.9, device, episode: &episode };
@@ -131,13 +139,14 @@ fn clips_become_steps() {
         rows: 2,
         steps: 3,
         observation: &observation,
+        images: None,
         action: &others,
         reward: &others,
         terminated: &[0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
     };
     let batch = agent(0).minibatch(&clips).unwrap();
     let wanted = [0.0, 1.0, 6.0, 7.0, 2.0, 3.0, 8.0, 9.0, 4.0, 5.0, 10.0, 11.0];
-    assert_eq!(params::host(batch.observation), wanted);
+    assert_eq!(params::host(batch.observed.vector.unwrap()), wanted);
     assert_eq!(params::host(batch.action), [0.0, 3.0, 1.0, 4.0]);
     // The reward of an action comes with the observation after it, and so does the end of the task.
     assert_eq!(params::host(batch.reward), [1.0, 4.0, 2.0, 5.0]);
@@ -151,15 +160,16 @@ fn clips_and_observations_of_another_form_are_refused() {
         rows: 4,
         steps: 2,
         observation: &[0.0; 16],
+        images: None,
         action: &[0.0; 8],
         reward: &[0.0; 8],
         terminated: &[0.0; 8],
     };
     assert!(agent.update(&clips, 0).unwrap_err().to_string().contains("4 clips of 2 steps"));
     let episode = LiveEpisode::of(0, 0);
-    let refused = agent.act(0, &episode, false, &[0.0; 3], &mut [0.0]).unwrap_err();
+    let refused = agent.act(0, &episode, false, &seen(&[0.0; 3]), &mut [0.0]).unwrap_err();
     assert!(refused.to_string().contains("takes 2 and gives 1"), "{refused}");
-    let refused = agent.act(0, &episode, false, &[f32::NAN; 2], &mut [0.0]).unwrap_err();
+    let refused = agent.act(0, &episode, false, &seen(&[f32::NAN; 2]), &mut [0.0]).unwrap_err();
     assert!(refused.to_string().contains("no plan of 96 has a finite return at step 0"), "{refused}");
     let nan = Transitions {
         steps: 3,
@@ -170,4 +180,76 @@ fn clips_and_observations_of_another_form_are_refused() {
         ..clips
     };
     assert!(matches!(agent.update(&nan, 5), Err(BaselineError::NotFinite { step: 5, .. })));
+}
+
+/// An agent that observes images, beside vectors of `dim` values or alone.
+fn agent_of_images(dim: usize) -> Tdmpc2 {
+    let changes = json!({ "latent_dim": 16, "mlp_dim": 16, "num_bins": 21, "batch": 2, "horizon": 1,
+        "image": { "size": 40, "channels": 4 } });
+    let config = AgentConfig { observation_dim: dim, image: Some(40), ..agent_with(&changes, 3).config };
+    Tdmpc2::new(config, Device::Cpu).unwrap()
+}
+
+fn images(values: &[u8], rows: usize, steps: usize, side: usize) -> Images<'_> {
+    Images { values, rows, steps, height: side, width: side, channels_last: true }
+}
+
+#[test]
+fn images_are_observed_alone_and_beside_vectors() {
+    let bytes: Vec<u8> = (0..4 * 40 * 40 * 3).map(|place| (place * 37 % 251) as u8).collect();
+    for dim in [0, 2] {
+        let mut agent = agent_of_images(dim);
+        let clips = Transitions {
+            rows: 2,
+            steps: 2,
+            observation: &[0.5; 8][..4 * dim],
+            images: Some(images(&bytes, 2, 2, 40)),
+            action: &[0.1; 4],
+            reward: &[1.0; 4],
+            terminated: &[0.0; 4],
+        };
+        let batch = agent.minibatch(&clips).unwrap();
+        // All of a step together: the first clip's image of the second step is the third.
+        let place = |step: usize, clip: usize| {
+            params::host(batch.observed.narrow(step * 2 + clip, 1).images.unwrap())
+        };
+        let alone = to_tensor(PIXELS, &images(&bytes[4_800..9_600], 1, 1, 40), 40, &agent.device).unwrap();
+        assert_eq!(place(1, 0), params::host(alone));
+        let before = agent.parameters();
+        let losses = agent.update(&clips, 0).unwrap();
+        assert!(losses.total.is_finite() && agent.parameters() == before);
+
+        let act = |agent: &mut Tdmpc2, bytes: &[u8], side| {
+            let observation =
+                Observation { vector: &[0.5; 2][..dim], image: Some(images(bytes, 1, 1, side)) };
+            let mut action = [0.0];
+            agent.act(0, &LiveEpisode::of(0, 0), false, &observation, &mut action).map(|()| action[0])
+        };
+        let action = act(&mut agent, &bytes[..4_800], 40).unwrap();
+        assert_ne!(action, act(&mut agent, &bytes[4_800..9_600], 40).unwrap());
+        assert!(act(&mut agent, &bytes[..80 * 80 * 3], 80).unwrap().abs() <= 1.0, "it is resized");
+        let none = Observation { vector: &[0.5; 2][..dim], image: None };
+        let refused = agent.act(0, &LiveEpisode::of(0, 0), false, &none, &mut [0.0]).unwrap_err().to_string();
+        assert!(refused.contains("`pixels`: there are no images"), "{refused}");
+        let refused = agent.update(&Transitions { images: None, ..clips }, 0).unwrap_err().to_string();
+        assert!(refused.contains("`pixels`: no 2 rows of 2 images"), "{refused}");
+    }
+}
+
+#[test]
+fn convolutions_begin_as_pytorchs() {
+    let agent = agent_of_images(0);
+    params::visit(&agent.network, |spec, tensor| {
+        let most = params::host(tensor).into_iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        match spec.name.as_str() {
+            // Uniform within 1 / √(inputs of a kernel).
+            "cnn.0.weight" => {
+                assert!((0.9 / 147_f32.sqrt()..=1.0 / 147_f32.sqrt()).contains(&most), "{most}");
+            }
+            "cnn.2.bias" => assert!(most > 0.0 && most <= 0.1, "{most}"),
+            "pixel_encoder.weight" => assert!((0.02..0.12).contains(&most), "{most}"),
+            "pixel_encoder.bias" => assert_eq!(most, 0.0),
+            name => assert!(!name.starts_with("extra_encoders"), "{name}"),
+        }
+    });
 }
