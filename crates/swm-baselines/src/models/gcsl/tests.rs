@@ -68,10 +68,10 @@ impl Dots {
 }
 
 fn tiny() -> Box<dyn Baseline> {
-    tiny_with(SIDE, json!({"kind": "cnn", "channels": [8, 16]}), 0.0).unwrap()
+    tiny_with(SIDE, &json!({"kind": "cnn", "channels": [8, 16]}), 0.0).unwrap()
 }
 
-fn tiny_with(image: usize, encoder: Json, drawing: f64) -> Result<Box<dyn Baseline>, BaselineError> {
+fn tiny_with(image: usize, encoder: &Json, drawing: f64) -> Result<Box<dyn Baseline>, BaselineError> {
     let model = json!({"image": image, "encoder": encoder, "hidden": 32, "depth": 2, "horizon": HORIZON, "frameskip": 1});
     let optim = json!({"lr": 0.003, "schedule": "constant", "ema": 0.9});
     let dims = DataDims { action_dim: 2, proprio_dim: 0 };
@@ -125,8 +125,8 @@ fn it_learns_what_the_decisions_left_mean() {
 
 #[test]
 fn places_are_where_drawings_need_them() {
-    let keypoints = || json!({"kind": "keypoints", "channels": [8], "count": 4});
-    let mut model = tiny_with(32, keypoints(), 0.5).unwrap();
+    let keypoints = json!({"kind": "keypoints", "channels": [8], "count": 4});
+    let mut model = tiny_with(32, &keypoints, 0.5).unwrap();
     train(model.as_mut(), 150);
     let losses = model.validate(&Dots::new(1000).batch(), 0).unwrap();
     let part = |name: &str| losses.parts.iter().find(|(part, _)| *part == name).expect("a part").1;
@@ -136,9 +136,9 @@ fn places_are_where_drawings_need_them() {
     assert!(drawing < 0.6, "{losses:?}");
 
     for (image, encoder, weight, name) in [
-        (48, keypoints(), 1.0, "`model.image` is 48"),
-        (32, keypoints(), -1.0, "`weights.drawing` is -1"),
-        (32, json!({"kind": "cnn", "channels": [8, 16]}), 1.0, "take `keypoints`"),
+        (48, &keypoints, 1.0, "`model.image` is 48"),
+        (32, &keypoints, -1.0, "`weights.drawing` is -1"),
+        (32, &json!({"kind": "cnn", "channels": [8, 16]}), 1.0, "take `keypoints`"),
     ] {
         let refused = tiny_with(image, encoder, weight).err().expect("a refusal").to_string();
         assert!(refused.contains(name), "{refused}");
