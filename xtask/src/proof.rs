@@ -110,7 +110,7 @@ const TASKS: &[Task] = &[
             trial("lewm", "slow.h5", "3000"),
             trial("pldm", "slow.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "slow.h5", steps: "1500", train: MEASURED },
-            trial("gcsl", "slow.h5", "5200"),
+            Trial { baseline: "gcsl", data: "slow.h5", steps: "5200", train: DRAWN },
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "slow.h5", steps: "1000", train: NEAR_TOO },
         ],
@@ -140,6 +140,8 @@ const SLOW: &str =
 const MEASURED: &[&str] = &["--set", "weights.inverse=1", "--set", "optim.ema=0.999"];
 /// Goals as far ahead as those of the pairs, and frames that are seen as what sets them apart from the goal.
 const NEAR: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "model.predictor.compare=true"];
+/// Places that see the block, whatever the seed.
+const DRAWN: &[&str] = &["--set", "weights.drawing=1"];
 /// Near goals of a policy that is extracted from a value, and an encoder that says where things are.
 const NEAR_TOO: &[&str] = &[
     "--set",

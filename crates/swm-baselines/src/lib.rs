@@ -46,9 +46,9 @@ pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
-    AuxiliaryWeights, ConvJepaConfig, CountdownConfig, DinoWmConfig, EncoderConfig, FeatureMapConfig,
-    GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig, LaterGoals,
-    LewmConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
+    AuxiliaryWeights, ConvJepaConfig, CountdownConfig, CountdownWeights, DinoWmConfig, EncoderConfig,
+    FeatureMapConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig,
+    LaterGoals, LewmConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
 };
 pub use nn::{
     CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,

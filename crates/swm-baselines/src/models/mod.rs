@@ -27,7 +27,7 @@ pub use encoder::EncoderConfig;
 pub use gcbc::{GcbcConfig, LaterGoals};
 pub use gciql::GciqlConfig;
 pub use gcivl::{GcivlConfig, PolicyGoals, ValueConfig};
-pub use gcsl::{CountdownConfig, GcslConfig};
+pub use gcsl::{CountdownConfig, CountdownWeights, GcslConfig};
 pub use goal::GoalConfig;
 pub use hilp::HilpConfig;
 pub use joint::JointConfig;

@@ -3,6 +3,8 @@
 //!
 //! Every two images of a clip of K + 1 are a frame and a goal k decisions later, 1 to K. The loss is the squared error of the
 //! actions at the frame, its mean over clips, then over the pairs of equal k, then over k: goals are as important far as near.
+//!
+//! Actions tell an encoder of places little of what it sees: with `weights.drawing`, the image must also be drawn from them.
 
 #[cfg(test)]
 mod tests;
@@ -19,7 +21,7 @@ use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CountdownPredictor, CountdownSizes, KeypointConfig, Looks};
+use crate::nn::{CountdownPredictor, CountdownSizes, DRAWING_CELLS, Drawing, KeypointConfig, Looks};
 use crate::optim::OptimConfig;
 use crate::params::{device_of, host};
 use crate::pass::Pass;
@@ -35,8 +37,20 @@ pub(crate) const NAME: &str = "gcsl";
 pub struct GcslConfig {
     /// The network.
     pub model: CountdownConfig,
+    /// What is learned besides.
+    #[serde(default)]
+    pub weights: CountdownWeights,
     /// The optimizer.
     pub optim: OptimConfig,
+}
+
+/// Weights of additional terms. A term of weight 0 is not computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
+pub struct CountdownWeights {
+    /// The share of the variance of images that drawings from their places do not explain; of keypoints only.
+    pub drawing: f64,
 }
 
 /// How it sees, how large it is, and how far ahead its goals are.
@@ -74,6 +88,7 @@ impl GcslConfig {
                 frameskip: 5,
                 batch: 24,
             },
+            weights: CountdownWeights::default(),
             optim: OptimConfig { lr: 1e-3, weight_decay: 0.01, ema: 0.999, ..OptimConfig::default() },
         }
     }
@@ -89,7 +104,21 @@ impl GcslConfig {
             ("model.batch", *batch),
         ];
         check_sizes(&positive, 0.0)?;
-        encoder.check(*image)
+        encoder.check(*image)?;
+        let weight = self.weights.drawing;
+        if !(weight.is_finite() && weight >= 0.0) {
+            return Err(format!("`weights.drawing` is {weight}; it must be a number of at least 0"));
+        }
+        match encoder {
+            _ if weight == 0.0 => Ok(()),
+            EncoderConfig::Keypoints(_) if image.is_multiple_of(DRAWING_CELLS) => Ok(()),
+            EncoderConfig::Keypoints(_) => Err(format!(
+                "`model.image` is {image}; `weights.drawing` needs a multiple of {DRAWING_CELLS}, or must be 0"
+            )),
+            _ => Err("`weights.drawing` draws from places, and `model.encoder.kind` gives none; take `keypoints`, or a \
+                      weight of 0"
+                .to_owned()),
+        }
     }
 }
 
@@ -97,6 +126,9 @@ impl GcslConfig {
 struct Gcsl {
     encoder: Encoder,
     action_predictor: CountdownPredictor,
+    drawing: Option<Drawing>,
+    #[module(skip)]
+    weights: CountdownWeights,
     #[module(skip)]
     form: Form,
 }
@@ -122,6 +154,8 @@ pub(crate) fn make(
     let network = Gcsl {
         encoder: Encoder::of_tokens(encoder, *image, device),
         action_predictor: CountdownPredictor::new(sizes, device),
+        drawing: (config.weights.drawing != 0.0).then(|| Drawing::new(sizes.inputs / 2, *image, device)),
+        weights: config.weights,
         form,
     };
     let input_spec = InputSpec {
@@ -139,7 +173,8 @@ impl Network for Gcsl {
     fn loss(&self, _phase: usize, inputs: &Inputs, _pass: &mut Pass) -> Result<Terms, BaselineError> {
         let policy = &self.action_predictor;
         let horizon = policy.horizon();
-        let Looks { from, to } = policy.look(self.encoder.tokens(inputs.pixels.clone()));
+        let tokens = self.encoder.tokens(inputs.pixels.clone());
+        let Looks { from, to } = policy.look(tokens.clone());
         let pairs = |left: usize| {
             let frames = horizon + 1 - left;
             policy.join(from.clone().narrow(1, 0, frames), to.clone().narrow(1, left, frames), left)
@@ -154,7 +189,19 @@ impl Network for Gcsl {
             first += frames;
         }
         let (near, far) = (errors[0].clone(), errors[horizon - 1].clone());
-        Ok(Terms { total: Tensor::cat(errors, 0).mean(), parts: vec![("near", near), ("far", far)] })
+        let total = Tensor::cat(errors, 0).mean();
+        let mut terms = Terms { total: total.clone(), parts: vec![("near", near), ("far", far)] };
+        if let Some(drawing) = &self.drawing {
+            // What it imitates stays comparable with other weights.
+            terms.parts.push(("actions", total));
+            // The first and the last image of each clip: those between differ little.
+            let images = |step| inputs.pixels.clone().narrow(1, step, 1).squeeze_dim::<4>(1);
+            let places = |step| tokens.clone().narrow(1, step, 1).flatten::<2>(1, 3);
+            let images = Tensor::cat(vec![images(0), images(horizon)], 0);
+            let places = Tensor::cat(vec![places(0), places(horizon)], 0);
+            terms.add("drawing", self.weights.drawing, drawing.unexplained(images, places));
+        }
+        Ok(terms)
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
@@ -191,7 +238,7 @@ impl GoalPolicy for Countdown {
         left: &[usize],
         actions: &mut [f32],
     ) -> Result<(), BaselineError> {
-        let Gcsl { encoder, action_predictor: policy, form } = &self.network;
+        let Gcsl { encoder, action_predictor: policy, form, .. } = &self.network;
         let device = device_of(policy);
         let start = Start::new(batch, form, &device)?;
         let (rows, dim) = (batch.pixels.rows, form.action);

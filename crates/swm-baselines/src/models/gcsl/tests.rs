@@ -1,7 +1,7 @@
 //! GCSL on a dot that moves at a constant pace: its loss is that of what it does, and it learns what the decisions left mean.
 
 use rand::RngExt as _;
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use swm_core::seed::keyed;
 
 use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
@@ -68,12 +68,15 @@ impl Dots {
 }
 
 fn tiny() -> Box<dyn Baseline> {
-    let encoder = json!({"kind": "cnn", "channels": [8, 16]});
-    let model = json!({"image": SIDE, "encoder": encoder, "hidden": 32, "depth": 2, "horizon": HORIZON, "frameskip": 1});
+    tiny_with(SIDE, &json!({"kind": "cnn", "channels": [8, 16]}), 0.0).unwrap()
+}
+
+fn tiny_with(image: usize, encoder: &Json, drawing: f64) -> Result<Box<dyn Baseline>, BaselineError> {
+    let model = json!({"image": image, "encoder": encoder, "hidden": 32, "depth": 2, "horizon": HORIZON, "frameskip": 1});
     let optim = json!({"lr": 0.003, "schedule": "constant", "ema": 0.9});
     let dims = DataDims { action_dim: 2, proprio_dim: 0 };
-    let changes = json!({"model": model, "optim": optim});
-    make("gcsl", &MakeOptions { changes, seed: 1, ..MakeOptions::new("small", dims) }).unwrap()
+    let changes = json!({"model": model, "weights": {"drawing": drawing}, "optim": optim});
+    make("gcsl", &MakeOptions { changes, seed: 1, ..MakeOptions::new("small", dims) })
 }
 
 fn train(model: &mut dyn Baseline, steps: u64) {
@@ -118,6 +121,28 @@ fn it_learns_what_the_decisions_left_mean() {
     // Half the pace is wanted of one that believes to have twice the time.
     let [right, misled] = [1, 2].map(|left| dots.error(policy.as_mut(), 0, 1, left));
     assert!(misled > 0.25 && misled > 3.0 * right, "{right}, and {misled} where it is misled");
+}
+
+#[test]
+fn places_are_where_drawings_need_them() {
+    let keypoints = json!({"kind": "keypoints", "channels": [8], "count": 4});
+    let mut model = tiny_with(32, &keypoints, 0.5).unwrap();
+    train(model.as_mut(), 150);
+    let losses = model.validate(&Dots::new(1000).batch(), 0).unwrap();
+    let part = |name: &str| losses.parts.iter().find(|(part, _)| *part == name).expect("a part").1;
+    let (actions, drawing) = (part("actions"), part("drawing"));
+    assert!((losses.total - actions - 0.5 * drawing).abs() < 1e-5, "{losses:?}");
+    // A dot covers 3 % of an image, and its places tell where.
+    assert!(drawing < 0.6, "{losses:?}");
+
+    for (image, encoder, weight, name) in [
+        (48, &keypoints, 1.0, "`model.image` is 48"),
+        (32, &keypoints, -1.0, "`weights.drawing` is -1"),
+        (32, &json!({"kind": "cnn", "channels": [8, 16]}), 1.0, "take `keypoints`"),
+    ] {
+        let refused = tiny_with(image, encoder, weight).err().expect("a refusal").to_string();
+        assert!(refused.contains(name), "{refused}");
+    }
 }
 
 #[test]
