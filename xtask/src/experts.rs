@@ -45,8 +45,6 @@ const EXPERTS: &[Expert] = &[
     // The sparse reward of the default task is rarely met by chance.
     Expert { name: "cartpole", env: "swm/CartpoleDMControl-v0", steps: "60000", task: SWINGUP, train: &[] },
     Expert { name: "cheetah", env: "swm/CheetahDMControl-v0", steps: "100000", task: &[], train: &[] },
-    Expert { name: "finger", env: "swm/FingerDMControl-v0", steps: "60000", task: &[], train: HALF },
-    Expert { name: "hopper", env: "swm/HopperDMControl-v0", steps: "150000", task: &[], train: HALF },
     Expert { name: "walker", env: "swm/WalkerDMControl-v0", steps: "60000", task: &[], train: HALF },
 ];
 const SWINGUP: &[&str] = &["--env-option", "task=swingup"];
