@@ -1,4 +1,4 @@
-//! A picture drawn from places: what an encoder of places shall know, told by the image itself.
+//! An image drawn from places: what an encoder of places shall know, told by the image itself.
 //!
 //! As the deep spatial autoencoder (Finn et al. 2016, arXiv 1509.06113), with places drawn as blobs before anything is decoded
 //! (Jakab et al. 2018, arXiv 1806.07823). Each cell of a grid is decoded by itself, so it can only be right where places are.
