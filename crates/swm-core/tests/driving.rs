@@ -229,16 +229,22 @@ impl EpisodeSink for Committed {
 
 #[test]
 fn a_cancelled_run_keeps_what_it_committed() {
+    // With several threads, the run goes on while an episode is written, and sees later that it shall stop.
+    for (threads, episodes) in [(1, 20), (2, 2000)] {
+        let mut world = world(3, threads);
+        world.set_policy(policies::random());
+        let mut whole = Committed::default();
+        let rollout = Rollout::new(0..episodes).seed(2);
+        world.record_dataset(&rollout, &mut whole).unwrap();
+        let mut part = Committed { enough: 5, ..Committed::default() };
+        let cancelled = world.record_dataset(&rollout.clone().cancel(&part.cancel), &mut part);
+        assert!(matches!(cancelled, Err(WorldError::Cancelled)));
+        assert!((5..episodes as usize).contains(&part.lengths.len()), "{}", part.lengths.len());
+        assert_eq!(part.lengths, whole.lengths[..part.lengths.len()]);
+    }
     let mut world = world(3, 2);
     world.set_policy(policies::random());
-    let mut whole = Committed::default();
     let rollout = Rollout::new(0..20).seed(2);
-    world.record_dataset(&rollout, &mut whole).unwrap();
-    let mut part = Committed { enough: 5, ..Committed::default() };
-    let cancelled = world.record_dataset(&rollout.clone().cancel(&part.cancel), &mut part);
-    assert!(matches!(cancelled, Err(WorldError::Cancelled)));
-    assert!((5..20).contains(&part.lengths.len()), "{}", part.lengths.len());
-    assert_eq!(part.lengths, whole.lengths[..part.lengths.len()]);
     let stopped = Cancel::new();
     stopped.cancel();
     assert!(matches!(world.evaluate(&rollout.cancel(stopped)), Err(WorldError::Cancelled)));
