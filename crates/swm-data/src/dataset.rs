@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::str::FromStr;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, EpisodeSink, Field, Schema, Slice, SliceMut};
+use swm_core::{Batch, EpisodeSink, Field, Schema, Slice, SliceMut};
 
 pub use swm_core::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 
@@ -153,11 +153,5 @@ pub fn pieces(schema: &Schema, len: usize) -> impl Iterator<Item = Range<usize>>
 
 /// Bytes of a row in memory; texts are guessed.
 pub(crate) fn row_bytes(fields: &[Field]) -> usize {
-    let bytes = |field: &Field| match field.dtype {
-        Dtype::Bool | Dtype::U8 => 1,
-        Dtype::I32 | Dtype::F32 => 4,
-        Dtype::I64 | Dtype::F64 => 8,
-        Dtype::Str => TEXT_BYTES,
-    };
-    fields.iter().map(|field| bytes(field) * field.dim()).sum()
+    fields.iter().map(|field| field.dtype.bytes().unwrap_or(TEXT_BYTES) * field.dim()).sum()
 }

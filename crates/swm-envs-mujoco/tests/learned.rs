@@ -5,7 +5,7 @@ use swm_core::{EnvConfig, EnvEntry, PolicyContext, Registry, Rollout, World, Wor
 use swm_envs_mujoco::{CHEETAH, ENVS};
 
 /// A return that each reaches, and the task where it is not the first; chance is at most half of it.
-const FLOORS: &[(&str, Option<&str>, f64)] = &[
+const LEAST_RETURNS: &[(&str, Option<&str>, f64)] = &[
     ("swm/BallInCupDMControl-v0", None, 900.0),
     ("swm/CartpoleDMControl-v0", Some("swingup"), 750.0),
     ("swm/CheetahDMControl-v0", None, 500.0),
@@ -24,8 +24,8 @@ fn every_one_solves_its_task() {
         .iter()
         .filter(|entry| entry.policies.iter().any(|policy| policy.name == "learned-expert"))
         .collect();
-    assert_eq!(learned.len(), FLOORS.len(), "as many floors as experts");
-    for (id, task, floor) in FLOORS {
+    assert_eq!(learned.len(), LEAST_RETURNS.len(), "a least return for every expert");
+    for (id, task, least) in LEAST_RETURNS {
         let entry = ENVS.iter().find(|entry| entry.id == *id).expect("a known environment");
         let settings = task.map(|task| ("task".to_owned(), json!(task))).into_iter().collect();
         let options = WorldOptions::new(3).env(EnvConfig { image: None, settings }).max_episode_steps(500);
@@ -34,7 +34,7 @@ fn every_one_solves_its_task() {
         let evaluation = world.evaluate(&Rollout::new(0..3).seed(77)).expect("it runs");
         let returns = &evaluation.episode_returns;
         let mean = returns.iter().sum::<f64>() / returns.len() as f64;
-        assert!(mean > *floor, "{id}: {returns:?}, of which the mean should be above {floor}");
+        assert!(mean > *least, "{id}: {returns:?}, of which the mean should be above {least}");
     }
 }
 

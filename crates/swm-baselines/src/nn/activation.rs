@@ -51,7 +51,8 @@ impl Activation {
             Self::Mish if x > LINEAR => given,
             Self::Mish => {
                 let exp = x.exp();
-                let (n, more) = (exp * (exp + 2.0), exp * (exp + 2.0) + 2.0);
+                let n = exp * (exp + 2.0);
+                let more = n + 2.0;
                 given * (n + 4.0 * x * exp * (exp + 1.0) / more) / more
             }
         }

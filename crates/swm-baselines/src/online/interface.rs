@@ -113,9 +113,7 @@ impl Interface {
 
     /// Bytes of a step in the replay buffer.
     pub fn step_bytes(&self) -> usize {
-        let schema = self.schema();
-        let bytes = |field: &Field| field.dim() * if field.dtype == Dtype::U8 { 1 } else { size_of::<f32>() };
-        schema.fields().iter().map(bytes).sum()
+        self.schema().row_bytes()
     }
 
     /// A: values of an action.

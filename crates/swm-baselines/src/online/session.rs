@@ -298,14 +298,16 @@ fn reopened(
     agent: &str,
 ) -> Result<Box<dyn Dataset>, BaselineError> {
     let dataset = swm_data::open_in(registry, &data.path).map_err(|error| {
-        run.wrong(format!("its dataset is not there: {error}; bring it back, or name its place with --data"))
+        run.wrong(format!(
+            "its dataset is not there: {error}; bring it back, or name its place with --dataset"
+        ))
     })?;
     let found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref()) };
     let seen = || dataset::interface(dataset.as_ref(), agent, &interface.observed(), interface.image);
     match found == *data && seen()? == *interface {
         true => Ok(dataset),
         false => Err(run.wrong(format!(
-            "{} is not the dataset that it was begun with; bring that one back, or name its place with --data",
+            "{} is not the dataset that it was begun with; bring that one back, or name its place with --dataset",
             data.path.display()
         ))),
     }

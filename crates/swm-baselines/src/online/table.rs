@@ -46,7 +46,7 @@ pub const AGENTS: &[AgentEntry] = &[
     },
     AgentEntry {
         name: tdmpc2::NAME,
-        about: "agent: plans in the latent space of a world model that learns online (`--env`) or from a dataset (`--data`)",
+        about: "agent: plans in the latent space of a world model that learns online (`--env`) or from a dataset (`--dataset`)",
         presets: &["paper", "small"],
         learns_from_datasets: true,
         options: tdmpc2::OPTIONS,

@@ -37,6 +37,16 @@ impl Dtype {
             Dtype::Str => "string",
         }
     }
+
+    /// Bytes of one value; `None` for text, which has any length.
+    pub fn bytes(self) -> Option<usize> {
+        match self {
+            Dtype::Bool | Dtype::U8 => Some(1),
+            Dtype::I32 | Dtype::F32 => Some(4),
+            Dtype::I64 | Dtype::F64 => Some(8),
+            Dtype::Str => None,
+        }
+    }
 }
 
 impl fmt::Display for Dtype {

@@ -86,13 +86,8 @@ impl Schema {
 
     /// Bytes that the values of one row take; text counts without its letters.
     pub fn row_bytes(&self) -> usize {
-        let bytes_of = |dtype: Dtype| match dtype {
-            Dtype::Bool | Dtype::U8 => 1,
-            Dtype::I32 | Dtype::F32 => 4,
-            Dtype::I64 | Dtype::F64 => 8,
-            Dtype::Str => size_of::<String>(),
-        };
-        self.fields.iter().zip(&self.dims).map(|(field, dim)| dim.saturating_mul(bytes_of(field.dtype))).sum()
+        let value = |field: &Field| field.dtype.bytes().unwrap_or(size_of::<String>());
+        self.fields.iter().zip(&self.dims).map(|(field, dim)| dim.saturating_mul(value(field))).sum()
     }
 
     /// The position of a field.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::{DataError, EncodedRows, Metadata};
-use crate::batch::{Batch, Dtype, Field, Schema, SliceMut};
+use crate::batch::{Batch, Field, Schema, SliceMut};
 use crate::error::BoxError;
 
 /// Rows of one episode: `first`, `first + stride`, …, `count` of them.
@@ -310,16 +310,7 @@ const MAX_RATIO: u64 = 1 << 16;
 /// Refuses rows that do not exist, and more of them than the file can hold: a few bytes can claim a trillion rows.
 fn check_size(info: &DatasetInfo, episode: usize, steps: Steps, wanted: &Schema) -> Result<(), DataError> {
     check_rows(info, episode, steps)?;
-    let bytes_of = |field: &Field| match field.dtype {
-        Dtype::Bool | Dtype::U8 => 1,
-        Dtype::I32 | Dtype::F32 => 4,
-        Dtype::I64 | Dtype::F64 => 8,
-        // The text's place in a table; what it says is in the file.
-        Dtype::Str => size_of::<String>() as u64,
-    };
-    let row: u64 =
-        wanted.fields().iter().map(|field| (field.dim() as u64).saturating_mul(bytes_of(field))).sum();
-    let bytes = row.saturating_mul(steps.count as u64);
+    let bytes = (wanted.row_bytes() as u64).saturating_mul(steps.count as u64);
     if bytes <= MAX_BYTES {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! `swm train AGENT --env ENV`, or `--data FILE`: agents that learn online or from a dataset, and the checkpoints of their runs.
+//! `swm train AGENT --env ENV`, or `--dataset FILE`: agents that learn online or from a dataset, and the checkpoints of their runs.
 
 use std::path::Path;
 

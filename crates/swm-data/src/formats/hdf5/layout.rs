@@ -35,12 +35,7 @@ pub(super) const TEXT_BYTES: usize = 256;
 
 /// Size in bytes of one stored element.
 pub(super) fn element_size(dtype: Dtype) -> usize {
-    match dtype {
-        Dtype::Bool | Dtype::U8 => 1,
-        Dtype::I32 | Dtype::F32 => 4,
-        Dtype::I64 | Dtype::F64 => 8,
-        Dtype::Str => TEXT_BYTES,
-    }
+    dtype.bytes().unwrap_or(TEXT_BYTES)
 }
 
 /// Whether a column is compressed, and how many of its rows make a chunk.
