@@ -153,7 +153,7 @@ impl Slurm {
         let folders: Vec<_> = of_jobs.chain(["slurm/log".to_owned()]).collect();
         let end = |path: PathBuf| {
             let text = fs::read(&path).unwrap_or_default();
-            let text = String::from_utf8_lossy(&text[text.len().saturating_sub(2000)..]);
+            let text = String::from_utf8_lossy(&text[text.len().saturating_sub(500)..]);
             format!("\n=== {}\n{text}", path.display())
         };
         folders.iter().flat_map(|folder| files(folder)).map(|file| end(file.path())).collect()

@@ -192,10 +192,11 @@ impl Output {
         if self.json { print(&serde_json::to_string_pretty(json)?) } else { Ok(()) }
     }
 
-    /// A note for people.
+    /// A note for people. Stderr has no buffer: as one text, a line is one write, and processes beside this one cannot cut it.
     pub(crate) fn note(&self, text: impl fmt::Display) {
         if !self.quiet {
-            eprintln!("{text}");
+            let line = format!("{text}\n");
+            eprint!("{line}");
         }
     }
 

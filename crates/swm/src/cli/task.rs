@@ -1,6 +1,5 @@
 //! `swm task`: a shard of a job, all that are left, or their join. Schedulers start it.
 
-use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,7 +15,7 @@ use super::{Failure, Output, interrupt, usage, version};
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
 use crate::jobs::files::{cannot, node, ranges, write_json};
-use crate::jobs::log::{Attempt, attempts};
+use crate::jobs::log::{self, Attempt, attempts};
 use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
 
 /// Run a shard of a job: what schedulers start.
@@ -184,8 +183,8 @@ impl Run<'_> {
             output.note(format!("shard {shard} of {of} was done already"));
             return Ok(());
         }
-        let log = folder.log(shard);
-        let (earlier, held) = (attempts(&log), work::held(registry, folder, kind, shard));
+        let log_path = folder.log(shard);
+        let (earlier, held) = (attempts(&log_path), work::held(registry, folder, kind, shard));
         let attempt = Attempt {
             number: earlier.last().map_or(0, |last| last.number) + 1,
             node: node(),
@@ -202,7 +201,7 @@ impl Run<'_> {
                  more shards"
             )))
         } else {
-            let _redirected = Redirected::to(&log)?;
+            let _redirected = Redirected::to(&log_path)?;
             eprintln!("{attempt}");
             let line = work::shard_line(folder, kind, shard);
             let ran = again_after_io_error(|| work::run(registry, &line, &Output::new(false, false)));
@@ -339,11 +338,11 @@ pub(super) struct Redirected {
 
 #[cfg(unix)]
 impl Redirected {
-    pub(super) fn to(log: &Path) -> Result<Self, Failure> {
+    pub(super) fn to(path: &Path) -> Result<Self, Failure> {
         use std::os::fd::AsFd as _;
 
-        let failed = |error| Failure::from(cannot("write", log, error));
-        let file = OpenOptions::new().create(true).append(true).open(log).map_err(failed)?;
+        let failed = |error| Failure::from(cannot("write", path, error));
+        let file = log::open(path).map_err(failed)?;
         std::io::stdout().flush()?;
         let before = [
             std::io::stdout().as_fd().try_clone_to_owned()?,
@@ -369,12 +368,8 @@ impl Drop for Redirected {
 #[cfg(not(unix))]
 impl Redirected {
     /// Here the log holds the attempts alone; what is printed goes where the scheduler puts it.
-    pub(super) fn to(log: &Path) -> Result<Self, Failure> {
-        OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(log)
-            .map_err(|error| cannot("write", log, error))?;
+    pub(super) fn to(path: &Path) -> Result<Self, Failure> {
+        log::open(path).map_err(|error| cannot("write", path, error))?;
         Ok(Self {})
     }
 }

@@ -1,7 +1,7 @@
 //! The log of a shard: a line per attempt, and what the command printed.
 
-use std::fs::File;
-use std::io::{BufRead as _, BufReader, Read as _, Seek as _, SeekFrom};
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead as _, BufReader, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
 /// How an attempt begins.
@@ -37,6 +37,20 @@ impl Attempt {
         let held = rest.strip_suffix(" committed")?.parse().ok()?;
         Some(Self { number: number.parse().ok()?, node: node.to_owned(), engine: engine.to_owned(), held })
     }
+}
+
+/// Opens a log to append to it, on a new line: an attempt that was killed may have ended in the middle of one.
+pub(crate) fn open(log: &Path) -> std::io::Result<File> {
+    let mut file = OpenOptions::new().create(true).read(true).append(true).open(log)?;
+    if file.metadata()?.len() > 0 {
+        let mut last = [0];
+        file.seek(SeekFrom::End(-1))?;
+        file.read_exact(&mut last)?;
+        if last != *b"\n" {
+            file.write_all(b"\n")?;
+        }
+    }
+    Ok(file)
 }
 
 /// All attempts, the oldest first. A log that is not there has none; one with a line per episode may be long.
@@ -92,5 +106,19 @@ mod tests {
         assert_eq!(last_episode(&path), Some(8));
         std::fs::remove_file(&path).unwrap();
         assert!(attempts(&path).is_empty() && last_episode(&path).is_none());
+    }
+
+    #[test]
+    fn an_attempt_after_a_kill_begins_a_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("0001.log");
+        let attempt = |number| Attempt { number, node: "n1".into(), engine: "slurm 12".into(), held: 0 };
+        // The first attempt was killed in the middle of a line, the second one between two lines.
+        for (number, rest) in [(1, "episode 7 written to"), (2, "episode 8 written\n"), (3, "")] {
+            write!(open(&path).unwrap(), "{}\n{rest}", attempt(number)).unwrap();
+        }
+        assert_eq!(attempts(&path), [attempt(1), attempt(2), attempt(3)]);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.lines().all(|line| !line.is_empty()), "no line was added in vain: {text}");
     }
 }
