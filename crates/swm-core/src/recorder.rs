@@ -53,6 +53,15 @@ pub trait Recorder: Send {
     /// As of [`Recorder::start`].
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError>;
 
+    /// The rows of several environments, of one step each, in the order of the environments.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recorder::start`].
+    fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
+        rows.iter().try_for_each(|row| self.step(row))
+    }
+
     /// An episode is over; its last row has been shown.
     ///
     /// # Errors
@@ -119,6 +128,9 @@ macro_rules! forward {
         fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             (**self).step(row)
         }
+        fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
+            (**self).steps(rows)
+        }
         fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
             (**self).episode(end)
         }
@@ -145,6 +157,10 @@ macro_rules! tuple {
             }
             fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
                 $(self.$index.step(row)?;)*
+                Ok(())
+            }
+            fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
+                $(self.$index.steps(rows)?;)*
                 Ok(())
             }
             fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {

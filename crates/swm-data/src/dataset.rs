@@ -8,7 +8,7 @@ use std::str::FromStr;
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Schema, Slice, SliceMut};
 
-pub use swm_core::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
+pub use swm_core::dataset::{Dataset, DatasetInfo, EncodedBatch, EncodedRow, EncodedRows, RowEncoder, Steps};
 
 /// A dataset that is being recorded.
 pub trait DatasetWriter: EpisodeSink {
@@ -29,15 +29,14 @@ pub trait DatasetWriter: EpisodeSink {
         None
     }
 
-    /// As [`DatasetWriter::write_rows`], where some columns are given as they are stored: their positions among the committed
-    /// columns, with as many rows as `rows` has of the others.
+    /// As [`DatasetWriter::write_rows`], where some columns are given as they are stored.
     ///
     /// # Errors
     ///
     /// As of [`DatasetWriter::write_rows`]; a column is given that has no [`DatasetWriter::encoding`].
-    fn write_encoded_rows(&mut self, rows: &Batch, encoded: &[(usize, EncodedRows)]) -> Result<(), BoxError> {
-        match encoded {
-            [] => self.write_rows(rows),
+    fn write_encoded_rows(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        match rows.encoded[..] {
+            [] => self.write_rows(&rows.plain),
             _ => Err("this format takes no rows as they are stored".into()),
         }
     }

@@ -8,7 +8,7 @@ use std::thread::{self, JoinHandle};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swm::core::dataset::DatasetRecorder;
+use swm::core::dataset::{DatasetRecorder, EncodedBatch, RowEncoder};
 use swm::core::error::BoxError;
 use swm::core::{Batch, Cancel, Column, EpisodeSink, Metadata, Rollout, Schema};
 use swm::data::{DatasetWriter, WriteMode, WriteOptions};
@@ -87,6 +87,16 @@ impl EpisodeSink for Sink<'_> {
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.writer.write_episode(rows)?;
+        self.progress.count(false);
+        Ok(())
+    }
+
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        self.writer.row_encoder(column)
+    }
+
+    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        self.writer.write_encoded_episode(rows)?;
         self.progress.count(false);
         Ok(())
     }

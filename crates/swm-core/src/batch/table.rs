@@ -75,8 +75,12 @@ impl Batch {
     ///
     /// [`BatchError::WrongValue`]: a column of the row has another type or dimension than the field. The table is then
     /// unusable.
-    pub fn push_row(&mut self, row: Row<'_>, from: &[usize]) -> Result<(), BatchError> {
-        for (target, &source) in from.iter().enumerate() {
+    pub fn push_row(
+        &mut self,
+        row: Row<'_>,
+        from: impl IntoIterator<Item = usize>,
+    ) -> Result<(), BatchError> {
+        for (target, source) in from.into_iter().enumerate() {
             let values = row.at(source);
             let field = &self.schema.fields()[target];
             if values.len() != field.dim() || !self.columns[target].extend(values) {

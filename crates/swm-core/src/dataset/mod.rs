@@ -11,7 +11,7 @@ mod restore;
 mod sink;
 
 pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
-pub use encoded::EncodedRows;
+pub use encoded::{EncodedBatch, EncodedRow, EncodedRows, RowEncoder};
 pub use error::DataError;
 pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};

@@ -8,9 +8,9 @@ use std::thread;
 
 use rayon::{Scope, Yield};
 
-use super::Metadata;
 use super::sink::{EpisodeSink, Output};
-use crate::batch::{Batch, Schema};
+use super::{EncodedBatch, Metadata, RowEncoder};
+use crate::batch::Schema;
 use crate::error::BoxError;
 
 /// So many bytes of episodes may wait; one that is larger waits alone.
@@ -24,9 +24,9 @@ pub(super) struct Queue<'a> {
 
 #[derive(Default)]
 struct State {
-    waiting: VecDeque<Batch>,
-    /// Batches to be filled again.
-    spare: Vec<Batch>,
+    waiting: VecDeque<EncodedBatch>,
+    /// Memory to be filled again.
+    spare: Vec<EncodedBatch>,
     /// Whether a thread writes, or soon will.
     is_writing: bool,
     /// Why nothing more is written.
@@ -49,7 +49,7 @@ impl<'a> Queue<'a> {
     /// Writes the next episode, and has the one behind it written by whichever thread is free then.
     fn write_next<'s>(&'s self, scope: &Scope<'s>) {
         let Some(rows) = self.state().waiting.pop_front() else { return };
-        let written = catch_unwind(AssertUnwindSafe(|| self.sink().write_episode(&rows)));
+        let written = catch_unwind(AssertUnwindSafe(|| self.sink().write_encoded_episode(&rows)));
         // A panic ends the run, too: whoever waits for this episode must hear of it.
         let (failed, panic) = match written {
             Ok(written) => (written.err(), None),
@@ -92,7 +92,7 @@ impl<'a> Queue<'a> {
 
 impl State {
     fn has_room(&self) -> bool {
-        let bytes: usize = self.waiting.iter().map(|rows| rows.rows() * rows.schema().row_bytes()).sum();
+        let bytes: usize = self.waiting.iter().map(EncodedBatch::bytes).sum();
         self.waiting.len() <= 1 || bytes <= MOST_WAITING_BYTES
     }
 }
@@ -112,11 +112,15 @@ impl Output for Beside<'_, '_> {
         self.queue.sink().holds(column)
     }
 
-    fn spare(&mut self) -> Option<Batch> {
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        self.queue.sink().row_encoder(column)
+    }
+
+    fn spare(&mut self) -> Option<EncodedBatch> {
         self.queue.state().spare.pop()
     }
 
-    fn write(&mut self, rows: Batch) -> Result<(), BoxError> {
+    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError> {
         let queue = self.queue;
         let mut state = queue.state();
         state.waiting.push_back(rows);
@@ -140,6 +144,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::batch::Batch;
     use crate::error::WorldError;
     use crate::policies;
     use crate::recorder::{LiveStep, Recorder};

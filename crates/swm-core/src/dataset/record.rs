@@ -3,10 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::Metadata;
+use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+use smallvec::SmallVec;
+
 use super::queue::{Beside, Queue};
 use super::sink::{AtOnce, EpisodeSink, Output};
-use crate::batch::{Batch, Field, Schema};
+use super::{EncodedBatch, Metadata, RowEncoder};
+use crate::batch::{Field, Schema};
 use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{LiveStep, Recorder};
@@ -20,25 +23,44 @@ pub struct DatasetRecorder<'a> {
     schema: Arc<Schema>,
     /// For every column of the dataset, its position in the infos.
     from: Vec<usize>,
+    /// Columns whose rows are encoded as they come, by position in the dataset.
+    encoded: Vec<usize>,
+    /// Whether threads of the world share the rows of a step among them.
+    is_parallel: bool,
     /// Episodes that run or wait for an earlier one.
     open: BTreeMap<u64, Buffered>,
+    /// Encoders of episodes that are over.
+    spare: Vec<Vec<Box<dyn RowEncoder>>>,
     next: u64,
 }
 
+/// Rows of so many bytes are worth a hand-over to another thread: encoding them takes some 30 µs.
+const PARALLEL_BYTES: usize = 64 << 10;
+
 struct Buffered {
-    rows: Batch,
+    rows: EncodedBatch,
+    /// One for each encoded column of `rows`.
+    encoders: Vec<Box<dyn RowEncoder>>,
     complete: bool,
 }
 
 impl<'a> DatasetRecorder<'a> {
     /// Records into `sink`, on the thread of the run: when an episode's end is seen, all before it are safe.
     pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self::with(AtOnce::new(sink))
+        Self::with(AtOnce::new(sink), false)
     }
 
-    fn with(output: impl Output + 'a) -> Self {
-        let schema = Arc::new(Schema::default());
-        Self { output: Box::new(output), schema, from: Vec::new(), open: BTreeMap::new(), next: 0 }
+    fn with(output: impl Output + 'a, is_parallel: bool) -> Self {
+        Self {
+            output: Box::new(output),
+            schema: Arc::new(Schema::default()),
+            from: Vec::new(),
+            encoded: Vec::new(),
+            is_parallel,
+            open: BTreeMap::new(),
+            spare: Vec::new(),
+            next: 0,
+        }
     }
 
     /// The columns of the dataset: all infos, except those that the world was told to leave out, and factors that
@@ -56,6 +78,23 @@ impl<'a> DatasetRecorder<'a> {
         self.schema = Schema::new(fields)?;
         self.from = from;
         Ok(())
+    }
+
+    /// The rows of an episode that begins.
+    fn begun(&mut self) -> Buffered {
+        let is_encoded = |column| self.encoded.contains(&column);
+        let mut rows = self.output.spare().unwrap_or_else(|| EncodedBatch::new(&self.schema, is_encoded));
+        rows.clear();
+        let of_columns =
+            || self.encoded.iter().filter_map(|&column| self.output.row_encoder(column)).collect();
+        let encoders = self.spare.pop().unwrap_or_else(of_columns);
+        Buffered { rows, encoders, complete: false }
+    }
+
+    /// Whether threads share `rows` rows among them.
+    fn divides(&self, rows: usize) -> bool {
+        let bytes = || self.encoded.iter().map(|&column| self.schema.dim(column)).sum::<usize>();
+        self.is_parallel && rows > 1 && rows * bytes() >= PARALLEL_BYTES
     }
 }
 
@@ -88,16 +127,39 @@ impl Recorder for DatasetRecorder<'_> {
                 format!("the dataset holds {held} episodes, so {held} must come next, not {next}").into()
             );
         }
+        let columns = 0..self.schema.fields().len();
+        self.encoded = columns.filter(|&column| self.output.row_encoder(column).is_some()).collect();
         Ok(())
     }
 
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
-        let buffered = self.open.entry(row.episode.index).or_insert_with(|| {
-            let mut rows = self.output.spare().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
-            rows.clear();
-            Buffered { rows, complete: false }
+        self.steps(std::slice::from_ref(row))
+    }
+
+    fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
+        for row in rows {
+            if !self.open.contains_key(&row.episode.index) {
+                let begun = self.begun();
+                self.open.insert(row.episode.index, begun);
+            }
+        }
+        let divides = self.divides(rows.len());
+        // Both are in the order of episodes, so that every row finds its buffer in one pass.
+        let mut rows: SmallVec<[_; 16]> = rows.iter().collect();
+        rows.sort_unstable_by_key(|row| row.episode.index);
+        let mut rows = rows.into_iter().peekable();
+        let pairs = self.open.iter_mut().filter_map(|(&index, buffered)| {
+            Some((rows.next_if(|row| row.episode.index == index)?, buffered))
         });
-        Ok(buffered.rows.push_row(row.values, &self.from)?)
+        let push = |(row, buffered): (&LiveStep<'_>, &mut Buffered)| {
+            buffered.rows.push_row(row.values, &self.from, &mut buffered.encoders)
+        };
+        if divides {
+            pairs.collect::<Vec<_>>().into_par_iter().try_for_each(push)?;
+        } else {
+            pairs.into_iter().try_for_each(push)?;
+        }
+        Ok(())
     }
 
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
@@ -106,6 +168,7 @@ impl Recorder for DatasetRecorder<'_> {
         }
         while self.open.get(&self.next).is_some_and(|buffered| buffered.complete) {
             let Some(buffered) = self.open.remove(&self.next) else { break };
+            self.spare.push(buffered.encoders);
             self.output.write(buffered.rows)?;
             self.next += 1;
         }
@@ -150,9 +213,88 @@ impl World {
         let threads = self.threads.clone();
         threads.install(|| {
             rayon::in_place_scope(|scope| {
-                let beside = DatasetRecorder::with(Beside { queue: &queue, scope });
+                let beside = DatasetRecorder::with(Beside { queue: &queue, scope }, true);
                 self.run(rollout, &mut (beside, recorder))
             })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::Batch;
+    use crate::dataset::{EncodedRow, EncodedRows};
+    use crate::policies;
+    use crate::run::WorldOptions;
+    use crate::testing::TOY;
+
+    const SIDE: usize = 64;
+
+    /// Keeps the images of every episode, as values or encoded.
+    #[derive(Default)]
+    struct Kept {
+        encodes: bool,
+        image: usize,
+        episodes: Vec<Vec<Vec<u8>>>,
+    }
+
+    /// Stores the complement of every byte.
+    struct Complement;
+
+    impl RowEncoder for Complement {
+        fn encode(&mut self, row: &[u8], out: &mut EncodedRows) {
+            let bytes: Vec<u8> = row.iter().map(|byte| !byte).collect();
+            out.push(EncodedRow { bytes: &bytes, is_compressed: true });
+        }
+    }
+
+    impl EpisodeSink for Kept {
+        fn begin(&mut self, schema: &Arc<Schema>, _metadata: &Metadata) -> Result<u64, BoxError> {
+            self.image = schema.require("pixels")?;
+            Ok(0)
+        }
+
+        fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
+            assert!(!self.encodes, "the images are encoded");
+            let images = rows.get::<u8>("pixels")?.chunks(SIDE * SIDE * 3);
+            self.episodes.push(images.map(<[u8]>::to_vec).collect());
+            Ok(())
+        }
+
+        fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+            (self.encodes && column == self.image).then(|| Box::new(Complement) as _)
+        }
+
+        fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+            let [(column, images)] = &rows.encoded[..] else { return self.write_episode(&rows.plain) };
+            assert_eq!((*column, images.len()), (self.image, rows.rows()));
+            assert!(rows.plain.schema().index("pixels").is_none() && rows.plain.get::<f64>("state").is_ok());
+            self.episodes
+                .push(images.iter().map(|row| row.bytes.iter().map(|byte| !byte).collect()).collect());
+            Ok(())
+        }
+
+        fn finish(&mut self) -> Result<(), BoxError> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn rows_that_are_encoded_as_they_come_are_those_of_the_episodes() {
+        let record = |threads, encodes| {
+            let options = WorldOptions::new(7).threads(threads).max_episode_steps(6).image(SIDE, SIDE);
+            let mut world = World::new(&TOY, options).unwrap();
+            world.set_policy(policies::random());
+            let mut kept = Kept { encodes, ..Kept::default() };
+            world.record_dataset(&Rollout::new(0..20).seed(5), &mut kept).unwrap();
+            kept.episodes
+        };
+        let plain = record(1, false);
+        assert_eq!(plain.len(), 20);
+        assert!(7 * SIDE * SIDE * 3 > PARALLEL_BYTES, "threads share the rows");
+        for (threads, encodes) in [(3, false), (1, true), (3, true)] {
+            assert!(record(threads, encodes) == plain, "{threads} threads, encoded: {encodes}");
+        }
     }
 }

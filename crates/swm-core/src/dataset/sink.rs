@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::Metadata;
+use super::{EncodedBatch, Metadata, RowEncoder};
 use crate::batch::{Batch, Schema};
 use crate::error::BoxError;
 
@@ -30,6 +30,24 @@ pub trait EpisodeSink: Send {
     /// dataset.
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
 
+    /// What encodes the rows of a column, by its position in the schema of [`EpisodeSink::begin`], as they are made; `None`: the sink takes
+    /// values. Asked for once for every episode that may be open at a time.
+    fn row_encoder(&self, _column: usize) -> Option<Box<dyn RowEncoder>> {
+        None
+    }
+
+    /// As [`EpisodeSink::write_episode`], where the columns that have a [`EpisodeSink::row_encoder`] come as it encodes them.
+    ///
+    /// # Errors
+    ///
+    /// As of [`EpisodeSink::write_episode`].
+    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        match rows.encoded[..] {
+            [] => self.write_episode(&rows.plain),
+            _ => Err("this dataset takes no rows as they are stored".into()),
+        }
+    }
+
     /// Ends the dataset cleanly.
     ///
     /// # Errors
@@ -46,11 +64,14 @@ pub(super) trait Output: Send {
     /// As [`EpisodeSink::holds`].
     fn holds(&self, column: &str) -> bool;
 
+    /// As [`EpisodeSink::row_encoder`].
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>>;
+
     /// Rows of an episode that was written, to be filled again.
-    fn spare(&mut self) -> Option<Batch>;
+    fn spare(&mut self) -> Option<EncodedBatch>;
 
     /// Takes an episode. Errors may be those of an earlier one.
-    fn write(&mut self, rows: Batch) -> Result<(), BoxError>;
+    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError>;
 
     /// As [`EpisodeSink::finish`], after the last episode is written.
     fn finish(&mut self) -> Result<(), BoxError>;
@@ -59,7 +80,7 @@ pub(super) trait Output: Send {
 /// Writes every episode before the next step.
 pub(super) struct AtOnce<'a> {
     sink: &'a mut dyn EpisodeSink,
-    spare: Vec<Batch>,
+    spare: Vec<EncodedBatch>,
 }
 
 impl<'a> AtOnce<'a> {
@@ -77,12 +98,16 @@ impl Output for AtOnce<'_> {
         self.sink.holds(column)
     }
 
-    fn spare(&mut self) -> Option<Batch> {
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        self.sink.row_encoder(column)
+    }
+
+    fn spare(&mut self) -> Option<EncodedBatch> {
         self.spare.pop()
     }
 
-    fn write(&mut self, rows: Batch) -> Result<(), BoxError> {
-        self.sink.write_episode(&rows)?;
+    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError> {
+        self.sink.write_encoded_episode(&rows)?;
         self.spare.push(rows);
         Ok(())
     }

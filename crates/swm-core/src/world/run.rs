@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use smallvec::SmallVec;
+
 use super::World;
 use crate::batch::Slice;
 use crate::error::WorldError;
@@ -181,19 +183,14 @@ impl Run<'_> {
 
     /// Shows the chosen slots to the recorder, in their order.
     fn record(&mut self, chosen: impl Fn(&Slot) -> bool) -> Result<(), WorldError> {
-        for (index, slot) in self.world.slots.iter().enumerate() {
-            if !chosen(slot) {
-                continue;
-            }
-            let progress = slot.progress.as_ref().expect("chosen slots have an episode");
-            let live = LiveStep {
-                values: self.world.infos.row(index),
-                episode: progress.episode,
-                success: progress.success_now,
-                env: slot.env(),
-            };
-            self.recorder.step(&live).map_err(WorldError::Record)?;
-        }
-        Ok(())
+        let slots = self.world.slots.iter().enumerate().filter(|(_, slot)| chosen(slot));
+        let rows: SmallVec<[LiveStep<'_>; 16]> = slots
+            .map(|(index, slot)| {
+                let progress = slot.progress.as_ref().expect("chosen slots have an episode");
+                let (episode, success) = (progress.episode, progress.success_now);
+                LiveStep { values: self.world.infos.row(index), episode, success, env: slot.env() }
+            })
+            .collect();
+        if rows.is_empty() { Ok(()) } else { self.recorder.steps(&rows).map_err(WorldError::Record) }
     }
 }

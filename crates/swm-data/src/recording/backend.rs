@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::{Batch, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, EncodedRows, WriteOptions};
+use crate::dataset::{Dataset, WriteOptions};
 use crate::error::{DataError, Result, unsupported};
 
 /// How a format stores datasets.
@@ -91,17 +92,18 @@ pub trait Session: Send {
         None
     }
 
+    /// What encodes the rows of a column, by its position in the schema, as [`Session::append`] would: see
+    /// [`EpisodeSink::row_encoder`](swm_core::EpisodeSink::row_encoder).
+    fn row_encoder(&self, _column: usize) -> Option<Box<dyn RowEncoder>> {
+        None
+    }
+
     /// As [`Session::append`], with some columns as they are stored: those that have an [`Session::encoding`].
     ///
     /// # Errors
     ///
     /// As of [`Session::append`].
-    fn append_encoded(
-        &mut self,
-        _at: StepIndex,
-        _rows: &Batch,
-        _encoded: &[(usize, EncodedRows)],
-    ) -> Result<()> {
+    fn append_encoded(&mut self, _at: StepIndex, _rows: &EncodedBatch) -> Result<()> {
         Err(unsupported("this format takes no rows as they are stored"))
     }
 

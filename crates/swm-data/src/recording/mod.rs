@@ -14,10 +14,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, DatasetWriter, EncodedRows, WriteMode, WriteOptions};
+use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
 use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
@@ -167,10 +168,9 @@ impl<S: Backend> BackendWriter<S> {
     /// Appends rows to the open episode, or opens one.
     fn append(
         &mut self,
-        rows: &Batch,
+        more: usize,
         write: impl FnOnce(&mut S::Session, StepIndex) -> Result<()>,
     ) -> Result<(), BoxError> {
-        let more = rows.rows();
         if more == 0 {
             return Ok(());
         }
@@ -180,6 +180,10 @@ impl<S: Backend> BackendWriter<S> {
         })?;
         self.open += more;
         Ok(())
+    }
+
+    fn check_closed_episode(&self) -> Result<(), DataError> {
+        if self.open == 0 { Ok(()) } else { Err(DataError::record(&self.path, "another episode is open")) }
     }
 
     /// Whether what is recorded into is still at its path; if not, nothing more is written.
@@ -242,10 +246,21 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
-        if self.open > 0 {
-            return Err(DataError::record(&self.path, "another episode is open").into());
-        }
+        self.check_closed_episode()?;
         self.write_rows(rows)?;
+        self.end_episode()
+    }
+
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        match &self.state {
+            State::Recording(recording, _) => recording.row_encoder(column),
+            State::Waiting | State::Closed => None,
+        }
+    }
+
+    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        self.check_closed_episode()?;
+        self.write_encoded_rows(rows)?;
         self.end_episode()
     }
 
@@ -266,7 +281,7 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
             let reason = "the episode has other columns than the recording";
             return Err(DataError::record(&self.path, reason).into());
         }
-        self.append(rows, |recording, at| recording.append(at, rows))
+        self.append(rows.rows(), |recording, at| recording.append(at, rows))
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
@@ -276,14 +291,14 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
         }
     }
 
-    fn write_encoded_rows(&mut self, rows: &Batch, encoded: &[(usize, EncodedRows)]) -> Result<(), BoxError> {
-        if encoded.is_empty() {
-            return self.write_rows(rows);
+    fn write_encoded_rows(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        if rows.encoded.is_empty() {
+            return self.write_rows(&rows.plain);
         }
-        if encoded.iter().any(|(_, encoded)| encoded.len() != rows.rows()) {
+        if rows.encoded.iter().any(|(_, encoded)| encoded.len() != rows.rows()) {
             return Err(DataError::record(&self.path, "its columns differ in their numbers of rows").into());
         }
-        self.append(rows, |recording, at| recording.append_encoded(at, rows, encoded))
+        self.append(rows.rows(), |recording, at| recording.append_encoded(at, rows))
     }
 
     fn end_episode(&mut self) -> Result<(), BoxError> {

@@ -7,15 +7,14 @@
 
 use std::ops::Range;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Dtype, Metadata, Registry, Schema};
+use swm_core::{Column, Dtype, Metadata, Registry, Schema};
 
-use crate::dataset::{self, Dataset, EncodedRows, Steps, WriteMode, WriteOptions};
+use crate::dataset::{self, Dataset, EncodedBatch, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
 use crate::recording::EP_IDX;
@@ -97,7 +96,7 @@ pub fn copy_in(
         };
         let mut writer = format::create_in(registry, to, &options, format)?;
         writer.begin(&schema, &metadata).map_err(failed)?;
-        let spare = Rows::new(&schema, |column| {
+        let spare = EncodedBatch::new(&schema, |column| {
             let name = &schema.fields()[column].name;
             let of = |source: &dyn Dataset| source.encoding(source.schema().index(name)?).map(str::to_owned);
             let wanted = writer.encoding(column);
@@ -114,9 +113,9 @@ pub fn copy_in(
             scope.spawn(move || read(sources, schema, run, &from_writer, &to_writer));
             let mut count = 0;
             for rows_read in from_reader {
-                let (rows, is_last): (Rows, bool) = rows_read?;
-                writer.write_encoded_rows(&rows.plain, &rows.encoded).map_err(failed)?;
-                count += rows.plain.rows();
+                let (rows, is_last): (EncodedBatch, bool) = rows_read?;
+                writer.write_encoded_rows(&rows).map_err(failed)?;
+                count += rows.rows();
                 if is_last {
                     writer.end_episode().map_err(failed)?;
                     copied.episodes += 1;
@@ -136,39 +135,21 @@ pub fn copy_in(
     Ok(copied)
 }
 
-/// Rows on their way from one dataset to another.
-#[derive(Clone)]
-struct Rows {
-    /// Columns whose values are read.
-    plain: Batch,
-    /// The others, by their positions in the schema.
-    encoded: Vec<(usize, EncodedRows)>,
-}
-
-impl Rows {
-    fn new(schema: &Arc<Schema>, is_encoded: impl Fn(usize) -> bool) -> Self {
-        let (encoded, plain): (Vec<_>, Vec<_>) = (0..schema.fields().len()).partition(|&at| is_encoded(at));
-        let plain = plain.into_iter().map(|column| schema.fields()[column].clone()).collect();
-        let plain = Schema::new(plain).expect("a part of a schema is one");
-        let encoded = encoded.into_iter().map(|column| (column, EncodedRows::default())).collect();
-        Self { plain: Batch::new(plain, 0), encoded }
+/// Reads rows: values of some columns, the others as they are stored.
+fn read_rows(
+    source: &mut dyn Dataset,
+    schema: &Schema,
+    episode: usize,
+    rows: Range<usize>,
+    out: &mut EncodedBatch,
+) -> Result<(), DataError> {
+    source.read(episode, rows.clone(), &mut out.plain)?;
+    for (column, encoded) in &mut out.encoded {
+        let name = &schema.fields()[*column].name;
+        let found = source.schema().index(name).expect("a column that is not there has no encoding");
+        source.encoded_rows(found, episode, rows.clone(), encoded)?;
     }
-
-    fn read(
-        &mut self,
-        source: &mut dyn Dataset,
-        schema: &Schema,
-        episode: usize,
-        rows: Range<usize>,
-    ) -> Result<(), DataError> {
-        source.read(episode, rows.clone(), &mut self.plain)?;
-        for (column, encoded) in &mut self.encoded {
-            let name = &schema.fields()[*column].name;
-            let found = source.schema().index(name).expect("a column that is not there has no encoding");
-            source.encoded_rows(found, episode, rows.clone(), encoded)?;
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 /// Reads episodes into spare tables, until there are no more or nobody wants them. Each table comes with whether it ends
@@ -177,8 +158,8 @@ fn read(
     sources: &mut [Box<dyn Dataset>],
     schema: &Schema,
     pieces: &[Piece],
-    spare: &Receiver<Rows>,
-    out: &SyncSender<Result<(Rows, bool), DataError>>,
+    spare: &Receiver<EncodedBatch>,
+    out: &SyncSender<Result<(EncodedBatch, bool), DataError>>,
 ) {
     for &(source, episode) in pieces {
         let source = &mut sources[source];
@@ -191,7 +172,7 @@ fn read(
         for rows in dataset::pieces(source.schema(), len) {
             let Ok(mut piece) = spare.recv() else { return };
             let is_last = rows.end == len;
-            let read = piece.read(source.as_mut(), schema, episode, rows);
+            let read = read_rows(source.as_mut(), schema, episode, rows, &mut piece);
             let failed = read.is_err();
             if out.send(read.map(|()| (piece, is_last))).is_err() || failed {
                 return;

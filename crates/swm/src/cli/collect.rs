@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
+use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::error::BoxError;
 use swm_core::{
     Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, RecordingPart, Registry, Rollout,
@@ -323,6 +324,28 @@ impl EpisodeSink for Committed<'_> {
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.writer.write_episode(rows)?;
+        self.report(rows.rows());
+        Ok(())
+    }
+
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        self.writer.row_encoder(column)
+    }
+
+    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
+        self.writer.write_encoded_episode(rows)?;
+        self.report(rows.rows());
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        self.writer.finish()
+    }
+}
+
+impl Committed<'_> {
+    /// Tells of an episode that was committed.
+    fn report(&mut self, rows: usize) {
         self.bar.inc(1);
         let committed = self.committed.fetch_add(1, Ordering::Relaxed);
         if !self.output.shows_bars() && self.reported.elapsed() >= self.report_every {
@@ -331,13 +354,8 @@ impl EpisodeSink for Committed<'_> {
                 "episode {} written to {} ({})",
                 self.offset + committed,
                 self.path.display(),
-                counted(rows.rows(), "row")
+                counted(rows, "row")
             ));
         }
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), BoxError> {
-        self.writer.finish()
     }
 }

@@ -14,7 +14,7 @@ pub(super) fn note(envs: usize, steps: u64, row_bytes: u64, machine_bytes: Optio
     let machine = machine_bytes.filter(|&machine| all > machine / 2)?;
     let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
     Some(format!(
-        "an episode is in memory until it ends: {} if it goes on for {steps} steps, and {} for {envs} environments, of {} on \
+        "an episode is in memory until it ends: at most {} if it goes on for {steps} steps, and {} for {envs} environments, of {} on \
          this machine; a smaller --max-steps, --num-envs or --image-size takes less",
         gigabytes(episode),
         gigabytes(all),

@@ -5,27 +5,26 @@ use std::mem;
 
 use hdf5_metno::Dataset;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
-use swm_core::{Dtype, Field, Slice};
+use swm_core::dataset::{EncodedRow, RowEncoder};
+use swm_core::{Dtype, Field, FieldKind, Slice};
 
 use super::handles::library_error;
 use super::{blosc, checksum, ffi, library};
 use crate::dataset::EncodedRows;
 use crate::error::{Result, invalid};
 
-/// Encodes rows as the library would, without its copies of each, and a row that is equal to the one before, such as the
-/// image of a goal, once.
-#[derive(Debug)]
-pub(super) struct RowEncoder {
+/// How a column is stored of which every row is a chunk of its own.
+#[derive(Clone, Debug)]
+pub(super) struct StoredForm {
     /// What the rows of two columns must agree in to be copied as they are stored.
-    pub(super) encoding: String,
+    pub(super) name: String,
     level: u8,
     shuffle: BloscShuffle,
-    values: Vec<u8>,
-    stored: Vec<u8>,
-    is_compressed: bool,
+    /// Whether a row may well be equal to the one before, such as the image of a goal.
+    repeats: bool,
 }
 
-impl RowEncoder {
+impl StoredForm {
     /// Of a column of bytes whose rows are compressed each on its own, with a checksum, as ours are.
     pub(super) fn of(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<Option<Self>> {
         let is_by_row = dataset.chunk().is_some_and(|chunk| chunk[0] == 1 && chunk[1..] == field.shape);
@@ -36,43 +35,68 @@ impl RowEncoder {
         let [Filter::Blosc(Blosc::LZ4, level, shuffle), Filter::Fletcher32] = filters[..] else {
             return Ok(None);
         };
-        let encoding = format!("hdf5 {filters:?}");
-        let (values, stored) = (Vec::new(), Vec::new());
-        Ok(Some(Self { encoding, level, shuffle, values, stored, is_compressed: false }))
+        let (name, repeats) = (format!("hdf5 {filters:?}"), field.kind == FieldKind::Episode);
+        Ok(Some(Self { name, level, shuffle, repeats }))
+    }
+}
+
+/// Encodes rows as the library would, without its copies of each, and a row that is equal to the one before once.
+#[derive(Debug)]
+pub(super) struct Encoder {
+    pub(super) form: StoredForm,
+    /// The values of the last row, if they may come again.
+    values: Vec<u8>,
+    /// As it is stored.
+    stored: Vec<u8>,
+    is_compressed: bool,
+}
+
+impl Encoder {
+    pub(super) fn new(form: StoredForm) -> Self {
+        Self { form, values: Vec::new(), stored: Vec::new(), is_compressed: false }
     }
 
     /// Writes `rows` from row `first` on, but for the last, which is left in `last`.
     pub(super) fn append(
         &mut self,
         dataset: &Dataset,
-        field: &Field,
         first: usize,
         rows: &[u8],
+        row_bytes: usize,
         last: &mut LastRow,
     ) -> Result<()> {
-        for (row, values) in (first..).zip(rows.chunks_exact(field.dim())) {
-            if self.stored.is_empty() || self.values != values {
-                self.encode(values);
-            }
-            last.replace(dataset, row, &self.stored, self.is_compressed)?;
+        for (row, values) in (first..).zip(rows.chunks_exact(row_bytes)) {
+            last.replace(dataset, row, self.stored_row(values))?;
         }
         Ok(())
     }
 
-    /// Sets `stored` to the stored form of a row, which stays as it is where compression would make it no smaller.
-    fn encode(&mut self, values: &[u8]) {
-        self.stored.resize(values.len(), 0);
-        let size = ffi::compress(self.level, self.shuffle, values, &mut self.stored);
-        self.is_compressed = size > 0;
-        if self.is_compressed {
-            self.stored.truncate(size);
-        } else {
-            self.stored.copy_from_slice(values);
+    /// A row as it is stored: as it is where compression would make it no smaller.
+    fn stored_row(&mut self, values: &[u8]) -> EncodedRow<'_> {
+        let Self { form, values: known, stored, is_compressed } = self;
+        if !(form.repeats && known == values && !stored.is_empty()) {
+            stored.resize(values.len(), 0);
+            let size = ffi::compress(form.level, form.shuffle, values, stored);
+            *is_compressed = size > 0;
+            if *is_compressed {
+                stored.truncate(size);
+            } else {
+                stored.copy_from_slice(values);
+            }
+            let checksum = checksum::fletcher32(stored);
+            stored.extend_from_slice(&checksum.to_le_bytes());
+            if form.repeats {
+                known.clear();
+                known.extend_from_slice(values);
+            }
         }
-        let checksum = checksum::fletcher32(&self.stored);
-        self.stored.extend_from_slice(&checksum.to_le_bytes());
-        self.values.clear();
-        self.values.extend_from_slice(values);
+        EncodedRow { bytes: stored, is_compressed: *is_compressed }
+    }
+}
+
+impl RowEncoder for Encoder {
+    fn encode(&mut self, row: &[u8], out: &mut EncodedRows) {
+        out.push(self.stored_row(row));
     }
 }
 
@@ -91,17 +115,17 @@ impl LastRow {
     /// Writes rows from `first` on, but for the last.
     pub(super) fn append(&mut self, dataset: &Dataset, first: usize, rows: &EncodedRows) -> Result<()> {
         for (index, stored) in rows.iter().enumerate() {
-            self.replace(dataset, first + index, stored, true)?;
+            self.replace(dataset, first + index, stored)?;
         }
         Ok(())
     }
 
     /// Writes the row, as it is, if there is one, and keeps another in its place.
-    fn replace(&mut self, dataset: &Dataset, row: usize, stored: &[u8], is_compressed: bool) -> Result<()> {
+    fn replace(&mut self, dataset: &Dataset, row: usize, stored: EncodedRow<'_>) -> Result<()> {
         self.write(dataset)?;
         self.row = row;
-        self.is_compressed = is_compressed;
-        self.stored.extend_from_slice(stored);
+        self.is_compressed = stored.is_compressed;
+        self.stored.extend_from_slice(stored.bytes);
         Ok(())
     }
 
@@ -155,10 +179,10 @@ mod tests {
     }
 
     /// A file with one column, written as `write` does.
-    fn file(write: impl FnOnce(&Dataset, &Field)) -> Vec<u8> {
+    fn file(kind: FieldKind, write: impl FnOnce(&Dataset, &Field)) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.h5");
-        let field = Field::step("image", Dtype::U8, &[SIDE, SIDE, 3]);
+        let field = Field { kind, ..Field::step("image", Dtype::U8, &[SIDE, SIDE, 3]) };
         let handles = create::create(&path, std::slice::from_ref(&field), &Metadata::default()).unwrap();
         create::set_rows(&handles.columns[0], rows().len() / ROW).unwrap();
         write(&handles.columns[0], &field);
@@ -168,19 +192,29 @@ mod tests {
 
     #[test]
     fn rows_are_encoded_as_the_library_encodes_them() {
-        let by_library = file(|dataset, field| {
-            library::write(dataset, field, 0, rows().len() / ROW, Slice::U8(&rows())).unwrap();
-        });
-        for pieces in [1, 3] {
-            let by_encoder = file(|dataset, field| {
-                let mut encoder = RowEncoder::of(dataset, field).unwrap().unwrap();
-                let mut last = LastRow::default();
-                for (index, rows) in rows().chunks(pieces * ROW).enumerate() {
-                    encoder.append(dataset, field, index * pieces, rows, &mut last).unwrap();
-                }
+        for kind in [FieldKind::Step, FieldKind::Episode] {
+            let by_library = file(kind, |dataset, field| {
+                library::write(dataset, field, 0, rows().len() / ROW, Slice::U8(&rows())).unwrap();
+            });
+            for pieces in [1, 3] {
+                let by_encoder = file(kind, |dataset, field| {
+                    let mut encoder = Encoder::new(StoredForm::of(dataset, field).unwrap().unwrap());
+                    let mut last = LastRow::default();
+                    for (index, rows) in rows().chunks(pieces * ROW).enumerate() {
+                        encoder.append(dataset, index * pieces, rows, ROW, &mut last).unwrap();
+                    }
+                    last.hand_over(dataset, field).unwrap();
+                });
+                assert!(by_encoder == by_library, "{kind:?}, in pieces of {pieces} rows");
+            }
+            let encoded = file(kind, |dataset, field| {
+                let mut encoder = Encoder::new(StoredForm::of(dataset, field).unwrap().unwrap());
+                let (mut last, mut encoded) = (LastRow::default(), EncodedRows::default());
+                rows().chunks(ROW).for_each(|row| encoder.encode(row, &mut encoded));
+                last.append(dataset, 0, &encoded).unwrap();
                 last.hand_over(dataset, field).unwrap();
             });
-            assert!(by_encoder == by_library, "in pieces of {pieces} rows");
+            assert!(encoded == by_library, "{kind:?}, encoded before");
         }
     }
 }

@@ -13,10 +13,10 @@ use swm_core::{Field, SliceMut};
 
 use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
-use super::encoding::RowEncoder;
+use super::encoding::StoredForm;
 use super::fetch::Fetched;
 use super::{blosc, library};
-use crate::dataset::{EncodedRows, Steps};
+use crate::dataset::{EncodedRow, EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::disk::read_exact_at;
 use crate::formats::element::{self, Element};
@@ -76,7 +76,7 @@ impl ColumnStorage {
         file_length: u64,
     ) -> hdf5_metno::Result<Self> {
         let (access, encoding) = match direct(&dataset, field, element, rows, file_length)? {
-            Some(access) => (access, RowEncoder::of(&dataset, field)?.map(|encoder| encoder.encoding)),
+            Some(access) => (access, StoredForm::of(&dataset, field)?.map(|form| form.name)),
             None => (Access::Library(dataset), None),
         };
         Ok(Self { element, access, encoding })
@@ -205,7 +205,7 @@ impl ColumnStorage {
             let stored = scratch.fetched.get(file, address, size, adjacent(&chunks[row..rows.end]))?;
             // Copied damage would look sound: the other columns are not read with it.
             check_chunk(stored).at(format_args!("row {row}"))?;
-            out.push(stored);
+            out.push(EncodedRow { bytes: stored, is_compressed: true });
         }
         Ok(())
     }

@@ -5,16 +5,17 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use swm_core::dataset::{EncodedBatch, EncodedRows, RowEncoder};
 use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};
-use super::encoding::{LastRow, RowEncoder};
+use super::encoding::{Encoder, LastRow, StoredForm};
 use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
 use super::reader::Hdf5Dataset;
-use crate::dataset::{Dataset, EncodedRows};
+use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, FormatError, Result, unsupported};
 use crate::formats::disk;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
@@ -41,7 +42,7 @@ struct Given {
     /// Its position in the schema.
     column: usize,
     /// Of its rows, if they are stored each on its own.
-    encoder: Option<RowEncoder>,
+    encoder: Option<Encoder>,
     /// The last row that is to be written as it is stored.
     last: LastRow,
 }
@@ -91,8 +92,8 @@ impl Backend for Hdf5Backend {
         };
         let given = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
         let given = given.zip(&handles.columns).map(|(column, dataset)| {
-            let encoder = RowEncoder::of(dataset, &schema.fields()[column]).map_err(library_error)?;
-            Ok(Given { column, encoder, last: LastRow::default() })
+            let form = StoredForm::of(dataset, &schema.fields()[column]).map_err(library_error)?;
+            Ok(Given { column, encoder: form.map(Encoder::new), last: LastRow::default() })
         });
         let given = given.collect::<Result<_>>().map_err(|error| DataError::record(path, error))?;
         Ok(Hdf5Session {
@@ -108,47 +109,21 @@ impl Backend for Hdf5Backend {
 
 impl Session for Hdf5Session {
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
-        self.append_encoded(at, batch, &[])
+        self.append_columns(at, batch, &[])
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
         let given = self.given.iter().find(|given| given.column == column)?;
-        Some(&given.encoder.as_ref()?.encoding)
+        Some(&given.encoder.as_ref()?.form.name)
     }
 
-    fn append_encoded(
-        &mut self,
-        at: StepIndex,
-        batch: &Batch,
-        encoded: &[(usize, EncodedRows)],
-    ) -> Result<()> {
-        let first = self.rows + at.step;
-        let end = first + batch.rows();
-        for (dataset, given) in self.handles.columns.iter().zip(&mut self.given) {
-            let Given { column, encoder, last } = given;
-            let field = &self.schema.fields()[*column];
-            let encoded = encoded.iter().find(|(encoded, _)| encoded == column);
-            let write = || {
-                create::set_rows(dataset, end).map_err(library_error)?;
-                match (encoded, &encoder) {
-                    (Some((_, rows)), Some(_)) => last.append(dataset, first, rows),
-                    (Some(_), None) => Err(unsupported("its rows are not stored each on its own")),
-                    (None, _) => {
-                        let values = batch.schema().require(&field.name).map_err(FormatError::other)?;
-                        match (encoder, batch.column(values)) {
-                            (Some(encoder), Slice::U8(rows)) => {
-                                encoder.append(dataset, field, first, rows, last)
-                            }
-                            (_, values) => library::write(dataset, field, first, batch.rows(), values),
-                        }
-                    }
-                }
-            };
-            write().at(format_args!("column `{}`", field.name))?;
-        }
-        self.ep_idx.clear();
-        self.ep_idx.resize(batch.rows(), at.episode);
-        append(&self.handles.ep_idx, first, Slice::I32(&self.ep_idx))
+    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
+        let given = self.given.iter().find(|given| given.column == column)?;
+        Some(Box::new(Encoder::new(given.encoder.as_ref()?.form.clone())))
+    }
+
+    fn append_encoded(&mut self, at: StepIndex, rows: &EncodedBatch) -> Result<()> {
+        self.append_columns(at, &rows.plain, &rows.encoded)
     }
 
     /// Columns, then offset, then length, each on its way to the disk before the next.
@@ -189,6 +164,44 @@ impl Session for Hdf5Session {
 
     fn abandon(self) {
         self.handles.abandon();
+    }
+}
+
+impl Hdf5Session {
+    /// Appends rows of all columns, of which `encoded` has some as they are stored, and `batch` the others.
+    fn append_columns(
+        &mut self,
+        at: StepIndex,
+        batch: &Batch,
+        encoded: &[(usize, EncodedRows)],
+    ) -> Result<()> {
+        let first = self.rows + at.step;
+        let end = first + batch.rows();
+        for (dataset, given) in self.handles.columns.iter().zip(&mut self.given) {
+            let Given { column, encoder, last } = given;
+            let field = &self.schema.fields()[*column];
+            let encoded = encoded.iter().find(|(encoded, _)| encoded == column);
+            let write = || {
+                create::set_rows(dataset, end).map_err(library_error)?;
+                match (encoded, &encoder) {
+                    (Some((_, rows)), Some(_)) => last.append(dataset, first, rows),
+                    (Some(_), None) => Err(unsupported("its rows are not stored each on its own")),
+                    (None, _) => {
+                        let values = batch.schema().require(&field.name).map_err(FormatError::other)?;
+                        match (encoder, batch.column(values)) {
+                            (Some(encoder), Slice::U8(rows)) => {
+                                encoder.append(dataset, first, rows, field.dim(), last)
+                            }
+                            (_, values) => library::write(dataset, field, first, batch.rows(), values),
+                        }
+                    }
+                }
+            };
+            write().at(format_args!("column `{}`", field.name))?;
+        }
+        self.ep_idx.clear();
+        self.ep_idx.resize(batch.rows(), at.episode);
+        append(&self.handles.ep_idx, first, Slice::I32(&self.ep_idx))
     }
 }
 
