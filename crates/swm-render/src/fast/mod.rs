@@ -137,14 +137,13 @@ fn replay(list: &DisplayList<f32>, lens: &Lens, target: &mut Target<'_>) {
             (Shape::Disc, [center, ..]) => {
                 target.paint(&Disc::new(*center, primitive.radius, lens), visible, color);
             }
-            (Shape::FatSegment, [from, to, ..]) => {
-                target.paint(&Capsule::new(*from, *to, FAT_RADIUS, lens), visible, color);
-            }
-            (Shape::AaLine, [from, to, ..]) => {
-                target.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
-            }
-            (Shape::TurnArrow, [from, to, ..]) => {
-                target.paint(&Capsule::new(*from, *to, primitive.radius, lens), visible, color);
+            (Shape::FatSegment | Shape::AaLine | Shape::TurnArrow, [from, to, ..]) => {
+                let radius = match primitive.shape {
+                    Shape::FatSegment => FAT_RADIUS,
+                    Shape::AaLine => LINE_RADIUS,
+                    _ => primitive.radius,
+                };
+                target.paint(&Capsule::new(*from, *to, radius, lens), visible, color);
             }
             _ => {}
         }

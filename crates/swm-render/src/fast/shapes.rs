@@ -1,6 +1,6 @@
 //! The shapes of the fast style, each by its signed distance. Coordinates are canvas pixels.
 
-use super::coverage::{Coverage, Extent, Lens, NOWHERE, share};
+use super::coverage::{Coverage, Extent, Lanes, Lens, NOWHERE, share};
 
 /// The exact raster includes a polygon's boundary pixels: half a pixel more on every side.
 pub(super) const POLYGON_GROWTH: f32 = 0.5;
@@ -81,9 +81,14 @@ impl Coverage for ConvexPolygon {
         (touched[0] <= touched[1]).then_some(Extent { touched, solid })
     }
 
-    fn at(&self, x: f32, y: f32) -> f32 {
-        let sides = self.sides[..self.count].iter();
-        sides.fold(1.0, |covered, side| covered * share(side.a * x + side.b * y + side.c))
+    fn at(&self, x: Lanes, y: f32) -> Lanes {
+        let mut covered = [1.0; _];
+        for side in &self.sides[..self.count] {
+            for (covered, x) in covered.iter_mut().zip(x) {
+                *covered *= share(side.a * x + side.b * y + side.c);
+            }
+        }
+        covered
     }
 }
 
@@ -106,7 +111,13 @@ impl Coverage for Polygon<'_> {
         Some(Extent { touched: [f32::NEG_INFINITY, f32::INFINITY], solid: NOWHERE })
     }
 
-    fn at(&self, x: f32, y: f32) -> f32 {
+    fn at(&self, x: Lanes, y: f32) -> Lanes {
+        x.map(|x| self.share_at(x, y))
+    }
+}
+
+impl Polygon<'_> {
+    fn share_at(&self, x: f32, y: f32) -> f32 {
         let mut inside = false;
         let mut nearest = f32::INFINITY;
         for (from, to) in edges(self.points) {
@@ -147,16 +158,23 @@ impl Coverage for Disc {
         Some(Extent { touched, solid: interval(self.radius - reach).unwrap_or(NOWHERE) })
     }
 
-    fn at(&self, x: f32, y: f32) -> f32 {
-        let (dx, dy) = (x - self.center[0], y - self.center[1]);
-        let distance = (dx * dx + dy * dy).sqrt();
+    fn at(&self, x: Lanes, y: f32) -> Lanes {
+        let dy = y - self.center[1];
+        let dx = x.map(|x| x - self.center[0]);
+        let distance = dx.map(|dx| (dx * dx + dy * dy).sqrt());
         let [rx, ry] = self.reach;
-        let reach = if rx == ry || distance == 0.0 {
-            rx
-        } else {
-            (dx * dx * rx * rx + dy * dy * ry * ry).sqrt() / distance
-        };
-        strip_share(distance, self.radius, 1.0 / reach)
+        if rx == ry {
+            let per_reach = 1.0 / rx;
+            return distance.map(|distance| strip_share(distance, self.radius, per_reach));
+        }
+        std::array::from_fn(|lane| {
+            let (dx, distance) = (dx[lane], distance[lane]);
+            let reach = match distance {
+                0.0 => rx,
+                _ => (dx * dx * rx * rx + dy * dy * ry * ry).sqrt() / distance,
+            };
+            strip_share(distance, self.radius, 1.0 / reach)
+        })
     }
 }
 
@@ -168,7 +186,10 @@ pub(super) struct Capsule {
     per_squared_length: f32,
     normal: [f32; 2],
     radius: f32,
-    reach: f32,
+    per_reach: f32,
+    /// Nothing is covered beyond so many canvas pixels from the line, nor beyond such a share of its length from either end.
+    width: f32,
+    beyond: f32,
 }
 
 impl Capsule {
@@ -180,32 +201,42 @@ impl Capsule {
         let [rx, ry] = lens.reach();
         let reach = if length > 0.0 { lens.reach_along(normal) } else { rx.max(ry) };
         let per_squared_length = if squared > 0.0 { 1.0 / squared } else { 0.0 };
-        Self { from, along, per_squared_length, normal, radius, reach }
+        let width = radius + reach;
+        let beyond = if length > 0.0 { width / length } else { f32::INFINITY };
+        Self { from, along, per_squared_length, normal, radius, per_reach: 1.0 / reach, width, beyond }
     }
 }
 
 impl Coverage for Capsule {
     fn extent(&self, y: f32) -> Option<Extent> {
-        let [nx, ny] = self.normal;
-        let rest = ny * (y - self.from[1]);
-        let width = self.radius + self.reach;
-        let touched = if nx.abs() > 1e-6 {
-            let (center, half) = (self.from[0] - rest / nx, width / nx.abs());
+        let Self { from: [x0, y0], along: [ax, ay], normal: [nx, ny], width, beyond, .. } = *self;
+        let rest = ny * (y - y0);
+        let mut touched = if nx.abs() > 1e-6 {
+            let (center, half) = (x0 - rest / nx, width / nx.abs());
             [center - half, center + half]
         } else if rest.abs() < width {
             [f32::NEG_INFINITY, f32::INFINITY]
         } else {
             return None;
         };
-        Some(Extent { touched, solid: NOWHERE })
+        if ax.abs() > 1e-3 {
+            // Where the foot on the line is as far before its start, and behind its end.
+            let foot = |share: f32| x0 + (share / self.per_squared_length - ay * (y - y0)) / ax;
+            let (start, end) = (foot(-beyond), foot(1.0 + beyond));
+            touched = [touched[0].max(start.min(end)), touched[1].min(start.max(end))];
+        }
+        (touched[0] <= touched[1]).then_some(Extent { touched, solid: NOWHERE })
     }
 
-    fn at(&self, x: f32, y: f32) -> f32 {
-        let (dx, dy) = (x - self.from[0], y - self.from[1]);
+    fn at(&self, x: Lanes, y: f32) -> Lanes {
+        let dy = y - self.from[1];
         let [ax, ay] = self.along;
-        let foot = ((dx * ax + dy * ay) * self.per_squared_length).clamp(0.0, 1.0);
-        let (dx, dy) = (dx - foot * ax, dy - foot * ay);
-        strip_share((dx * dx + dy * dy).sqrt(), self.radius, 1.0 / self.reach)
+        x.map(|x| {
+            let dx = x - self.from[0];
+            let foot = ((dx * ax + dy * ay) * self.per_squared_length).clamp(0.0, 1.0);
+            let (dx, dy) = (dx - foot * ax, dy - foot * ay);
+            strip_share((dx * dx + dy * dy).sqrt(), self.radius, self.per_reach)
+        })
     }
 }
 

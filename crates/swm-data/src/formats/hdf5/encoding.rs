@@ -46,14 +46,15 @@ pub(super) struct Encoder {
     pub(super) form: StoredForm,
     /// The values of the last row, if they may come again.
     values: Vec<u8>,
-    /// As it is stored.
+    /// As it is stored, in its first `size` bytes: the rest is room.
     stored: Vec<u8>,
+    size: usize,
     is_compressed: bool,
 }
 
 impl Encoder {
     pub(super) fn new(form: StoredForm) -> Self {
-        Self { form, values: Vec::new(), stored: Vec::new(), is_compressed: false }
+        Self { form, values: Vec::new(), stored: Vec::new(), size: 0, is_compressed: false }
     }
 
     /// Writes `rows` from row `first` on, but for the last, which is left in `last`.
@@ -73,24 +74,28 @@ impl Encoder {
 
     /// A row as it is stored: as it is where compression would make it no smaller.
     fn stored_row(&mut self, values: &[u8]) -> EncodedRow<'_> {
-        let Self { form, values: known, stored, is_compressed } = self;
-        if !(form.repeats && known == values && !stored.is_empty()) {
-            stored.resize(values.len(), 0);
-            let size = ffi::compress(form.level, form.shuffle, values, stored);
-            *is_compressed = size > 0;
-            if *is_compressed {
-                stored.truncate(size);
-            } else {
-                stored.copy_from_slice(values);
-            }
-            let checksum = checksum::fletcher32(stored);
-            stored.extend_from_slice(&checksum.to_le_bytes());
-            if form.repeats {
-                known.clear();
-                known.extend_from_slice(values);
-            }
+        if !(self.form.repeats && self.size > 0 && self.values == values) {
+            self.encode_anew(values);
         }
-        EncodedRow { bytes: stored, is_compressed: *is_compressed }
+        EncodedRow { bytes: &self.stored[..self.size], is_compressed: self.is_compressed }
+    }
+
+    fn encode_anew(&mut self, values: &[u8]) {
+        let Self { form, values: known, stored, size, is_compressed } = self;
+        stored.resize(values.len() + checksum::BYTES, 0);
+        *size = ffi::compress(form.level, form.shuffle, values, &mut stored[..values.len()]);
+        *is_compressed = *size > 0;
+        if !*is_compressed {
+            *size = values.len();
+            stored[..*size].copy_from_slice(values);
+        }
+        let checksum = checksum::fletcher32(&stored[..*size]);
+        stored[*size..][..checksum::BYTES].copy_from_slice(&checksum.to_le_bytes());
+        *size += checksum::BYTES;
+        if form.repeats {
+            known.clear();
+            known.extend_from_slice(values);
+        }
     }
 }
 
