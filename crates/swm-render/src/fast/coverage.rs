@@ -73,6 +73,7 @@ impl Lens {
 
 /// The share of the filter's triangle below an edge, where `distance` is that of the filter's center from the edge,
 /// positive outside, in half-widths of the triangle.
+#[inline(always)]
 pub(super) fn share(distance: f32) -> f32 {
     let tail = (1.0 - distance.abs()).max(0.0);
     let half = 0.5 * tail * tail;
@@ -102,7 +103,7 @@ pub(super) trait Coverage {
 
 /// Neighboring pixels of a row. They are worked on side by side, in the registers of every CPU; an edge of a shape is hardly wider.
 pub(super) type Lanes = [f32; LANES];
-const LANES: usize = 4;
+const LANES: usize = 8;
 
 /// A frame being drawn on, within a clip rectangle.
 #[derive(Debug)]
@@ -129,6 +130,7 @@ impl<'a> Target<'a> {
     }
 
     /// Paints a shape within `visible`, which must lie in the clip rectangle.
+    #[inline(always)]
     pub(super) fn paint(&mut self, shape: &impl Coverage, visible: Rect, color: Rgb) {
         let [step_x, step_y] = self.lens.step;
         let per_canvas = self.lens.per_canvas[0];

@@ -6,6 +6,8 @@
 mod coverage;
 mod shapes;
 
+use multiversion::multiversion;
+
 use crate::canvas::{pack, unpack};
 use crate::damage::Damage;
 use crate::display_list::{DisplayList, Shape};
@@ -121,6 +123,7 @@ impl FastRenderer {
 const FAT_RADIUS: f32 = 2.5;
 const LINE_RADIUS: f32 = 0.5;
 
+#[multiversion(targets("x86_64+avx2"))]
 fn replay(list: &DisplayList<f32>, lens: &Lens, target: &mut Target<'_>) {
     for primitive in list.iter() {
         let visible = primitive.bounds.intersect(&target.clip());

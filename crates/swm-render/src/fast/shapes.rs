@@ -54,6 +54,7 @@ impl ConvexPolygon {
 }
 
 impl Coverage for ConvexPolygon {
+    #[inline(always)]
     fn extent(&self, y: f32) -> Option<Extent> {
         let mut touched = [f32::NEG_INFINITY, f32::INFINITY];
         let mut solid = touched;
@@ -81,6 +82,7 @@ impl Coverage for ConvexPolygon {
         (touched[0] <= touched[1]).then_some(Extent { touched, solid })
     }
 
+    #[inline(always)]
     fn at(&self, x: Lanes, y: f32) -> Lanes {
         let mut covered = [1.0; _];
         for side in &self.sides[..self.count] {
@@ -107,10 +109,12 @@ impl<'a> Polygon<'a> {
 }
 
 impl Coverage for Polygon<'_> {
+    #[inline(always)]
     fn extent(&self, _: f32) -> Option<Extent> {
         Some(Extent { touched: [f32::NEG_INFINITY, f32::INFINITY], solid: NOWHERE })
     }
 
+    #[inline(always)]
     fn at(&self, x: Lanes, y: f32) -> Lanes {
         x.map(|x| self.share_at(x, y))
     }
@@ -146,6 +150,7 @@ impl Disc {
 }
 
 impl Coverage for Disc {
+    #[inline(always)]
     fn extent(&self, y: f32) -> Option<Extent> {
         let reach = self.reach[0].max(self.reach[1]);
         let dy = y - self.center[1];
@@ -158,6 +163,7 @@ impl Coverage for Disc {
         Some(Extent { touched, solid: interval(self.radius - reach).unwrap_or(NOWHERE) })
     }
 
+    #[inline(always)]
     fn at(&self, x: Lanes, y: f32) -> Lanes {
         let dy = y - self.center[1];
         let dx = x.map(|x| x - self.center[0]);
@@ -208,6 +214,7 @@ impl Capsule {
 }
 
 impl Coverage for Capsule {
+    #[inline(always)]
     fn extent(&self, y: f32) -> Option<Extent> {
         let Self { from: [x0, y0], along: [ax, ay], normal: [nx, ny], width, beyond, .. } = *self;
         let rest = ny * (y - y0);
@@ -228,6 +235,7 @@ impl Coverage for Capsule {
         (touched[0] <= touched[1]).then_some(Extent { touched, solid: NOWHERE })
     }
 
+    #[inline(always)]
     fn at(&self, x: Lanes, y: f32) -> Lanes {
         let dy = y - self.from[1];
         let [ax, ay] = self.along;
@@ -241,6 +249,7 @@ impl Coverage for Capsule {
 }
 
 /// The share between two parallel edges, `radius` either side of a line at `distance`.
+#[inline(always)]
 fn strip_share(distance: f32, radius: f32, per_reach: f32) -> f32 {
     share((distance - radius) * per_reach) - share((distance + radius) * per_reach)
 }
