@@ -151,19 +151,32 @@ impl<'a> Target<'a> {
                 let pixels = pixels.as_chunks_mut::<3>().0.chunks_mut(LANES);
                 for (first, pixels) in columns.step_by(LANES).zip(pixels) {
                     let x = std::array::from_fn(|lane| ((first + lane as i32) as f32 + 0.5) * step_x);
-                    let alphas = shape.at(x, y).map(|share| (share * 256.0 + 0.5) as i32);
-                    for (pixel, alpha) in pixels.iter_mut().zip(alphas) {
-                        for (old, new) in pixel.iter_mut().zip(color) {
-                            let before = i32::from(*old);
-                            *old = (before + (((i32::from(new) - before) * alpha + 128) >> 8)) as u8;
-                        }
-                    }
+                    let alphas = shape.at(x, y).map(|share| nearest_integer(share * 256.0));
+                    let pixels = pixels.as_flattened_mut();
+                    let mut bytes = [0; 3 * LANES];
+                    bytes[..pixels.len()].copy_from_slice(pixels);
+                    let blended: [u8; 3 * LANES] = std::array::from_fn(|at| {
+                        let (before, new) = (i32::from(bytes[at]), i32::from(color[at % 3]));
+                        (before + (((new - before) * alphas[at / 3] + 128) >> 8)) as u8
+                    });
+                    pixels.copy_from_slice(&blended[..pixels.len()]);
                 }
             }
             let indices = solid_start as usize..solid_end as usize;
             fill_pixels(row_mut(self.frame, self.lens, row, indices), color);
         }
     }
+}
+
+/// The integer part of `value + 0.5`, for values from 0 to 256. A cast that saturates would be done one by one.
+#[inline(always)]
+fn nearest_integer(value: f32) -> i32 {
+    // So large a number has no bits for fractions: the sum is rounded to an integer, in its lowest bits.
+    const NO_FRACTION: f32 = 8_388_608.0;
+    let value = value + 0.5;
+    let sum = value + NO_FRACTION;
+    let rounded = (sum.to_bits() & 0x1ff) as i32;
+    rounded - i32::from(sum - NO_FRACTION > value)
 }
 
 fn row_mut<'f>(frame: &'f mut [u8], lens: &Lens, y: usize, columns: std::ops::Range<usize>) -> &'f mut [u8] {
@@ -192,6 +205,15 @@ mod tests {
         }
         assert_eq!(share(1.5), 0.0);
         assert_eq!(share(-1.5), 1.0);
+    }
+
+    #[test]
+    fn integers_are_those_of_a_cast() {
+        for step in 0..=256 * 4096 {
+            let value = step as f32 / 4096.0;
+            assert_eq!(nearest_integer(value), (value + 0.5) as i32, "{value}");
+        }
+        assert_eq!(nearest_integer(-1e-5), 0);
     }
 
     #[test]

@@ -190,12 +190,38 @@ pub(super) struct Capsule {
     from: [f32; 2],
     along: [f32; 2],
     per_squared_length: f32,
-    normal: [f32; 2],
     radius: f32,
     per_reach: f32,
-    /// Nothing is covered beyond so many canvas pixels from the line, nor beyond such a share of its length from either end.
-    width: f32,
-    beyond: f32,
+    /// The strips outside of which nothing is covered: beside the line, and before and behind the segment.
+    beside: Strip,
+    between: Strip,
+}
+
+/// What lies between two parallel lines, as an interval of x that moves with y.
+#[derive(Debug)]
+struct Strip {
+    /// At y = 0.
+    interval: [f32; 2],
+    slope: f32,
+}
+
+/// Lines that are closer to horizontal bound no interval of x.
+const HORIZONTAL: f32 = 1e-3;
+
+impl Strip {
+    /// Where `low <= nx x + ny y <= high`.
+    fn new([nx, ny]: [f32; 2], low: f32, high: f32) -> Self {
+        if nx.abs() < HORIZONTAL {
+            return Self { interval: [f32::NEG_INFINITY, f32::INFINITY], slope: 0.0 };
+        }
+        let (a, b) = (low / nx, high / nx);
+        Self { interval: [a.min(b), a.max(b)], slope: -ny / nx }
+    }
+
+    #[inline(always)]
+    fn at(&self, y: f32) -> [f32; 2] {
+        self.interval.map(|x| x + self.slope * y)
+    }
 }
 
 impl Capsule {
@@ -203,35 +229,33 @@ impl Capsule {
         let along = [to[0] - from[0], to[1] - from[1]];
         let squared = along[0] * along[0] + along[1] * along[1];
         let length = squared.sqrt();
-        let normal = if length > 0.0 { [along[1] / length, -along[0] / length] } else { [0.0; 2] };
+        let unit = if length > 0.0 { along.map(|side| side / length) } else { [1.0, 0.0] };
+        let normal = [unit[1], -unit[0]];
         let [rx, ry] = lens.reach();
         let reach = if length > 0.0 { lens.reach_along(normal) } else { rx.max(ry) };
         let per_squared_length = if squared > 0.0 { 1.0 / squared } else { 0.0 };
         let width = radius + reach;
-        let beyond = if length > 0.0 { width / length } else { f32::INFINITY };
-        Self { from, along, per_squared_length, normal, radius, per_reach: 1.0 / reach, width, beyond }
+        let strip = |direction: [f32; 2], length: f32| {
+            let start = direction[0] * from[0] + direction[1] * from[1];
+            Strip::new(direction, start - width, start + length + width)
+        };
+        Self {
+            from,
+            along,
+            per_squared_length,
+            radius,
+            per_reach: 1.0 / reach,
+            beside: strip(normal, 0.0),
+            between: strip(unit, length),
+        }
     }
 }
 
 impl Coverage for Capsule {
     #[inline(always)]
     fn extent(&self, y: f32) -> Option<Extent> {
-        let Self { from: [x0, y0], along: [ax, ay], normal: [nx, ny], width, beyond, .. } = *self;
-        let rest = ny * (y - y0);
-        let mut touched = if nx.abs() > 1e-6 {
-            let (center, half) = (x0 - rest / nx, width / nx.abs());
-            [center - half, center + half]
-        } else if rest.abs() < width {
-            [f32::NEG_INFINITY, f32::INFINITY]
-        } else {
-            return None;
-        };
-        if ax.abs() > 1e-3 {
-            // Where the foot on the line is as far before its start, and behind its end.
-            let foot = |share: f32| x0 + (share / self.per_squared_length - ay * (y - y0)) / ax;
-            let (start, end) = (foot(-beyond), foot(1.0 + beyond));
-            touched = [touched[0].max(start.min(end)), touched[1].min(start.max(end))];
-        }
+        let (beside, between) = (self.beside.at(y), self.between.at(y));
+        let touched = [beside[0].max(between[0]), beside[1].min(between[1])];
         (touched[0] <= touched[1]).then_some(Extent { touched, solid: NOWHERE })
     }
 
