@@ -60,7 +60,8 @@ pub struct WriteOptions {
     pub quality: Option<u8>,
     /// Frames from one key frame of a video to the next. Default: 10. More is smaller, and slower to read at random.
     pub key_frame_period: Option<u32>,
-    /// Frames per second that a video tells its players. Default: 25.
+    /// Rows per second of time stamps, and frames per second that a video tells its players. Default: those of the environment's time
+    /// for time stamps, where they are known; else 10 in MCAP, and 25 in videos and LeRobot.
     pub frames_per_second: Option<f64>,
 }
 

@@ -43,6 +43,9 @@ pub struct Metadata {
     /// Environment steps per row.
     #[serde(default = "one")]
     pub frame_skip: u32,
+    /// Rows per second of the environment's time, where it has one; formats with time stamps take it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows_per_second: Option<f64>,
     /// Rows from one checkpoint to the next in the column `checkpoint`; `None`: it has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoints: Option<u32>,
@@ -108,6 +111,7 @@ impl Metadata {
             renderer: run.renderer.map(str::to_owned),
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
+            rows_per_second: Some(run.spec.time_step_s * f64::from(run.options.frame_skip)).map(f64::recip),
             checkpoints: run.options.checkpoints,
             part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),

@@ -43,6 +43,8 @@ pub struct DatasetInfo {
     pub lengths: Arc<[usize]>,
     /// The runs that recorded it, each with its first episode; empty for files without metadata.
     pub runs: Arc<[(u64, Metadata)]>,
+    /// Rows per second, where files of another program say so; those of this one say it in `runs`.
+    pub rows_per_second: Option<f64>,
     /// Columns that this program cannot represent, with the reason.
     pub skipped: Arc<[(String, String)]>,
     /// Whether it holds checksums, which [`Dataset::check_episode`] compares.
@@ -58,6 +60,7 @@ impl DatasetInfo {
             schema,
             lengths: lengths.into(),
             runs: Arc::default(),
+            rows_per_second: None,
             skipped: Arc::default(),
             has_checksums: false,
         }

@@ -152,18 +152,19 @@ pub fn compare(
     Ok(found)
 }
 
-/// Which episodes of `b` are in `a`, by those of these columns that both have and that are neither images nor the episode's index.
+/// Which episodes of `b` are in `a`, by those of these columns that both have alike and that are neither images nor the episode's index.
 fn shared_episodes(
     a: &mut dyn Dataset,
     b: &mut dyn Dataset,
     columns: &[&Field],
 ) -> Result<SharedEpisodes, DataError> {
     let is_told = |field: &Field| field.shape.len() < 3 && field.name != EP_IDX;
-    let columns: Vec<&Field> = columns
-        .iter()
-        .copied()
-        .filter(|field| is_told(field) && b.schema().index(&field.name).is_some())
-        .collect();
+    let other = |field: &Field| b.schema().index(&field.name).map(|column| &b.schema().fields()[column]);
+    let is_alike = |field: &Field| {
+        other(field).is_some_and(|other| other.dtype == field.dtype && other.shape == field.shape)
+    };
+    let columns: Vec<&Field> =
+        columns.iter().copied().filter(|field| is_told(field) && is_alike(field)).collect();
     if columns.is_empty() {
         return Ok(SharedEpisodes::default());
     }

@@ -288,8 +288,8 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 /// The record of the run that an episode comes from. Files of other programs have none; then nothing is claimed but
 /// that episodes stand at recorded rows.
 fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
-    let runs = &sources[source].info().runs;
-    match runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
+    let info = sources[source].info();
+    match info.runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
         Some((_, metadata)) => metadata.clone(),
         None => Metadata {
             version: METADATA_VERSION,
@@ -297,6 +297,7 @@ fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metada
             policy: "unknown".to_owned(),
             from_recorded_rows: true,
             frame_skip: 1,
+            rows_per_second: info.rows_per_second,
             ..Metadata::default()
         },
     }

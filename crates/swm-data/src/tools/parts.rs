@@ -34,7 +34,8 @@ pub fn part_of(dataset: &dyn Dataset) -> Option<(RecordingPart, Metadata)> {
 
 /// What all parts of a recording share. Another version of this program may continue a recording.
 fn recording(metadata: &Metadata) -> Metadata {
-    Metadata { part: None, packages: BTreeMap::new(), made_from: BTreeMap::new(), ..metadata.clone() }
+    let (packages, made_from) = Default::default();
+    Metadata { part: None, packages, made_from, rows_per_second: None, ..metadata.clone() }
 }
 
 /// Orders datasets that are the parts of one recording by their episodes, after checking that none is missing. Datasets of

@@ -4,7 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Batch;
-use swm_data::{DataError, FORMATS, Steps, WriteMode, create, open};
+use swm_data::format::built_in;
+use swm_data::tools::copy::{all, copy};
+use swm_data::{DataError, FORMATS, Steps, WriteMode, WriteOptions, create, create_in, open};
 
 use crate::support::{assert_alike, bits, contents, episode, metadata, record, rows_of, schema};
 use swm_data::testing::mutations::mutate;
@@ -248,4 +250,52 @@ fn repair_counts_again_and_bit_flips_are_found() {
         bytes[middle] ^= 4;
         fs::write(&file, bytes).unwrap();
     }
+}
+
+fn fps(folder: &Path) -> serde_json::Value {
+    let info = fs::read(folder.join("meta/info.json")).unwrap();
+    serde_json::from_slice::<serde_json::Value>(&info).unwrap()["fps"].clone()
+}
+
+#[test]
+fn rows_keep_their_rate() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, rows_per_second, options: WriteOptions| {
+        let path = folder.path().join(name);
+        let mut writer = create_in(built_in(), &path, &options, None).unwrap();
+        writer.begin(&schema(), &swm_core::Metadata { rows_per_second, ..metadata() }).unwrap();
+        writer.write_episode(&episode(&schema(), 0, 3)).unwrap();
+        writer.finish().unwrap();
+        fps(&path)
+    };
+    let options = WriteOptions::default();
+    assert_eq!(write("pusht.lerobot", Some(10.0), options.clone()), 10);
+    assert_eq!(write("third.lerobot", Some(1.0 / 0.03), options.clone()), 33);
+    assert_eq!(write("unknown.lerobot", None, options.clone()), 25);
+    assert_eq!(write("asked.lerobot", Some(10.0), options.frames_per_second(Some(50.0))), 50);
+
+    // Of another program's folder, there and back.
+    let [there, back] = ["there.h5", "back.lerobot"].map(|name| folder.path().join(name));
+    for (from, to) in [(&golden("lerobot_v3.0"), &there), (&there, &back)] {
+        let mut sources = vec![open(from).unwrap()];
+        let pieces = all(&sources);
+        copy(&mut sources, &pieces, to, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+    }
+    assert_eq!(fps(&back), fps(&golden("lerobot_v3.0")));
+}
+
+#[test]
+fn images_in_tables_are_left_out_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    copied(&golden("lerobot_v3.0"), &path);
+    let info = fs::read_to_string(path.join("meta/info.json")).unwrap();
+    let mut info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    info["features"]["observation.images.top"] =
+        serde_json::json!({"dtype": "image", "shape": [8, 8, 3], "names": ["height", "width", "channels"]});
+    fs::write(path.join("meta/info.json"), info.to_string()).unwrap();
+    let dataset = open(&path).unwrap();
+    let skipped = &dataset.info().skipped;
+    assert_eq!((skipped.len(), skipped[0].0.as_str()), (1, "observation.images.top"));
+    assert!(skipped[0].1.contains("use_videos=True"), "{}", skipped[0].1);
 }

@@ -3,10 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use swm_core::{Batch, Dtype, Field, Schema};
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{Copied, all, copy};
 use swm_data::tools::verify::verify;
-use swm_data::{DataError, FORMATS, WriteMode, WriteOptions, open};
+use swm_data::{DataError, FORMATS, WriteMode, WriteOptions, create, open};
 
 use crate::support::{assert_alike, assert_same, contents, metadata, record};
 
@@ -180,4 +181,27 @@ fn differences_are_named() {
     assert_eq!((differs.equal, differs.episodes, &differs.lengths[..]), (false, [3, 2], &[0, 1][..]));
     let state = differs.columns.iter().find(|column| column.name == "state").unwrap();
     assert!(state.rows > 0 && state.first == Some([0, 0]) && state.largest > 1.0, "{state:?}");
+}
+
+#[test]
+fn datasets_of_two_environments_are_compared_by_what_they_share() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b] = ["a.h5", "b.h5"].map(|name| folder.path().join(name));
+    record(&a, WriteMode::Append, 0..2).unwrap();
+    let fields = vec![Field::step("state", Dtype::F32, &[2]), Field::step("reward", Dtype::F64, &[])];
+    let schema = Schema::new(fields).unwrap();
+    let mut writer = create(&b, WriteMode::Append, None).unwrap();
+    writer.begin(&schema, &metadata()).unwrap();
+    writer.write_episode(&Batch::new(schema.clone(), 5)).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    for (first, second, said) in [
+        (&a, &b, "`state` holds float64 [7] in the first, float32 [2] in the second"),
+        (&b, &a, "`state` holds float32 [2] in the first, float64 [7] in the second"),
+    ] {
+        let (mut first, mut second) = (open(first).unwrap(), open(second).unwrap());
+        let found = compare(first.as_mut(), second.as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap();
+        assert!(!found.equal && found.schema.iter().any(|line| line == said), "{:?}", found.schema);
+        assert_eq!(found.columns.len(), 2, "the reward, and the episode's index");
+    }
 }

@@ -21,6 +21,12 @@ use super::{Failure, Output, images, inputs, interrupt, usage};
 /// The size of images where a recording without images is copied to a format that is for them.
 const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
 
+/// A number of rows per second.
+fn rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate: &f64| rate.is_finite() && *rate > 0.0 && *rate <= 1e6);
+    rate.ok_or_else(|| "a rate is a number above 0 and at most 1e6, as 25".to_owned())
+}
+
 /// How a copy is written.
 #[derive(Args, Clone)]
 pub(super) struct TargetArgs {
@@ -33,6 +39,10 @@ pub(super) struct TargetArgs {
     /// Frames between key frames of a video; larger values give smaller files and slower random access. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
+    /// Rows per second, in formats with time stamps or videos. Default: as many as in the environment's time (`mcap`, and `lerobot`, which
+    /// takes whole numbers); in `video`, 25.
+    #[arg(long, value_name = "RATE", value_parser = rate)]
+    fps: Option<f64>,
     /// Render images of this size, HEIGHTxWIDTH, by replaying the episodes, in place of recorded ones; `none`: render nothing.
     /// Default: 64x64 where a recording without images is copied to `video` or `lerobot`, else none.
     #[arg(long)]
@@ -48,7 +58,8 @@ pub(super) struct TargetArgs {
 impl TargetArgs {
     fn options(&self) -> WriteOptions {
         let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
-        WriteOptions::default().mode(mode).quality(self.quality).key_frame_period(self.key_frames)
+        let options = WriteOptions::default().mode(mode).frames_per_second(self.fps);
+        options.quality(self.quality).key_frame_period(self.key_frames)
     }
 
     /// Refuses a format that there is not, before anything is opened.
@@ -68,6 +79,9 @@ impl TargetArgs {
         output: &Output,
     ) -> Result<Box<dyn Dataset>, Failure> {
         let dataset = inputs::open(registry, source)?;
+        for (column, reason) in &*dataset.info().skipped {
+            output.note(format!("note: the copy has no column `{column}` of {}: {reason}", source.display()));
+        }
         let is_of_images = || {
             let extension = to.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
             let format = swm_data::format::by_name(registry, self.format.as_deref().unwrap_or(extension));

@@ -26,6 +26,9 @@ pub(super) struct Shared {
     pub(super) episodes: Vec<EpisodeFiles>,
 }
 
+/// Why there is no column of images that LeRobot keeps outside of videos.
+const IMAGES_IN_TABLES: &str = "images are read from videos only, and these are in the tables; create the dataset with LeRobot's use_videos=True";
+
 /// Where the values of a column come from.
 pub(super) enum Source {
     /// A column of the tables.
@@ -58,6 +61,7 @@ impl Shared {
 
     /// A folder of another program, by what its tables and videos hold.
     fn foreign(path: &Path, info: &Info, cameras: &[String], episodes: Vec<EpisodeFiles>) -> Result<Self> {
+        let frames_per_second = info.fps;
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
         let Some(first) = episodes.first() else { return Err(missing("it holds no episode")) };
         let table = Table::open(&first.data)?;
@@ -75,6 +79,10 @@ impl Shared {
                     }
                     Err(error) => skipped.push((name.clone(), error.to_string())),
                 }
+                continue;
+            }
+            if feature["dtype"] == "image" {
+                skipped.push((name.clone(), IMAGES_IN_TABLES.to_owned()));
                 continue;
             }
             let found = table.column(name).and_then(|values| {
@@ -98,6 +106,7 @@ impl Shared {
         let schema = Schema::new(fields)?;
         let mut info = dataset_info(path, schema, &episodes);
         info.skipped = skipped.into();
+        info.rows_per_second = Some(frames_per_second);
         Ok(Self { info, columns, episodes })
     }
 

@@ -76,7 +76,9 @@ impl Backend for LeRobotBackend {
 
     fn start(&self, start: &SessionStart<'_>) -> Result<LeRobotSession, DataError> {
         let &SessionStart { path, options, fields, metadata, .. } = start;
-        let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
+        // LeRobot takes whole numbers.
+        let of_rows = metadata.rows_per_second.map(|rate| rate.round().max(1.0));
+        let rate = options.frames_per_second.or(of_rows).unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         check_columns(path, &manifest)?;
         if start.existing == Existing::Continued {

@@ -83,7 +83,7 @@ impl Backend for McapBackend {
         }
         let failed = |source| DataError::io(path, "write", source);
         if start.existing != Existing::Continued {
-            let rate = options.frames_per_second.unwrap_or(ROWS_PER_SECOND);
+            let rate = options.frames_per_second.or(metadata.rows_per_second).unwrap_or(ROWS_PER_SECOND);
             if !(rate.is_finite() && rate > 0.0) {
                 return Err(DataError::record(path, format!("{rate} frames per second are no rate")));
             }
