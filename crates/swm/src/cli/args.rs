@@ -248,6 +248,18 @@ pub(super) fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Op
     registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
+/// A note where a model sees images of another size than those that it was trained on.
+pub(super) fn image_note(
+    policy: &str,
+    trained: Option<ImageSize>,
+    shown: Option<ImageSize>,
+) -> Option<String> {
+    let (trained, shown) = (trained?, shown?);
+    (trained != shown).then(|| {
+        format!("note: {policy} was trained on images of {trained}, and sees images of {shown}; its results may be far worse")
+    })
+}
+
 /// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`
 /// after it override the file's.
 pub(super) fn policy_args(text: &str) -> Result<PolicyArgs, Failure> {
@@ -297,5 +309,15 @@ mod tests {
         assert_eq!([made(8, 100), made(10_000, 1), made(8, 3), made(0, 3), made(8, 0)], [8, 1, 3, 0, 1]);
         // Refused by the world.
         assert_eq!(made(10_000_000, 1), 10_000_000);
+    }
+
+    #[test]
+    fn images_of_another_size_than_the_models_are_told() {
+        let size = |side| Some(ImageSize { height: side, width: side });
+        let note = image_note("mpc:lewm", size(64), size(32)).unwrap();
+        assert!(note.contains("mpc:lewm was trained on images of 64x64, and sees images of 32x32"), "{note}");
+        for (trained, shown) in [(size(64), size(64)), (None, size(32)), (size(64), None)] {
+            assert_eq!(image_note("mpc:lewm", trained, shown), None);
+        }
     }
 }

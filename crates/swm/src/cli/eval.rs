@@ -10,7 +10,7 @@ use swm_core::{
 use swm_media::Format;
 
 use super::args::{
-    EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, policy, policy_args,
+    EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, image_note, model_image, policy, policy_args,
 };
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
@@ -99,7 +99,7 @@ pub(super) struct Eval {
     /// With --out: kind of video. Default: mp4 where this build can make it.
     #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
-    /// Image size. Default: 128x128 with --out, else none.
+    /// Image size. Default: that of the policy's model; else 128x128 with --out, or none.
     #[arg(long)]
     image_size: Option<ImageArg>,
 }
@@ -152,8 +152,11 @@ impl Eval {
         let entry = env.entry(registry)?;
         registry.policy_entry(entry, &policy_args(&self.policy)?.name)?;
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
-        let of_model = || model_image(registry, entry, &self.policy);
-        let image = self.image_size.map_or_else(|| recorded.or_else(of_model), |size| size.0);
+        let of_model = model_image(registry, entry, &self.policy);
+        let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
+        if let Some(note) = image_note(&self.policy, of_model, image) {
+            output.note(note);
+        }
         let format = self.video_format(image)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
@@ -179,8 +182,13 @@ impl Eval {
             std::fs::write(&probe, "")
                 .and_then(|()| std::fs::remove_file(&probe))
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
-            if !self.again && dir.join("result.json").exists() {
-                return Err(held::refusal(dir, "the result of an evaluation, result.json"));
+            for (file, what) in [
+                ("result.json", "the result of an evaluation"),
+                ("receipt.json", "the receipt of an evaluation on a manifest"),
+            ] {
+                if !self.again && dir.join(file).exists() {
+                    return Err(held::refusal(dir, &format!("{what}, {file}")));
+                }
             }
         }
         let bar = output.bar(self.episodes, "episodes");

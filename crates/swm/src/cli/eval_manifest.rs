@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
-use swm_core::{EnvEntry, Manifest, Registry};
+use swm_core::{EnvEntry, ImageSize, Manifest, Registry};
 
-use super::args::{PartArgs, Shard, note_elites, policy_args, policy_files};
+use super::args::{PartArgs, Shard, image_note, model_image, note_elites, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
 use super::work::Plan;
@@ -51,6 +51,26 @@ pub(super) struct EvalManifest<'a> {
 }
 
 impl EvalManifest<'_> {
+    /// Whether the policy's model sees images, and of which size.
+    fn check_images(
+        &self,
+        trained: Option<ImageSize>,
+        shown: Option<ImageSize>,
+        output: &Output,
+    ) -> Result<(), Failure> {
+        if let (Some(trained), None) = (trained, shown) {
+            return Err(usage(format!(
+                "{} holds no image size, and {} sees images of {trained}; make the manifest with --image-size {trained}",
+                self.manifest.display(),
+                self.policy
+            )));
+        }
+        if let Some(note) = image_note(self.policy, trained, shown) {
+            output.note(note);
+        }
+        Ok(())
+    }
+
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
@@ -59,6 +79,7 @@ impl EvalManifest<'_> {
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
+        self.check_images(model_image(registry, entry, self.policy), manifest.image, output)?;
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }

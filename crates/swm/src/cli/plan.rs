@@ -8,11 +8,11 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{EnvEntry, EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World};
+use swm_core::{EnvEntry, EpisodeEnd, ImageSize, LiveStep, Policy, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
-use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, policy_args};
+use super::args::{EnvArgs, ImageArg, WorldArgs, image_note, model_image, policy_args};
 use super::output::{counted, table};
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
@@ -63,9 +63,9 @@ pub(super) struct Plan {
     /// With --trace: kind of video. Default: mp4 where this build can make it.
     #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
-    /// With --trace: image size, or `none`.
-    #[arg(long, default_value = "224x224")]
-    image_size: ImageArg,
+    /// With --trace: image size, or `none`. Default: that of the policy's model, else 224x224.
+    #[arg(long)]
+    image_size: Option<ImageArg>,
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
     /// How often each action is applied per step.
@@ -98,10 +98,14 @@ impl Plan {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
         let entry = self.env.entry(registry)?;
-        let image = self.trace.as_ref().and(self.image_size.0);
+        let of_model = model_image(registry, entry, &self.policy);
+        let traced = || of_model.or(Some(ImageSize { height: 224, width: 224 }));
+        let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
+        if let Some(note) = image_note(&self.policy, of_model, image) {
+            output.note(note);
+        }
         let format = video_format(self.video_format.as_deref())?;
-        let of_model = || model_image(registry, entry, &self.policy);
-        let config = self.env.config(image.or_else(of_model))?;
+        let config = self.env.config(image.or(of_model))?;
         let budget = if self.plan_only { 1 } else { self.budget };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), budget))?;
