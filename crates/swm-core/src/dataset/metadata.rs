@@ -111,7 +111,7 @@ impl Metadata {
             renderer: run.renderer.map(str::to_owned),
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
-            rows_per_second: Some(run.spec.time_step_s * f64::from(run.options.frame_skip)).map(f64::recip),
+            rows_per_second: Some((run.spec.time_step_s * f64::from(run.options.frame_skip)).recip()),
             checkpoints: run.options.checkpoints,
             part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),

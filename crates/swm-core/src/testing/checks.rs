@@ -77,7 +77,7 @@ impl Bench {
 
 /// The description agrees with itself: unique fields, one episode field per factor with the factor's type and
 /// shape, defaults inside their spaces, an action space that can be sampled, settings that are refused when
-/// unknown.
+/// unknown, and an entry that says what success is where episodes are judged.
 ///
 /// # Errors
 ///
@@ -107,6 +107,15 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
         if bench.row.schema().index(column).is_none() {
             return Err(format!("start or goal column `{column}` is not a field"));
         }
+    }
+    let mut env = entry.make(config).map_err(|e| e.to_string())?;
+    let outcome =
+        env.reset(&Episode::new(EpisodeSeed::new(0), &ResetOptions::default())).map_err(|e| e.to_string())?;
+    if outcome.success.is_some() && entry.success.is_empty() {
+        return Err(
+            "it judges success, and the entry does not say what that is: give it a `.success(\"…\")`"
+                .to_owned(),
+        );
     }
     let mut config = config.clone();
     config.settings.insert("no such setting".to_owned(), true.into());

@@ -75,4 +75,11 @@ mod tests {
         assert_conforms(&TOY);
         assert_conforms(&DISCRETE_TOY);
     }
+
+    #[test]
+    fn who_judges_success_says_what_it_is() {
+        let silent = EnvEntry::new(TOY.id, TOY.summary, |config| TOY.make(config));
+        let reason = spec_is_sound(&silent, &EnvConfig::default()).unwrap_err();
+        assert!(reason.contains(".success("), "{reason}");
+    }
 }

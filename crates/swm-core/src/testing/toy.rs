@@ -13,14 +13,18 @@ use crate::space::Space;
 pub const TOY: EnvEntry =
     EnvEntry::new("swm/Toy-v0", "a point on a line that must reach a goal (for tests)", |config| {
         Ok(Box::new(Toy::new(TOY.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), config)?))
-    });
+    })
+    .success(NEAR);
+
+const NEAR: &str = "within 0.5 of the goal";
 
 /// The toy environment whose point can go one left, stay or go one right.
 pub const DISCRETE_TOY: EnvEntry = EnvEntry::new(
     "swm/DiscreteToy-v0",
     "a point on a line that must reach a goal by whole steps (for tests)",
     |config| Ok(Box::new(Toy::new(DISCRETE_TOY.id, Space::Discrete { n: 3, start: -1 }, config)?)),
-);
+)
+.success(NEAR);
 
 const STATE: usize = 0;
 const GOAL_STATE: usize = 1;

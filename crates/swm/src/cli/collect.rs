@@ -313,7 +313,12 @@ impl EpisodeSink for Committed<'_> {
                 self.refused = Some(error);
                 return Err(refusal.into());
             }
-            self.output.note(format_args!("note: {error}"));
+            let reason = match &error {
+                DataError::Mismatch { reason, .. } => reason,
+                error => &error.to_string(),
+            };
+            let path = self.path.display();
+            self.output.note(format_args!("note: this recording is appended to {path}, though {reason}"));
         }
         Ok(self.offset + self.writer.begin(schema, &metadata)?)
     }

@@ -359,6 +359,13 @@ fn parts(texts: &[String]) -> Result<(Vec<String>, Vec<f64>), Failure> {
         names.push(name.to_owned());
         fractions.push(fraction);
     }
+    let sum: f64 = fractions.iter().sum();
+    if fractions.iter().any(|&fraction| fraction < 0.0) || !(sum > 0.0 && sum.is_finite()) {
+        let given = texts.join(",");
+        return Err(usage(format!(
+            "--parts {given}: no fraction may be below 0, and one must be above, as in train=8,val=1"
+        )));
+    }
     Ok((names, fractions))
 }
 

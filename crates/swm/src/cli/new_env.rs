@@ -49,7 +49,10 @@ impl NewEnv {
         let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_".contains(c);
         if !self.name.starts_with(|c: char| c.is_ascii_lowercase()) || !self.name.chars().all(is_name) {
             let reason = "a name begins with a letter, and has lower-case letters, digits, `-` and `_` only";
-            return Err(usage(format!("`{}` is no name of a crate: {reason}", self.name)));
+            return Err(usage(format!(
+                "`{}` is no name of a crate: {reason}; --out names the folder",
+                self.name
+            )));
         }
         if TAKEN.contains(&self.name.as_str()) {
             return Err(usage(format!("`{0}` is the name of another crate; use `my-{0}`", self.name)));
@@ -76,6 +79,11 @@ impl NewEnv {
         write(".gitignore", "target\n")?;
         if let Some(tools) = self.tools() {
             write(".cargo/config.toml", &tools)?;
+        } else if !["cmake", "ninja"].into_iter().all(is_installed) {
+            output.note(
+                "note: `cargo build --features cli` there builds HDF5 with cmake and ninja, which this machine lacks: `pip install cmake \
+                 ninja` installs both, and --checkout takes those that `cargo xtask setup` put there",
+            );
         }
         let result = json!({"crate": self.name, "folder": folder});
         output.result(&result, || {
@@ -114,6 +122,12 @@ impl NewEnv {
             "# Build tools for the bundled HDF5.\n[env]\nCMAKE = {cmake}\nCMAKE_GENERATOR = \"Ninja\"\nCMAKE_PROGRAM_PATH = {ninja}\n"
         ))
     }
+}
+
+/// Whether a program is found by its name.
+fn is_installed(program: &str) -> bool {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
 }
 
 fn existing(path: &Path) -> Option<String> {

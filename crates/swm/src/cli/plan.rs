@@ -327,7 +327,7 @@ fn text(summary: &PlanSummary, policy: &str, page: Option<&Path>) -> String {
     let won = summary.episodes.iter().filter(|episode| episode.success == Some(true)).count();
     let successes =
         if judged > 0 { format!(", {won} of {judged} episodes successful") } else { String::new() };
-    let page = page.map(|page| format!("open {}\n", page.display())).unwrap_or_default();
+    let page = page.map(|page| format!("wrote {}\n", page.display())).unwrap_or_default();
     format!(
         "{}\n{}\n\n{}{more}\n{count} {}, {:.3} s each{successes}\n{page}",
         summary.env,

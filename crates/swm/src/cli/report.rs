@@ -73,6 +73,6 @@ impl ReportCommand {
             output.note(note);
         }
         let json = serde_json::json!({ "page": self.out, "notes": notes });
-        output.result(&json, || format!("open {}\n", self.out.display()))
+        output.result(&json, || format!("wrote {}\n", self.out.display()))
     }
 }

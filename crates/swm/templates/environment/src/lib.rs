@@ -14,6 +14,7 @@ pub const POINT: EnvEntry =
     EnvEntry::new("demo/Point-v0", "a point on a line that must reach a goal", |config| {
         Ok(Box::new(Point::new(config)?))
     })
+    .success("nearer to the goal than 0.05")
     .policies(&[EXPERT]);
 
 /// A policy of this environment: `--policy expert`. One that remembers implements `Actor`, wrapped in `PerEpisode`.
