@@ -42,6 +42,17 @@ struct Fragment {
     owner: u16,
 }
 
+/// How many pixels from the first on show what the first does.
+#[inline]
+fn alike(owners: &[u16]) -> usize {
+    let first = owners[0];
+    let whole = owners
+        .chunks_exact(16)
+        .take_while(|chunk| chunk.iter().fold(0, |bits, owner| bits | (owner ^ first)) == 0);
+    let start = 16 * whole.count();
+    start + owners[start..].iter().position(|&owner| owner != first).unwrap_or(owners.len() - start)
+}
+
 /// Surfaces in their order, then what shows nothing.
 #[inline]
 fn slot(owner: u16, surfaces: usize) -> usize {
@@ -102,7 +113,7 @@ impl Fragments {
                 let stretch = &raster.known.owner[pixel..row_end.min(edge as usize)];
                 // Neighbors that are no edges show the same, unless edges were not looked for.
                 let owner = stretch[0];
-                let length = stretch.iter().position(|&other| other != owner).unwrap_or(stretch.len());
+                let length = alike(stretch);
                 self.runs.push(Run { pixel, length, owner });
                 pixel += length;
             }

@@ -16,8 +16,10 @@ pub struct Mesh {
 /// One version of a mesh: the first has every triangle, the others have none of the detail below their cell.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Level {
-    /// Detail that is missing, meters.
+    /// Detail that is missing, meters; infinite for versions that only [`Mesh::rough_level`] chooses.
     pub(super) cell: f32,
+    /// How far the surface has moved, measured: all but one in a hundred points of the mesh are nearer to it, meters.
+    pub(super) error: f32,
     pub(super) points: Vec<[f32; 3]>,
     /// How many points any version of the mesh has at most.
     pub(super) most: usize,
@@ -31,6 +33,10 @@ const SHARE: f32 = 0.5;
 
 /// Cells along the longest side of the coarse versions.
 const CELLS: [u32; 15] = [512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
+
+/// What the cells would be, in longest sides, of versions that are chosen by their [error](Level::error) alone: the bound
+/// that a cell sets is far from what most meshes come to.
+const ROUGH: [f32; 8] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
 impl Mesh {
     /// A mesh of `triangles`, indices into `points` (meters), with a direction for each corner of each triangle.
@@ -65,17 +71,15 @@ impl Mesh {
         if points.is_empty() {
             (low, high) = ([0.0; 3], [0.0; 3]);
         }
-        let mut full = Level { cell: 0.0, most: points.len(), points, triangles, normals };
+        let mut full = Level { cell: 0.0, error: 0.0, most: points.len(), points, triangles, normals };
         full.weld();
         let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
         let cells = CELLS.map(|cells| longest / cells as f32);
+        let rough = ROUGH.map(|times| times * longest);
+        let tolerances: Vec<f32> = cells.into_iter().chain(rough).map(|cell| SHARE * cell).collect();
         let mut levels = vec![full];
-        for (cell, coarse) in cells.into_iter().zip(simplify::levels(&levels[0], &cells.map(|c| SHARE * c))) {
-            let last = levels.last().map_or(0, |level| level.triangles.len());
-            // A version that saves little is not worth its memory.
-            if coarse.triangles.len() * 4 < last * 3 {
-                levels.push(Level { cell, ..coarse });
-            }
+        for (index, coarse) in simplify::levels(&levels[0], &tolerances) {
+            levels.push(Level { cell: cells.get(index).copied().unwrap_or(f32::INFINITY), ..coarse });
         }
         Ok(Self { levels, low, high })
     }
@@ -83,6 +87,11 @@ impl Mesh {
     /// The coarsest version whose missing detail is shorter than `detail` meters.
     pub(super) fn level(&self, detail: f32) -> usize {
         self.levels.iter().rposition(|level| level.cell <= detail).unwrap_or(0)
+    }
+
+    /// The coarsest version whose measured error is at most `error` meters.
+    pub(super) fn rough_level(&self, error: f32) -> usize {
+        self.levels.iter().rposition(|level| level.error <= error).unwrap_or(0)
     }
 
     pub(super) fn at(&self, level: usize) -> &Level {

@@ -2,7 +2,7 @@
 
 use super::assets::Assets;
 use super::description::{Instance, Shape};
-use super::lanes::{LANES, splat};
+use super::lanes::{LANES, Lanes, Lanes3, splat};
 use super::shape;
 use super::target::{Target, first};
 use super::triangles::{self, Projected, Sides};
@@ -19,6 +19,9 @@ pub(super) struct Drawing<'a> {
     pub(super) sides: Sides,
     /// Detail of meshes that may be missing, in pixels.
     pub(super) coarseness: f32,
+    /// How far surfaces of meshes may be from where they belong, in pixels, where that alone counts: 0 for those whose shading
+    /// is seen.
+    pub(super) roughness: f32,
 }
 
 impl Drawing<'_> {
@@ -48,7 +51,8 @@ impl Drawing<'_> {
         let Shape::Mesh(mesh) = instance.shape else { return 0 };
         let mesh = &self.assets.meshes[mesh];
         let (center, radius) = triangles::ball(mesh.bounds(), instance);
-        mesh.level(self.coarseness * self.view.pixel_at(center, radius) as f32)
+        let pixel = self.view.pixel_at(center, radius) as f32;
+        mesh.level(self.coarseness * pixel).max(mesh.rough_level(self.roughness * pixel))
     }
 
     /// The pixels that an instance may cover.
@@ -65,6 +69,44 @@ impl Drawing<'_> {
     }
 
     fn solid<T: Target>(&self, instance: &Instance, owner: u16, area: &Area, target: &mut T) {
+        match instance.shape {
+            Shape::Plane { half, .. } => {
+                self.trace(instance, owner, area, target, |place, way| shape::plane(half, place, way));
+            }
+            Shape::Ellipsoid { radii } => {
+                let [x, y, z] = radii.map(|radius| splat(1.0 / radius));
+                let inverse = Lanes3 { x, y, z };
+                self.trace(instance, owner, area, target, |place, way| {
+                    shape::ball(place * inverse, way * inverse)
+                });
+            }
+            Shape::Capsule { radius, half } => {
+                self.trace(instance, owner, area, target, |place, way| {
+                    shape::capsule(radius, half, place, way)
+                });
+            }
+            Shape::Cylinder { radius, half } => {
+                self.trace(instance, owner, area, target, |place, way| {
+                    shape::cylinder(radius, half, place, way)
+                });
+            }
+            Shape::Box { half } => {
+                self.trace(instance, owner, area, target, |place, way| shape::slabs(half, place, way));
+            }
+            Shape::Mesh(_) => {}
+        }
+    }
+
+    /// Draws where the rays of an area enter a solid: at `enter(place, direction)`.
+    #[inline]
+    fn trace<T: Target>(
+        &self,
+        instance: &Instance,
+        owner: u16,
+        area: &Area,
+        target: &mut T,
+        enter: impl Fn(Lanes3, Lanes3) -> Lanes,
+    ) {
         let rays = self.view.rays(instance);
         let depth = splat(rays.depth);
         for row in area.y0..area.y1 {
@@ -73,8 +115,7 @@ impl Drawing<'_> {
             while at < range.end {
                 let (x, y) = target.points(row, at);
                 let (place, direction) = rays.at(x, y);
-                let t = shape::enter(&instance.shape, place, direction);
-                let nearness = self.view.nearness(depth + t);
+                let nearness = self.view.nearness(depth + enter(place, direction));
                 target.offer(at, first(range.end - at), nearness, owner, None);
                 at += LANES;
             }

@@ -17,6 +17,9 @@ const BEHIND: f32 = 0.3;
 /// Below this opacity meshes are drawn with half of their detail.
 const FAINT: f32 = 0.25;
 
+/// How far their surfaces may be from where they belong, in pixels.
+const ROUGHNESS: f32 = 0.5;
+
 /// The surfaces that let light through, as they look by themselves.
 #[derive(Debug, Default)]
 pub(super) struct Veils {
@@ -91,8 +94,9 @@ impl Passes {
         let behind = is_behind(instance, view);
         let sides = if behind { Sides::Both } else { Sides::Front };
         // What is hardly seen shows no detail.
-        let coarseness = COARSENESS * if instance.material.color[3] < FAINT { 2.0 } else { 1.0 };
-        let drawing = Drawing { view, assets, sides, coarseness };
+        let is_faint = instance.material.color[3] < FAINT;
+        let (more, roughness) = if is_faint { (2.0, ROUGHNESS) } else { (1.0, 0.0) };
+        let drawing = Drawing { view, assets, sides, coarseness: more * COARSENESS, roughness };
         if let Some(area) = drawing.area(instance) {
             // What hides it is already there.
             self.window.begin_window(area, &self.raster);
