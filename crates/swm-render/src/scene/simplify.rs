@@ -273,6 +273,7 @@ impl Shrinking {
             }));
             level.normals.push(*normals);
         }
+        level.is_closed = level.encloses();
         level
     }
 }

@@ -43,7 +43,9 @@ impl Drawing<'_> {
         let level = mesh.at(self.level(instance));
         let depth = dot(sub(center, self.view.origin), self.view.forward);
         let in_front = !self.view.is_perspective() || depth - radius > self.view.near();
-        triangles::draw(self.view, instance, owner, level, self.sides, in_front, projected, target);
+        let hides_back = self.sides == Sides::Both && in_front && level.is_closed;
+        let sides = if hides_back { Sides::Front } else { self.sides };
+        triangles::draw(self.view, instance, owner, level, sides, in_front, projected, target);
     }
 
     /// Which version of its mesh an instance is drawn with: by the size of a pixel where it is nearest.
@@ -52,7 +54,8 @@ impl Drawing<'_> {
         let mesh = &self.assets.meshes[mesh];
         let (center, radius) = triangles::ball(mesh.bounds(), instance);
         let pixel = self.view.pixel_at(center, radius) as f32;
-        mesh.level(self.coarseness * pixel).max(mesh.rough_level(self.roughness * pixel))
+        let level = mesh.level(self.coarseness * pixel);
+        if self.roughness > 0.0 { level.max(mesh.rough_level(self.roughness * pixel)) } else { level }
     }
 
     /// The pixels that an instance may cover.
