@@ -180,18 +180,26 @@ impl Fragments {
 
     /// One pixel from four points: one fragment per surface, at the middle of its points.
     fn split(&mut self, fine: &Samples, first: usize, pixel: u32) {
-        let owners = [0, 1, 2, 3].map(|k| fine.owner[first + k]);
+        /// The points of the pixel.
+        #[inline]
+        fn four<T: Copy + Default>(values: &[T], first: usize) -> [T; 4] {
+            values[first..].first_chunk().copied().unwrap_or_default()
+        }
+        let owners: [u16; 4] = four(&fine.owner, first);
+        let facets: [u32; 4] = four(&fine.facet, first);
+        let [x, y, nearness]: [[f32; 4]; 3] =
+            [&fine.x, &fine.y, &fine.nearness].map(|column| four(column, first));
         for k in 0..4 {
             if owners[..k].contains(&owners[k]) {
                 continue;
             }
-            let (facet, owner) = (fine.facet[first + k], owners[k]);
+            let (facet, owner) = (facets[k], owners[k]);
             let mut sum = Fragment { facet, pixel, owner, ..Fragment::default() };
             let mut count = 0.0;
-            for at in (first..first + 4).filter(|&at| fine.owner[at] == owner) {
-                sum.x += fine.x[at];
-                sum.y += fine.y[at];
-                sum.nearness += fine.nearness[at];
+            for at in (0..4).filter(|&at| owners[at] == owner) {
+                sum.x += x[at];
+                sum.y += y[at];
+                sum.nearness += nearness[at];
                 count += 1.0;
             }
             let mean = |value: f32| value / count;

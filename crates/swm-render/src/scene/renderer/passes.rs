@@ -149,9 +149,7 @@ impl Passes {
                     self.edges.push(pixel as u32);
                     self.fine.reach(pixel);
                     let (x, y) = (x as f32, y as f32);
-                    for (dx, dy) in POINTS {
-                        self.fine.push(x + dx, y + dy, nearest);
-                    }
+                    self.fine.push_all(POINTS.map(|(dx, dy)| (x + dx, y + dy)), nearest);
                 }
             }
         }
