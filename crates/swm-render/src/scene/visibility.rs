@@ -33,9 +33,22 @@ impl Drawing<'_> {
         projected: &mut Projected,
         target: &mut T,
     ) {
-        let Some(area) = self.area(instance) else { return };
+        if let Some(area) = self.area(instance) {
+            self.draw_within(&area, instance, owner, projected, target);
+        }
+    }
+
+    /// The same of an instance whose [`area`](Drawing::area) is known.
+    pub(super) fn draw_within<T: Target>(
+        &self,
+        area: &Area,
+        instance: &Instance,
+        owner: u16,
+        projected: &mut Projected,
+        target: &mut T,
+    ) {
         let Shape::Mesh(mesh) = instance.shape else {
-            self.solid(instance, owner, &area, target);
+            self.solid(instance, owner, area, target);
             return;
         };
         let mesh = &self.assets.meshes[mesh];

@@ -179,6 +179,9 @@ impl Passes {
         let (fragments, colors) = (&self.fragments, self.colors.as_mut_slice());
         for (surface, instance) in scene.instances.iter().enumerate() {
             let range = fragments.of(surface);
+            if range.is_empty() {
+                continue;
+            }
             let level = drawing.level(instance);
             let image = Image { fragments, end: range.end, colors };
             let ground = kept.ground.of(surface);
