@@ -278,7 +278,8 @@ impl Shrinking {
     }
 }
 
-/// The squared distance of a point from a triangle (Ericson, *Real-Time Collision Detection*, section 5.1.5).
+/// The squared distance of a point from a triangle (Ericson, *Real-Time Collision Detection*, section 5.1.5); NaN from one
+/// without an area.
 fn squared_distance(p: Vector, [a, b, c]: [Vector; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let to = |near: Vector| {
@@ -314,4 +315,29 @@ fn squared_distance(p: Vector, [a, b, c]: [Vector; 3]) -> f64 {
     }
     let whole = va + vb + vc;
     to(add(a, add(scale(ab, vb / whole), scale(ac, vc / whole))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_end_at_faces_edges_and_corners() {
+        let triangle = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
+        for (point, squared) in [
+            ([1.0, 1.0, 3.0], 9.0),
+            ([1.0, 1.0, 0.0], 0.0),
+            ([2.0, -2.0, 1.0], 5.0),
+            ([-3.0, 2.0, 0.0], 9.0),
+            ([4.0, 4.0, 1.0], 9.0),
+            ([-3.0, -4.0, 0.0], 25.0),
+            ([6.0, -1.0, 2.0], 9.0),
+            ([-1.0, 7.0, 0.0], 10.0),
+        ] {
+            for turn in 0..3 {
+                let corners = [0, 1, 2].map(|k| triangle[(k + turn) % 3]);
+                assert!((squared_distance(point, corners) - squared).abs() < 1e-12, "{point:?} {turn}");
+            }
+        }
+    }
 }
