@@ -7,7 +7,7 @@ use super::shape;
 use super::target::{Target, first};
 use super::triangles::{self, Projected, Sides};
 use super::vector::{dot, sub, wide};
-use super::view::{Area, View, corners};
+use super::view::{Area, View};
 
 /// Farther than any surface that matters, meters: how far endless planes reach.
 const FAR: f32 = 1e4;
@@ -78,10 +78,10 @@ impl Drawing<'_> {
             let bounds = self.assets.meshes[mesh].bounds();
             let (center, _) = triangles::ball(bounds, instance);
             let half = sub(wide(bounds.1), wide(bounds.0)).map(|side| 0.5 * side);
-            return self.view.area(corners(center, instance.rotation, half));
+            return self.view.area(center, instance.rotation, half);
         }
         let half = wide(shape::half_lengths(&instance.shape, FAR));
-        self.view.area(corners(instance.position, instance.rotation, half))
+        self.view.area(instance.position, instance.rotation, half)
     }
 
     fn solid<T: Target>(&self, instance: &Instance, owner: u16, area: &Area, target: &mut T) {
