@@ -93,7 +93,8 @@ impl Model {
                 slice(header.geom_conaffinity, header.ngeom, 1),
             )
         };
-        let is_touching_mesh = |geom: usize| kinds[geom] == mjGEOM_MESH as i32 && (of[geom], to[geom]) != (0, 0);
+        let is_touching_mesh =
+            |geom: usize| kinds[geom] == mjGEOM_MESH as i32 && (of[geom], to[geom]) != (0, 0);
         let bodies = first.iter().zip(count).enumerate();
         let simple: Vec<usize> = bodies
             .filter(|(_, (first, count))| {
