@@ -31,7 +31,7 @@ struct Run {
     owner: u16,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Fragment {
     x: f32,
     y: f32,
@@ -194,17 +194,12 @@ impl Fragments {
                 continue;
             }
             let (facet, owner) = (facets[k], owners[k]);
-            let mut sum = Fragment { facet, pixel, owner, ..Fragment::default() };
-            let mut count = 0.0;
-            for at in (0..4).filter(|&at| owners[at] == owner) {
-                sum.x += x[at];
-                sum.y += y[at];
-                sum.nearness += nearness[at];
-                count += 1.0;
-            }
-            let mean = |value: f32| value / count;
-            let (x, y, nearness) = (mean(sum.x), mean(sum.y), mean(sum.nearness));
-            self.pieces.push(Fragment { x, y, nearness, share: count / 4.0, ..sum });
+            // What belongs to others counts zero times: adding nothing is quicker than asking whether to add.
+            let times = owners.map(|other| f32::from(u8::from(other == owner)));
+            let count: f32 = times.iter().sum();
+            let mean = |values: [f32; 4]| (0..4).fold(0.0, |sum, at| sum + times[at] * values[at]) / count;
+            let (x, y, nearness) = (mean(x), mean(y), mean(nearness));
+            self.pieces.push(Fragment { x, y, nearness, facet, pixel, share: count / 4.0, owner });
         }
     }
 
