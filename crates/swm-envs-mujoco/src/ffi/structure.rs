@@ -1,7 +1,8 @@
 //! How a compiled model is put together: what lies in which body, and where the values of what is named are found.
 
 use super::JointKind;
-use super::model::{Model, slice};
+use super::bindings::mjGEOM_MESH;
+use super::model::{Model, slice, slice_mut};
 
 impl Model {
     /// Where a joint's values begin in `qpos` and in `qvel`.
@@ -74,6 +75,39 @@ impl Model {
         // SAFETY: the array holds `nbody` values; the slice checks the index.
         let index = unsafe { slice(header.body_mocapid, header.nbody, 1)[body] };
         usize::try_from(index).ok()
+    }
+
+    /// Lets MuJoCo test all geoms of two bodies against each other, instead of searching the trees of their bounding boxes,
+    /// where one of the bodies has no mesh that touches. Contacts are the same, in the same order: trees only sort out geoms
+    /// that are apart. They pay for bodies of many geoms that touch; here most geoms of a body are only looked at, and a test
+    /// of bits sorts those out where there is no tree.
+    pub fn search_trees_for_meshes_only(&mut self) {
+        let header = self.header();
+        // SAFETY: these arrays hold `nbody` and `ngeom` values as long as the model lives.
+        let (first, count, kinds, of, to) = unsafe {
+            (
+                slice(header.body_geomadr, header.nbody, 1),
+                slice(header.body_geomnum, header.nbody, 1),
+                slice(header.geom_type, header.ngeom, 1),
+                slice(header.geom_contype, header.ngeom, 1),
+                slice(header.geom_conaffinity, header.ngeom, 1),
+            )
+        };
+        let is_touching_mesh =
+            |geom: usize| kinds[geom] == mjGEOM_MESH as i32 && (of[geom], to[geom]) != (0, 0);
+        let bodies = first.iter().zip(count).enumerate();
+        let simple: Vec<usize> = bodies
+            .filter(|(_, (first, count))| {
+                let first = usize::try_from(**first).unwrap_or_default();
+                !(first..first + **count as usize).any(is_touching_mesh)
+            })
+            .map(|(body, _)| body)
+            .collect();
+        // SAFETY: the array holds `nbody` values, and `&mut self` is the only access. -1 stands for no tree.
+        let trees = unsafe { slice_mut(header.body_bvhadr, header.nbody, 1) };
+        for body in simple {
+            trees[body] = -1;
+        }
     }
 
     /// Where a sensor's values lie in `sensordata`.

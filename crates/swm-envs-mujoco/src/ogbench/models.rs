@@ -92,6 +92,7 @@ impl Models {
             let mut model = resized.spec.compile()?;
             let light = &self.shared.light;
             model.copy_mesh_places(light);
+            model.search_trees_for_meshes_only();
             model.mat_rgba_mut().copy_from_slice(light.mat_rgba());
             model.actuator_gainprm_mut().copy_from_slice(light.actuator_gainprm());
             model.actuator_biasprm_mut().copy_from_slice(light.actuator_biasprm());
@@ -132,6 +133,7 @@ impl Shared {
         let mut light = spec.compile()?;
         light.copy_mesh_places(&full);
         finish(&mut light, transparent)?;
+        light.search_trees_for_meshes_only();
         Ok(Self { light: Arc::new(light), full: Arc::new(full) })
     }
 }

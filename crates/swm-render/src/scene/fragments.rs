@@ -31,7 +31,7 @@ struct Run {
     owner: u16,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Fragment {
     x: f32,
     y: f32,
@@ -40,6 +40,17 @@ struct Fragment {
     pixel: u32,
     share: f32,
     owner: u16,
+}
+
+/// How many pixels from the first on show what the first does.
+#[inline]
+fn alike(owners: &[u16]) -> usize {
+    let first = owners[0];
+    let whole = owners
+        .chunks_exact(16)
+        .take_while(|chunk| chunk.iter().fold(0, |bits, owner| bits | (owner ^ first)) == 0);
+    let start = 16 * whole.count();
+    start + owners[start..].iter().position(|&owner| owner != first).unwrap_or(owners.len() - start)
 }
 
 /// Surfaces in their order, then what shows nothing.
@@ -102,7 +113,7 @@ impl Fragments {
                 let stretch = &raster.known.owner[pixel..row_end.min(edge as usize)];
                 // Neighbors that are no edges show the same, unless edges were not looked for.
                 let owner = stretch[0];
-                let length = stretch.iter().position(|&other| other != owner).unwrap_or(stretch.len());
+                let length = alike(stretch);
                 self.runs.push(Run { pixel, length, owner });
                 pixel += length;
             }
@@ -169,23 +180,26 @@ impl Fragments {
 
     /// One pixel from four points: one fragment per surface, at the middle of its points.
     fn split(&mut self, fine: &Samples, first: usize, pixel: u32) {
-        let owners = [0, 1, 2, 3].map(|k| fine.owner[first + k]);
+        /// The points of the pixel.
+        #[inline]
+        fn four<T: Copy + Default>(values: &[T], first: usize) -> [T; 4] {
+            values[first..].first_chunk().copied().unwrap_or_default()
+        }
+        let owners: [u16; 4] = four(&fine.owner, first);
+        let facets: [u32; 4] = four(&fine.facet, first);
+        let [x, y, nearness]: [[f32; 4]; 3] =
+            [&fine.x, &fine.y, &fine.nearness].map(|column| four(column, first));
         for k in 0..4 {
             if owners[..k].contains(&owners[k]) {
                 continue;
             }
-            let (facet, owner) = (fine.facet[first + k], owners[k]);
-            let mut sum = Fragment { facet, pixel, owner, ..Fragment::default() };
-            let mut count = 0.0;
-            for at in (first..first + 4).filter(|&at| fine.owner[at] == owner) {
-                sum.x += fine.x[at];
-                sum.y += fine.y[at];
-                sum.nearness += fine.nearness[at];
-                count += 1.0;
-            }
-            let mean = |value: f32| value / count;
-            let (x, y, nearness) = (mean(sum.x), mean(sum.y), mean(sum.nearness));
-            self.pieces.push(Fragment { x, y, nearness, share: count / 4.0, ..sum });
+            let (facet, owner) = (facets[k], owners[k]);
+            // What belongs to others counts zero times: adding nothing is quicker than asking whether to add.
+            let times = owners.map(|other| f32::from(u8::from(other == owner)));
+            let count: f32 = times.iter().sum();
+            let mean = |values: [f32; 4]| (0..4).fold(0.0, |sum, at| sum + times[at] * values[at]) / count;
+            let (x, y, nearness) = (mean(x), mean(y), mean(nearness));
+            self.pieces.push(Fragment { x, y, nearness, facet, pixel, share: count / 4.0, owner });
         }
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::assets::Assets;
 use super::description::{Instance, Light, Mapping, Scene, Shape};
 use super::fragments::Fragments;
-use super::lanes::{LANES, Lanes, Lanes3};
+use super::lanes::{LANES, Lanes3, load};
 use super::texture::Texture;
 use super::view::View;
 
@@ -95,27 +95,26 @@ impl Ground {
         is_kept.then_some(self)
     }
 
-    /// The colors of eight fragments of the floor with the light that casts shadows, and without; `None` unless all are whole
-    /// pixels whose colors are known.
+    /// The first of eight pixels side by side that eight fragments of the floor are; `None` unless the colors of all are known.
     #[inline]
-    pub(super) fn known(&self, fragments: &Fragments, at: usize) -> Option<[Lanes3; 2]> {
+    pub(super) fn known(&self, fragments: &Fragments, at: usize) -> Option<usize> {
         let pixels = fragments.pixel[at..].first_chunk::<LANES>()?;
-        let nearness = fragments.nearness[at..].first_chunk::<LANES>()?;
         let shares = fragments.share[at..].first_chunk::<LANES>()?;
-        let is_known =
-            |lane: usize| self.nearness[pixels[lane] as usize] == nearness[lane] && shares[lane] == 1.0;
-        if !(0..LANES).all(is_known) {
+        let first = pixels[0] as usize;
+        // Fragments stand in the order of their pixels, and a pixel of which there are several has parts of them.
+        if pixels[LANES - 1] as usize != first + LANES - 1 || *shares != [1.0; LANES] {
             return None;
         }
-        let mut parts = [[[0.0; LANES]; 3]; 2];
-        for (lane, &pixel) in pixels.iter().enumerate() {
-            for (parts, color) in parts.iter_mut().zip(self.colors[pixel as usize]) {
-                for (part, value) in parts.iter_mut().zip(color) {
-                    part[lane] = value;
-                }
-            }
-        }
-        Some(parts.map(|[x, y, z]| Lanes3 { x: Lanes::new(x), y: Lanes::new(y), z: Lanes::new(z) }))
+        let found = load(&fragments.nearness[at..], 0.0);
+        let kept = self.nearness.get(first..first + LANES)?;
+        (load(kept, 0.0).simd_eq(found).to_bitmask() == 0xff).then_some(first)
+    }
+
+    /// The colors of eight pixels from this one on: with the light that casts shadows where the bit of `lit` is set.
+    #[inline]
+    pub(super) fn colors(&self, first: usize, lit: u32) -> [[f32; 3]; LANES] {
+        let kept = &self.colors[first..first + LANES];
+        std::array::from_fn(|lane| kept[lane][usize::from(lit >> lane & 1 == 0)])
     }
 
     /// Keeps the colors of up to eight fragments.

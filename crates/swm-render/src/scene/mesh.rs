@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::simplify;
+use super::vector::{cross, dot, wide};
 use crate::error::RenderError;
 
 /// A triangle mesh. Front faces are counter-clockwise.
@@ -16,8 +17,12 @@ pub struct Mesh {
 /// One version of a mesh: the first has every triangle, the others have none of the detail below their cell.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Level {
-    /// Detail that is missing, meters.
+    /// Detail that is missing, meters; infinite for versions that only [`Mesh::rough_level`] chooses.
     pub(super) cell: f32,
+    /// How far the surface has moved, measured: all but one in a hundred points of the mesh are nearer to it, meters.
+    pub(super) error: f32,
+    /// Whether it has an inside: what is nearest of it from outside is a front face.
+    pub(super) is_closed: bool,
     pub(super) points: Vec<[f32; 3]>,
     /// How many points any version of the mesh has at most.
     pub(super) most: usize,
@@ -31,6 +36,10 @@ const SHARE: f32 = 0.5;
 
 /// Cells along the longest side of the coarse versions.
 const CELLS: [u32; 15] = [512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
+
+/// What the cells would be, in longest sides, of versions that are chosen by their [error](Level::error) alone: the bound
+/// that a cell sets is far from what most meshes come to.
+const ROUGH: [f32; 8] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
 impl Mesh {
     /// A mesh of `triangles`, indices into `points` (meters), with a direction for each corner of each triangle.
@@ -65,17 +74,16 @@ impl Mesh {
         if points.is_empty() {
             (low, high) = ([0.0; 3], [0.0; 3]);
         }
-        let mut full = Level { cell: 0.0, most: points.len(), points, triangles, normals };
+        let mut full = Level { most: points.len(), points, triangles, normals, ..Level::default() };
         full.weld();
+        full.is_closed = full.encloses();
         let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
         let cells = CELLS.map(|cells| longest / cells as f32);
+        let rough = ROUGH.map(|times| times * longest);
+        let tolerances: Vec<f32> = cells.into_iter().chain(rough).map(|cell| SHARE * cell).collect();
         let mut levels = vec![full];
-        for (cell, coarse) in cells.into_iter().zip(simplify::levels(&levels[0], &cells.map(|c| SHARE * c))) {
-            let last = levels.last().map_or(0, |level| level.triangles.len());
-            // A version that saves little is not worth its memory.
-            if coarse.triangles.len() * 4 < last * 3 {
-                levels.push(Level { cell, ..coarse });
-            }
+        for (index, coarse) in simplify::levels(&levels[0], &tolerances) {
+            levels.push(Level { cell: cells.get(index).copied().unwrap_or(f32::INFINITY), ..coarse });
         }
         Ok(Self { levels, low, high })
     }
@@ -83,6 +91,11 @@ impl Mesh {
     /// The coarsest version whose missing detail is shorter than `detail` meters.
     pub(super) fn level(&self, detail: f32) -> usize {
         self.levels.iter().rposition(|level| level.cell <= detail).unwrap_or(0)
+    }
+
+    /// The coarsest version whose measured error is at most `error` meters.
+    pub(super) fn rough_level(&self, error: f32) -> usize {
+        self.levels.iter().rposition(|level| level.error <= error).unwrap_or(0)
     }
 
     pub(super) fn at(&self, level: usize) -> &Level {
@@ -119,6 +132,22 @@ impl Level {
         for index in self.triangles.iter_mut().flatten() {
             *index = place_of[*index as usize];
         }
+    }
+
+    /// Whether every side of every triangle is the side of another one, which runs along it the other way, and the front is
+    /// outside.
+    pub(super) fn encloses(&self) -> bool {
+        let mut open: HashMap<[u32; 2], i32> = HashMap::new();
+        let mut volume = 0.0;
+        for corners in &self.triangles {
+            let [a, b, c] = *corners;
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                *open.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
+            }
+            let [a, b, c] = corners.map(|corner| wide(self.points[corner as usize]));
+            volume += dot(a, cross(b, c));
+        }
+        volume > 0.0 && open.values().all(|&count| count == 0)
     }
 }
 
@@ -157,6 +186,68 @@ mod tests {
         }
         assert!(mesh.level(1.0) + 1 == mesh.levels.len());
         assert_eq!(mesh.levels[mesh.levels.len() - 1].triangles.len(), 2, "a square needs no more");
+    }
+
+    /// A cube, finely divided.
+    fn cube() -> Mesh {
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        const CELLS: u32 = 6;
+        let side = CELLS + 1;
+        for face in 0..6 {
+            let (axis, end) = (face / 2, (face % 2) as f32);
+            let first = points.len() as u32;
+            for index in 0..side * side {
+                let mut point = [end; 3];
+                let (u, v) = ((index % side) as f32 / CELLS as f32, (index / side) as f32 / CELLS as f32);
+                (point[(axis + 1) % 3], point[(axis + 2) % 3]) = if face % 2 == 1 { (u, v) } else { (v, u) };
+                points.push(point);
+            }
+            for cell in 0..CELLS * CELLS {
+                let at = first + cell / CELLS * side + cell % CELLS;
+                triangles.extend([[at, at + 1, at + side], [at + 1, at + side + 1, at + side]]);
+            }
+        }
+        let normals = vec![[[0.0, 0.0, 1.0]; 3]; triangles.len()];
+        Mesh::new(points, triangles, normals).expect("sound")
+    }
+
+    #[test]
+    fn closed_surfaces_stay_closed_and_errors_are_measured() {
+        let cube = cube();
+        for level in &cube.levels {
+            assert!(level.is_closed, "{} triangles", level.triangles.len());
+        }
+        assert!(cube.levels.len() > 1 && !grid(8).levels[0].is_closed);
+        let mut inverted = cube.levels[0].clone();
+        inverted.triangles.iter_mut().for_each(|corners| corners.swap(0, 1));
+        assert!(!inverted.encloses(), "its front is inside");
+        // Twelve triangles show a cube exactly.
+        let exact = cube.at(cube.rough_level(1e-6));
+        assert!(
+            exact.triangles.len() == 12 && exact.error < 1e-6,
+            "{} {}",
+            exact.triangles.len(),
+            exact.error
+        );
+    }
+
+    #[test]
+    fn errors_are_measured() {
+        // An arch, 0.25 m high in the middle.
+        let mut arch = grid(40).levels.remove(0);
+        for [x, _, z] in &mut arch.points {
+            *z = *x * (1.0 - *x);
+        }
+        let arch = Mesh::new(arch.points, arch.triangles, arch.normals).expect("sound");
+        // The first coarse version may do without points along straight lines.
+        assert!(arch.rough_level(0.0) < 2);
+        let mut last = 0.0;
+        for level in &arch.levels[2..] {
+            assert!(level.error > last && level.error < 0.5, "{} after {last}", level.error);
+            last = level.error;
+        }
+        assert!(last > 0.02, "{last}: few triangles follow an arch badly");
+        assert_eq!(arch.rough_level(1.0), arch.levels.len() - 1);
     }
 
     #[test]

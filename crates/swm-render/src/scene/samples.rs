@@ -46,12 +46,20 @@ impl Samples {
         self.width = width;
     }
 
-    /// Appends a point to the last pixel of [`Samples::end_pixels`].
+    /// Appends a point to the pixel that was [reached](Samples::reach) last.
     #[inline]
     pub(super) fn push(&mut self, x: f32, y: f32, limit: f32) {
         self.x.push(x);
         self.y.push(y);
         self.limit.push(limit);
+    }
+
+    /// Appends several.
+    #[inline]
+    pub(super) fn push_all<const N: usize>(&mut self, points: [(f32, f32); N], limit: f32) {
+        self.x.extend_from_slice(&points.map(|(x, _)| x));
+        self.y.extend_from_slice(&points.map(|(_, y)| y));
+        self.limit.extend_from_slice(&[limit; N]);
     }
 
     /// All pixels before number `pixel` of the image are complete: the next points are of this pixel.

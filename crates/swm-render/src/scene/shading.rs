@@ -31,6 +31,25 @@ pub(super) struct Memory {
     layers: Vec<Lanes3>,
 }
 
+/// Where colors go.
+pub(super) trait Painter {
+    /// Of up to eight fragments from number `at` on.
+    fn put(&mut self, at: usize, color: Lanes3);
+
+    /// Of eight whole pixels side by side, the first of which is `pixel`. Only a [`Ground`] knows colors of pixels.
+    fn put_pixels(&mut self, pixel: usize, colors: &[[f32; 3]; LANES]);
+}
+
+/// Without a ground.
+impl<F: FnMut(usize, Lanes3)> Painter for F {
+    #[inline]
+    fn put(&mut self, at: usize, color: Lanes3) {
+        self(at, color);
+    }
+
+    fn put_pixels(&mut self, _pixel: usize, _colors: &[[f32; 3]; LANES]) {}
+}
+
 /// One surface, as the shader needs it.
 struct Target<'a> {
     surface: Surface,
@@ -42,8 +61,7 @@ struct Target<'a> {
 }
 
 impl Shading<'_> {
-    /// Shades the fragments `range` of `instance`, whose colors `ground` may know; `put` gets the first of up to eight, and
-    /// their colors.
+    /// Shades the fragments `range` of `instance`, whose colors `ground` may know.
     #[expect(clippy::too_many_arguments, reason = "the inner loop's inputs")]
     pub(super) fn shade(
         &self,
@@ -53,7 +71,7 @@ impl Shading<'_> {
         range: std::ops::Range<usize>,
         memory: &mut Memory,
         mut ground: Option<&mut Ground>,
-        mut put: impl FnMut(usize, Lanes3),
+        mut painter: impl Painter,
     ) {
         if range.is_empty() {
             return;
@@ -76,6 +94,9 @@ impl Shading<'_> {
         if let Some((half, cell)) = faceted {
             corners.begin(half, cell, count);
         }
+        let is_plane = matches!(instance.shape, Shape::Plane { .. });
+        let up = Lanes3 { x: splat(0.0), y: splat(0.0), z: splat(1.0) };
+        let plane_normal = up.rotated(&target.rotation);
         let mut at = range.start;
         while at < range.end {
             let lanes = |column: &[f32]| load(&column[at..], 1.0);
@@ -83,19 +104,22 @@ impl Shading<'_> {
             let depth = self.view.depth(lanes(&fragments.nearness));
             let (place, direction) = target.rays.at(x, y);
             let local = place + direction.scaled(depth - splat(target.rays.depth));
+            let point = local.rotated(&target.rotation) + target.center;
+            let known = ground.as_ref().and_then(|ground| Some((ground.known(fragments, at)?, ground)));
+            if let Some((pixel, ground)) = known
+                && at + LANES <= range.end
+            {
+                let lit = self.shadowing().next().map_or(0xff, |map| map.lit_bits(point, plane_normal));
+                painter.put_pixels(pixel, &ground.colors(pixel, lit));
+                at += LANES;
+                continue;
+            }
             let outward = match target.level {
                 Some(level) => mesh_outward(level, &fragments.facet[at..], local),
                 None => shape::outward(&instance.shape, local),
             };
-            let point = local.rotated(&target.rotation) + target.center;
-            let normal = outward.rotated(&target.rotation);
+            let normal = if is_plane { plane_normal } else { outward.rotated(&target.rotation) };
             let count = LANES.min(range.end - at);
-            if let Some(colors) = ground.as_ref().and_then(|ground| ground.known(fragments, at)) {
-                let lit = self.shadowing().next().map_or(splat(1.0), |map| map.lit(point, normal));
-                put(at, chosen(lit, colors));
-                at += count;
-                continue;
-            }
             if faceted.is_some() {
                 let lit = |x, y, out: &mut [Lanes3]| self.light(&target, on_plane(x, y), outward, out);
                 corners.colors(local.x.to_array(), local.y.to_array(), layers, lit);
@@ -112,7 +136,7 @@ impl Shading<'_> {
                 let colors = [all, layers[0]].map(painted);
                 ground.keep(fragments, at, count, colors);
                 let lit = self.shadowing().next().map_or(splat(1.0), |map| map.lit(point, normal));
-                put(at, chosen(lit, colors));
+                painter.put(at, chosen(lit, colors));
                 at += count;
                 continue;
             }
@@ -120,7 +144,7 @@ impl Shading<'_> {
             for (map, layer) in self.shadowing().zip(&layers[1..]) {
                 color = color + layer.scaled(map.lit(point, normal));
             }
-            put(at, painted(color));
+            painter.put(at, painted(color));
             at += count;
         }
     }

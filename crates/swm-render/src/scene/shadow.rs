@@ -16,6 +16,9 @@ const LIFT: f32 = 1.5;
 /// Detail of meshes that is left out, in texels: surfaces move by half of it, less than points are lifted.
 const COARSENESS: f32 = 3.0;
 
+/// How far shadows of meshes may be from where they belong, in texels.
+const ROUGHNESS: f32 = 0.5;
+
 /// Light nearer than this to a spot is not blocked, meters.
 const NEAR: f64 = 1e-3;
 
@@ -72,7 +75,8 @@ impl ShadowMap {
         self.sight = view.map(|view| Sight::new(view, eye));
         let Some(Sight { view, .. }) = &self.sight else { return };
         self.distances.begin([size; 2], view.nearest(), view.farthest());
-        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: COARSENESS };
+        let drawing =
+            Drawing { view, assets, sides: Sides::Both, coarseness: COARSENESS, roughness: ROUGHNESS };
         for (owner, instance) in (0..).zip(&scene.instances) {
             if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {
                 drawing.draw(instance, owner, projected, &mut self.distances);
@@ -83,7 +87,14 @@ impl ShadowMap {
     /// Which of the points (counted from the eye) are lit: 1 where they are, 0 in shadow.
     #[inline]
     pub(super) fn lit(&self, point: Lanes3, normal: Lanes3) -> Lanes {
-        let all = splat(1.0);
+        let bits = self.lit_bits(point, normal);
+        Lanes::new(std::array::from_fn(|lane| (bits >> lane & 1) as u16 as f32))
+    }
+
+    /// The same, as bits.
+    #[inline]
+    pub(super) fn lit_bits(&self, point: Lanes3, normal: Lanes3) -> u32 {
+        let all = 0xff;
         let Some(Sight { view, offset, forward, across, start, lift, size }) = &self.sight else {
             return all;
         };
@@ -103,17 +114,16 @@ impl ShadowMap {
             return all;
         }
         let nearness = view.nearness(depth).to_array();
-        let (x, y) = (x.to_array(), y.to_array());
-        let mut lit = [1.0; 8];
+        // Columns and rows that are outside may be any number.
+        let texels = [x, y].map(|place| place.fast_trunc_int().to_array());
+        let mut dark = 0;
         for lane in 0..8 {
             if mask >> lane & 1 == 1 {
-                let texel = y[lane] as usize * view.width + x[lane] as usize;
-                if self.distances.nearness[texel] > nearness[lane] {
-                    lit[lane] = 0.0;
-                }
+                let texel = texels[1][lane] as usize * view.width + texels[0][lane] as usize;
+                dark |= u32::from(self.distances.nearness[texel] > nearness[lane]) << lane;
             }
         }
-        Lanes::new(lit)
+        all & !dark
     }
 }
 

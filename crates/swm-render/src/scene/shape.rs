@@ -19,23 +19,6 @@ pub(super) fn half_lengths(shape: &Shape, far: f32) -> [f32; 3] {
     }
 }
 
-/// Where rays `place` + t × `direction` enter the shape: t, infinite for those that miss.
-#[inline]
-pub(super) fn enter(shape: &Shape, place: Lanes3, direction: Lanes3) -> Lanes {
-    match *shape {
-        Shape::Plane { half, .. } => plane(half, place, direction),
-        Shape::Ellipsoid { radii } => {
-            let inverse =
-                Lanes3 { x: splat(1.0 / radii[0]), y: splat(1.0 / radii[1]), z: splat(1.0 / radii[2]) };
-            ball(place * inverse, direction * inverse)
-        }
-        Shape::Capsule { radius, half } => capsule(radius, half, place, direction),
-        Shape::Cylinder { radius, half } => cylinder(radius, half, place, direction),
-        Shape::Box { half } => slabs(half, place, direction),
-        Shape::Mesh(_) => splat(MISS),
-    }
-}
-
 /// The outward direction of the surface at `point`, of length 1, both in the shape's frame.
 #[inline]
 pub(super) fn outward(shape: &Shape, point: Lanes3) -> Lanes3 {
@@ -83,8 +66,10 @@ fn sign(value: Lanes) -> Lanes {
     value.simd_lt(splat(0.0)).select(splat(-1.0), splat(1.0))
 }
 
+/// Where rays `place` + t × `direction` enter the plane z = 0 within half lengths, 0 for none: t, infinite for those that miss.
+/// The other shapes are entered in the same way.
 #[inline]
-fn plane(half: [f32; 2], place: Lanes3, direction: Lanes3) -> Lanes {
+pub(super) fn plane(half: [f32; 2], place: Lanes3, direction: Lanes3) -> Lanes {
     let t = -place.z / direction.z;
     let inside = |half: f32, start: Lanes, step: Lanes| {
         let at = (start + t * step).abs();
@@ -96,7 +81,7 @@ fn plane(half: [f32; 2], place: Lanes3, direction: Lanes3) -> Lanes {
 
 /// The unit ball.
 #[inline]
-fn ball(place: Lanes3, direction: Lanes3) -> Lanes {
+pub(super) fn ball(place: Lanes3, direction: Lanes3) -> Lanes {
     let a = direction.dot(direction);
     let b = place.dot(direction);
     let c = place.dot(place) - splat(1.0);
@@ -117,9 +102,12 @@ fn mantle(radius: f32, place: Lanes3, direction: Lanes3) -> (Lanes, Lanes) {
 }
 
 #[inline]
-fn capsule(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
+pub(super) fn capsule(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
     // The balls at the ends are as wide as the endless cylinder: what misses it misses them too.
     let (t, hit) = mantle(radius, place, direction);
+    if hit.to_bitmask() == 0 {
+        return splat(MISS);
+    }
     let z = place.z + t * direction.z;
     let on_side = z.abs().simd_le(splat(half));
     let end = z.simd_lt(splat(0.0)).select(splat(-half), splat(half));
@@ -130,7 +118,7 @@ fn capsule(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
 }
 
 #[inline]
-fn cylinder(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
+pub(super) fn cylinder(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
     let (t, hit) = mantle(radius, place, direction);
     let z = place.z + t * direction.z;
     let on_side = hit & z.abs().simd_le(splat(half));
@@ -142,7 +130,7 @@ fn cylinder(radius: f32, half: f32, place: Lanes3, direction: Lanes3) -> Lanes {
 }
 
 #[inline]
-fn slabs(half: [f32; 3], place: Lanes3, direction: Lanes3) -> Lanes {
+pub(super) fn slabs(half: [f32; 3], place: Lanes3, direction: Lanes3) -> Lanes {
     let range = |half: f32, start: Lanes, step: Lanes| {
         let inverse = splat(1.0) / step;
         let (a, b) = ((splat(-half) - start) * inverse, (splat(half) - start) * inverse);
@@ -180,6 +168,19 @@ mod tests {
             Shape::Cylinder { radius, half } => ((x * x + y * y).sqrt() - radius).max(z.abs() - half),
             Shape::Box { half: [a, b, c] } => (x.abs() - a).max(y.abs() - b).max(z.abs() - c),
             Shape::Plane { .. } | Shape::Mesh(_) => z,
+        }
+    }
+
+    fn enter(shape: &Shape, place: Lanes3, direction: Lanes3) -> Lanes {
+        match *shape {
+            Shape::Ellipsoid { radii } => {
+                let inverse = lanes(radii.map(|radius| 1.0 / radius));
+                ball(place * inverse, direction * inverse)
+            }
+            Shape::Capsule { radius, half } => capsule(radius, half, place, direction),
+            Shape::Cylinder { radius, half } => cylinder(radius, half, place, direction),
+            Shape::Box { half } => slabs(half, place, direction),
+            Shape::Plane { .. } | Shape::Mesh(_) => splat(MISS),
         }
     }
 

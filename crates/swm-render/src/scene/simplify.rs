@@ -30,23 +30,32 @@ struct Shrinking {
     around: Vec<Vec<u32>>,
     triangles: Vec<Option<[u32; 3]>>,
     candidates: BinaryHeap<Candidate>,
+    /// Into which point each has been merged; itself: into none.
+    merged: Vec<u32>,
 }
 
+/// Errors are measured at so many points, or up to twice as many.
+const MEASURED: usize = 1000;
 /// What the squared length of an edge adds to its error.
 const PATIENCE: f64 = 1e-7;
 /// A triangle may turn so far in one step: cosine.
 const TURN: f64 = 0.3;
 
-/// Versions of `full` in which no part is farther than each of `tolerances` (meters, ascending) from where it was.
-pub(super) fn levels(full: &Level, tolerances: &[f32]) -> Vec<Level> {
+/// Versions of `full` in which no part is farther than each of `tolerances` (meters, ascending) from where it was, each with
+/// the index of its tolerance. A version that saves little is not worth its memory and is left out.
+pub(super) fn levels(full: &Level, tolerances: &[f32]) -> Vec<(usize, Level)> {
     let mut mesh = Shrinking::new(full);
-    tolerances
-        .iter()
-        .map(|&tolerance| {
-            mesh.collapse_up_to(f64::from(tolerance) * f64::from(tolerance));
-            mesh.level(full)
-        })
-        .collect()
+    let mut levels = Vec::new();
+    let mut last = full.triangles.len();
+    for (index, &tolerance) in tolerances.iter().enumerate() {
+        mesh.collapse_up_to(f64::from(tolerance) * f64::from(tolerance));
+        let count = mesh.triangles.iter().flatten().count();
+        if count * 4 < last * 3 {
+            levels.push((index, mesh.level(full)));
+            last = count;
+        }
+    }
+    levels
 }
 
 impl Quadric {
@@ -86,6 +95,7 @@ impl Shrinking {
             around: vec![Vec::new(); count],
             triangles: full.triangles.iter().copied().map(Some).collect(),
             candidates: BinaryHeap::new(),
+            merged: (0..count as u32).collect(),
         };
         // Each edge with how many triangles it has; ordered, so that nothing depends on the order of a hash.
         let mut edges: BTreeMap<[u32; 2], (u32, usize)> = BTreeMap::new();
@@ -207,6 +217,7 @@ impl Shrinking {
         }
         around.retain(|&index| self.triangles[index as usize].is_some());
         self.points[p as usize] = place;
+        self.merged[q as usize] = p;
         self.quadrics[p as usize] = self.quadrics[p as usize].plus(&self.quadrics[q as usize]);
         self.changes[p as usize] += 1;
         self.changes[q as usize] += 1;
@@ -220,9 +231,35 @@ impl Shrinking {
         }
     }
 
+    /// How far points of the full mesh are from what is left, but for one in a hundred: deep holes, which close. Of large
+    /// meshes, of some of their points.
+    fn error(&self, full: &Level) -> f32 {
+        let every = (full.points.len() / MEASURED).max(1);
+        let points = (0..).zip(&full.points).step_by(every);
+        let mut errors: Vec<f64> = points.map(|(index, point)| self.moved(index, *point)).collect();
+        let Some(last) = errors.len().checked_sub(1) else { return 0.0 };
+        let (_, error, _) = errors.select_nth_unstable_by(last * 99 / 100, f64::total_cmp);
+        error.sqrt() as f32
+    }
+
+    /// The squared distance of a point of the full mesh from the triangles around the point that it was merged into.
+    fn moved(&self, index: u32, point: [f32; 3]) -> f64 {
+        let mut at = index;
+        while self.merged[at as usize] != at {
+            at = self.merged[at as usize];
+        }
+        let (point, meeting) = (wide(point), self.points[at as usize]);
+        let way = sub(point, meeting);
+        let around =
+            self.around[at as usize].iter().filter_map(|&triangle| self.triangles[triangle as usize]);
+        around
+            .map(|corners| squared_distance(point, corners.map(|corner| self.points[corner as usize])))
+            .fold(dot(way, way), f64::min)
+    }
+
     /// What is left, with the corner normals that the triangles had.
     fn level(&self, full: &Level) -> Level {
-        let mut level = Level { most: full.most, ..Level::default() };
+        let mut level = Level { most: full.most, error: self.error(full), ..Level::default() };
         let mut place_of = vec![u32::MAX; self.points.len()];
         for (corners, normals) in self.triangles.iter().zip(&full.normals) {
             let Some(corners) = corners else { continue };
@@ -236,6 +273,71 @@ impl Shrinking {
             }));
             level.normals.push(*normals);
         }
+        level.is_closed = level.encloses();
         level
+    }
+}
+
+/// The squared distance of a point from a triangle (Ericson, *Real-Time Collision Detection*, section 5.1.5); NaN from one
+/// without an area.
+fn squared_distance(p: Vector, [a, b, c]: [Vector; 3]) -> f64 {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
+    let to = |near: Vector| {
+        let way = sub(p, near);
+        dot(way, way)
+    };
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return to(a);
+    }
+    let bp = sub(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return to(b);
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return to(add(a, scale(ab, d1 / (d1 - d3))));
+    }
+    let cp = sub(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return to(c);
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return to(add(a, scale(ac, d2 / (d2 - d6))));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        let share = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return to(add(b, scale(sub(c, b), share)));
+    }
+    let whole = va + vb + vc;
+    to(add(a, add(scale(ab, vb / whole), scale(ac, vc / whole))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_end_at_faces_edges_and_corners() {
+        let triangle = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
+        for (point, squared) in [
+            ([1.0, 1.0, 3.0], 9.0),
+            ([1.0, 1.0, 0.0], 0.0),
+            ([2.0, -2.0, 1.0], 5.0),
+            ([-3.0, 2.0, 0.0], 9.0),
+            ([4.0, 4.0, 1.0], 9.0),
+            ([-3.0, -4.0, 0.0], 25.0),
+            ([6.0, -1.0, 2.0], 9.0),
+            ([-1.0, 7.0, 0.0], 10.0),
+        ] {
+            for turn in 0..3 {
+                let corners = [0, 1, 2].map(|k| triangle[(k + turn) % 3]);
+                assert!((squared_distance(point, corners) - squared).abs() < 1e-12, "{point:?} {turn}");
+            }
+        }
     }
 }

@@ -1,6 +1,8 @@
 //! Triangles of a few pixels, eight at a time: which of the few points around each are inside. Most triangles of meshes are
 //! that small; larger ones are filled row by row in `triangles`.
 
+use wide::f32x4;
+
 use super::lanes::{LANES, Lanes, splat};
 use super::target::Target;
 use super::triangles::{Corner, Sides};
@@ -21,8 +23,18 @@ struct Edges {
     by_x: Lanes,
     by_y: Lanes,
     constant: Lanes,
-    /// Whether points on it belong to the triangle: to one of the two that share it.
-    owns: Lanes,
+    /// What the sum must be above: 0, or just below where points on the edge belong to the triangle: to one of the two that
+    /// share it.
+    bound: Lanes,
+}
+
+/// What is the same for the points of one column of each triangle.
+#[derive(Clone, Copy, Default)]
+struct Column {
+    in_box: Lanes,
+    x: Lanes,
+    /// The part of each edge's sum.
+    edges: [Lanes; 3],
 }
 
 /// Draws those of up to eight triangles that are small, as instance `owner` with the facets from `first` on, and returns the
@@ -67,24 +79,35 @@ pub(super) fn draw<T: Target>(
     let width = grid.x1 - grid.x0;
     let starts = (top - splat(grid.y0 as f32)) * splat(width as f32) + (left - splat(grid.x0 as f32));
     let starts = starts.to_array();
+    // Where the columns are, and the part of the edges that they decide: the same in every row.
+    let mut columns = [Column::default(); SMALL];
+    let mut count = 0;
+    for (across, column) in columns.iter_mut().enumerate() {
+        let in_box = is_small & wide.simd_gt(splat(across as f32));
+        if in_box.to_bitmask() == 0 {
+            break;
+        }
+        let x = left + splat(across as f32 + 0.5);
+        *column = Column { in_box, x, edges: edges.each_ref().map(|edge| edge.by_x * x) };
+        count += 1;
+    }
     for down in 0..SMALL {
-        let in_row = is_small & high.simd_gt(splat(down as f32));
-        if in_row.to_bitmask() == 0 {
+        let in_row = high.simd_gt(splat(down as f32));
+        if (in_row & is_small).to_bitmask() == 0 {
             break;
         }
         let point_y = top + splat(down as f32 + 0.5);
-        for across in 0..SMALL {
-            let in_box = in_row & wide.simd_gt(splat(across as f32));
-            if in_box.to_bitmask() == 0 {
-                break;
-            }
-            let point_x = left + splat(across as f32 + 0.5);
-            let inside = edges.iter().fold(in_box, |inside, edge| inside & edge.keep(point_x, point_y));
+        let rows = edges.each_ref().map(|edge| edge.by_y * point_y);
+        for (across, column) in columns[..count].iter().enumerate() {
+            let inside = (0..3).fold(in_row & column.in_box, |inside, k| {
+                let value = column.edges[k] + rows[k] + edges[k].constant;
+                inside & value.simd_gt(edges[k].bound)
+            });
             let mut bits = inside.to_bitmask();
             if bits == 0 {
                 continue;
             }
-            let near = nearness[0] + (point_x - x[0]) * by_x + (point_y - y[0]) * by_y;
+            let near = nearness[0] + (column.x - x[0]) * by_x + (point_y - y[0]) * by_y;
             let near = near.to_array();
             while bits != 0 {
                 let lane = bits.trailing_zeros();
@@ -101,8 +124,20 @@ impl Corners {
     /// Of up to eight triangles; the others are a single point.
     #[inline]
     fn gather(triangles: &[[u32; 3]], corners: &[Corner]) -> Self {
+        if let Some(triangles) = triangles.first_chunk::<LANES>() {
+            // Four corners make the rows of a square, whose columns are their x, y and nearness.
+            let [a, b, c] = [0, 1, 2].map(|k| {
+                let square = |half: usize| {
+                    let row = |lane: usize| f32x4::new(corners[triangles[4 * half + lane][k] as usize]);
+                    f32x4::transpose([row(0), row(1), row(2), row(3)]).map(f32x4::to_array)
+                };
+                let (low, high) = (square(0), square(1));
+                [0, 1, 2].map(|part| both(low[part], high[part]))
+            });
+            return Self { x: [a[0], b[0], c[0]], y: [a[1], b[1], c[1]], nearness: [a[2], b[2], c[2]] };
+        }
         let mut parts = [[0.0; LANES]; 9];
-        for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
+        for (lane, triangle) in triangles.iter().enumerate() {
             for (k, &index) in triangle.iter().enumerate() {
                 let [x, y, nearness, _] = corners[index as usize];
                 parts[k][lane] = x;
@@ -122,14 +157,16 @@ impl Edges {
         let zero = splat(0.0);
         let (by_x, by_y) = (p[1] - q[1], q[0] - p[0]);
         let owns = by_x.simd_gt(zero) | (by_x.simd_eq(zero) & by_y.simd_gt(zero));
-        Self { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], owns }
+        // No sum of parts of pixels lies between this and 0.
+        let bound = owns.select(splat(-f32::MIN_POSITIVE), zero);
+        Self { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], bound }
     }
+}
 
-    #[inline]
-    fn keep(&self, x: Lanes, y: Lanes) -> Lanes {
-        let value = self.by_x * x + self.by_y * y + self.constant;
-        value.simd_gt(splat(0.0)) | (self.owns & value.simd_eq(splat(0.0)))
-    }
+/// Four values and four more.
+#[inline]
+fn both([a, b, c, d]: [f32; 4], [e, f, g, h]: [f32; 4]) -> Lanes {
+    Lanes::new([a, b, c, d, e, f, g, h])
 }
 
 /// From which to before which of the columns (or rows) from `start` to `end` the middles lie between the corners of each.

@@ -213,6 +213,23 @@ fn fill<T: Target>(
             continue;
         }
         let mut at = range.start;
+        if target.grid().is_some() {
+            // All points of a row are at the same height.
+            let y = row as f32 + 0.5;
+            let rows = edges.each_ref().map(|edge| splat(edge.by_y * y));
+            let nearness_y = splat((y - a[1]) * gradients[1]);
+            while at < range.end {
+                let (x, _) = target.points(row, at);
+                let [p, q, r] = [0, 1, 2].map(|k| edges[k].keep_in_row(x, rows[k]));
+                let mask = (p & q & r).to_bitmask() & first(range.end - at);
+                if mask != 0 {
+                    let nearness = splat(a[2]) + (x - splat(a[0])) * splat(gradients[0]) + nearness_y;
+                    target.offer(at, mask, nearness, owner, Some(facet));
+                }
+                at += LANES;
+            }
+            continue;
+        }
         while at < range.end {
             let (x, y) = target.points(row, at);
             let inside = edges[0].keep(x, y) & edges[1].keep(x, y) & edges[2].keep(x, y);
@@ -256,6 +273,13 @@ impl Edge {
     fn keeps(&self, x: f32, y: f32) -> bool {
         let value = self.by_x * x + self.by_y * y + self.constant;
         value > 0.0 || (self.owns && value == 0.0)
+    }
+
+    /// The same for eight points in a row, at which the part of y is `by_y`.
+    #[inline]
+    fn keep_in_row(&self, x: Lanes, by_y: Lanes) -> Lanes {
+        let value = splat(self.by_x) * x + by_y + splat(self.constant);
+        if self.owns { value.simd_ge(splat(0.0)) } else { value.simd_gt(splat(0.0)) }
     }
 
     /// The same for eight points.

@@ -5,7 +5,7 @@
 
 use super::description::{Camera, Instance};
 use super::lanes::{Lanes, Lanes3, splat};
-use super::vector::{Matrix, Vector, add, cross, dot, rotate, scale, sub, unrotate};
+use super::vector::{Matrix, Vector, add, column, cross, dot, scale, sub, unrotate};
 
 /// An image of `width` × `height` pixels; pixel (x, y) has its center at (x + 0.5, y + 0.5), y downward.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,18 +132,32 @@ impl View {
         Some([across(self.step_x), across(self.step_y), nearness])
     }
 
-    /// The area that covers all `points`; everything if one of them is not in front; `None` if it is outside.
-    pub(super) fn area(&self, points: impl IntoIterator<Item = Vector>) -> Option<Area> {
+    /// The area that covers a box with these half lengths; everything if one of its corners is not in front; `None` if it is
+    /// outside.
+    pub(super) fn area(&self, center: Vector, rotation: Matrix, half: Vector) -> Option<Area> {
+        // What these measure, x × w, y × w and the depth, adds up along the box's sides.
+        let (axes, (from, [x, y])) = (self.axes(), self.axes_origin());
+        let moved = sub(center, from);
+        let middle = add(axes.map(|axis| dot(axis, moved)), [x, y, 0.0]);
+        let sides: [Vector; 3] = std::array::from_fn(|k| {
+            let side = scale(column(rotation, k), half[k]);
+            axes.map(|axis| dot(axis, side))
+        });
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (mut seen, mut hidden) = (false, false);
-        for point in points {
-            match self.project(point) {
-                Some([x, y, _]) => {
-                    seen = true;
-                    (low, high) = ([low[0].min(x), low[1].min(y)], [high[0].max(x), high[1].max(y)]);
-                }
-                None => hidden = true,
+        for corner in 0..8 {
+            let step = |place: Vector, k: usize| {
+                if corner >> k & 1 == 1 { add(place, sides[k]) } else { sub(place, sides[k]) }
+            };
+            let [x, y, depth] = (0..3).fold(middle, step);
+            if depth < self.near {
+                hidden = true;
+                continue;
             }
+            seen = true;
+            let w = if self.perspective { 1.0 / depth } else { 1.0 };
+            let (x, y) = (x * w, y * w);
+            (low, high) = ([low[0].min(x), low[1].min(y)], [high[0].max(x), high[1].max(y)]);
         }
         if hidden {
             return seen.then_some(self.whole());
@@ -296,17 +310,10 @@ pub(super) fn narrow(v: Vector) -> [f32; 3] {
     v.map(|value| value as f32)
 }
 
-/// The corners of a box with the given half lengths.
-pub(super) fn corners(position: Vector, rotation: Matrix, half: Vector) -> impl Iterator<Item = Vector> {
-    (0..8).map(move |corner: usize| {
-        let sign = |bit: usize| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        add(position, rotate(rotation, [sign(0) * half[0], sign(1) * half[1], sign(2) * half[2]]))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::vector::rotate;
     use crate::scene::{Material, Shape};
 
     fn view(perspective: bool) -> View {
@@ -337,6 +344,43 @@ mod tests {
             assert!((x - 7.5).abs() < 1e-4 && (y - 3.5).abs() < 1e-4, "{x} {y}");
             assert!((nearness - expected).abs() < 1e-5);
         }
+    }
+
+    #[test]
+    fn an_area_covers_the_corners_of_a_box() {
+        let rotation = [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]];
+        let (center, half) = ([1.13, 9.0, 3.34], [0.2, 0.5, 0.3]);
+        for perspective in [true, false] {
+            let view = if perspective {
+                view(true)
+            } else {
+                let window = Window { left: -1.5, right: 1.5, bottom: -0.75, top: 0.75 };
+                View::new([1.0, 2.0, 3.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], window, false, 0.1, (40, 20))
+            };
+            let corners = (0..8).map(|corner: usize| {
+                let sign = |k: usize| if corner >> k & 1 == 1 { half[k] } else { -half[k] };
+                let point = add(center, rotate(rotation, [0, 1, 2].map(sign)));
+                view.project(point).expect("in front")
+            });
+            let corners: Vec<[f64; 3]> = corners.collect();
+            let ends = |k: usize| {
+                let values = corners.iter().map(|corner| corner[k]);
+                values.fold((f64::INFINITY, 0.0f64), |(low, high), value| (low.min(value), high.max(value)))
+            };
+            let ((x0, x1), (y0, y1)) = (ends(0), ends(1));
+            let expected = Area {
+                x0: (x0 - 1.0) as usize,
+                x1: ((x1 + 2.0) as usize).min(40),
+                y0: (y0 - 1.0) as usize,
+                y1: ((y1 + 2.0) as usize).min(20),
+            };
+            assert_eq!(view.area(center, rotation, half), Some(expected));
+            assert!(expected != view.whole(), "{expected:?}");
+        }
+        let view = view(true);
+        assert_eq!(view.area([1.0, 2.0, 3.0], rotation, half), Some(view.whole()), "around the eye");
+        assert_eq!(view.area([1.0, 0.0, 3.0], rotation, half), None, "behind the eye");
+        assert_eq!(view.area([90.0, 9.0, 3.0], rotation, half), None, "to the side");
     }
 
     #[test]

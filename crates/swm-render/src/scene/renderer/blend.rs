@@ -2,7 +2,7 @@
 
 use super::passes::{COARSENESS, Passes, is_behind, is_opaque};
 use crate::scene::assets::Assets;
-use crate::scene::description::{Scene, Shape};
+use crate::scene::description::{Instance, Scene, Shape};
 use crate::scene::lanes::{LANES, Lanes3};
 use crate::scene::shading::Shading;
 use crate::scene::shape;
@@ -17,11 +17,14 @@ const BEHIND: f32 = 0.3;
 /// Below this opacity meshes are drawn with half of their detail.
 const FAINT: f32 = 0.25;
 
+/// How far their surfaces may be from where they belong, in pixels.
+const ROUGHNESS: f32 = 0.5;
+
 /// The surfaces that let light through, as they look by themselves.
 #[derive(Debug, Default)]
 pub(super) struct Veils {
-    /// Numbers of the instances, nearest first.
-    order: Vec<u16>,
+    /// Distances and numbers of the instances, nearest first.
+    order: Vec<(f64, u16)>,
     /// Of each: its opacity, and where its pixels end.
     ends: Vec<(f32, usize)>,
     pixels: Vec<u32>,
@@ -58,13 +61,7 @@ impl Passes {
     /// Surfaces that let light through, front to back and back again, as MuJoCo blends them.
     pub(super) fn blend(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.veils.clear();
-        let all = (0..).zip(&scene.instances);
-        self.veils.order.extend(
-            all.filter(|(_, instance)| instance.material.color[3] > 0.0 && !is_opaque(instance, view))
-                .map(|(owner, _)| owner),
-        );
-        let distance = |owner: u16| {
-            let instance = &scene.instances[usize::from(owner)];
+        let distance = |instance: &Instance| {
             let radius = match instance.shape {
                 Shape::Plane { .. } => return f64::INFINITY,
                 Shape::Mesh(mesh) => {
@@ -75,10 +72,14 @@ impl Passes {
             };
             length(sub(instance.position, view.origin)) - radius
         };
-        self.veils.order.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
+        let all = scene.instances.iter().zip(0..);
+        let veils =
+            all.filter(|(instance, _)| instance.material.color[3] > 0.0 && !is_opaque(instance, view));
+        self.veils.order.extend(veils.map(|(instance, owner)| (distance(instance), owner)));
+        self.veils.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let count = self.veils.order.len();
         for index in 0..count {
-            self.add_veil(self.veils.order[index], scene, assets, view);
+            self.add_veil(self.veils.order[index].1, scene, assets, view);
         }
         for index in (0..count).chain((0..count).rev()) {
             self.veils.lay(index, &mut self.colors);
@@ -91,12 +92,13 @@ impl Passes {
         let behind = is_behind(instance, view);
         let sides = if behind { Sides::Both } else { Sides::Front };
         // What is hardly seen shows no detail.
-        let coarseness = COARSENESS * if instance.material.color[3] < FAINT { 2.0 } else { 1.0 };
-        let drawing = Drawing { view, assets, sides, coarseness };
+        let is_faint = instance.material.color[3] < FAINT;
+        let (more, roughness) = if is_faint { (2.0, ROUGHNESS) } else { (1.0, 0.0) };
+        let drawing = Drawing { view, assets, sides, coarseness: more * COARSENESS, roughness };
         if let Some(area) = drawing.area(instance) {
             // What hides it is already there.
             self.window.begin_window(area, &self.raster);
-            drawing.draw(instance, owner, &mut self.projected, &mut self.window);
+            drawing.draw_within(&area, instance, owner, &mut self.projected, &mut self.window);
             self.mirrored.of_window(&self.window, self.frame.width);
             let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
             let fragments = &self.mirrored;

@@ -135,7 +135,8 @@ impl Passes {
             return;
         }
         let view = View::of_camera(&scene.camera, self.frame.width, self.frame.height);
-        let drawing = Drawing { view: &view, assets, sides: Sides::Front, coarseness: COARSENESS };
+        let drawing =
+            Drawing { view: &view, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
         for (owner, instance) in (0..).zip(&scene.instances) {
             let is_plane = matches!(instance.shape, Shape::Plane { .. });
             let is_veil = instance.material.color[3] > 0.0 && !is_opaque(instance, &view);

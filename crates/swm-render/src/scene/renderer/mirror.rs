@@ -46,7 +46,8 @@ impl Passes {
         self.mirrored_lamps.clear();
         self.mirrored_lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, other.origin)));
         let shading = Shading { view: &other, assets, lamps: &self.mirrored_lamps, maps: None };
-        let drawing = Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS };
+        let drawing =
+            Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
         let (mirrored, colors) = (&self.mirrored, &mut self.colors);
         let share = instance.material.reflectance;
         for (surface, instance) in scene.instances.iter().enumerate() {

@@ -13,7 +13,7 @@ use crate::scene::ground::Ground;
 use crate::scene::lanes::{LANES, Lanes3};
 use crate::scene::lighting::Lamp;
 use crate::scene::samples::Samples;
-use crate::scene::shading::{Memory, Shading};
+use crate::scene::shading::{Memory, Painter, Shading};
 use crate::scene::shadow::ShadowMap;
 use crate::scene::sky::Sky;
 use crate::scene::target::Target;
@@ -149,9 +149,7 @@ impl Passes {
                     self.edges.push(pixel as u32);
                     self.fine.reach(pixel);
                     let (x, y) = (x as f32, y as f32);
-                    for (dx, dy) in POINTS {
-                        self.fine.push(x + dx, y + dy, nearest);
-                    }
+                    self.fine.push_all(POINTS.map(|(dx, dy)| (x + dx, y + dy)), nearest);
                 }
             }
         }
@@ -177,27 +175,52 @@ impl Passes {
         kept.ground.begin(view, scene, assets, self.frame.quality.shadows);
         let maps = self.frame.quality.shadows.then_some(self.maps.as_slice());
         let shading = Shading { view, assets, lamps: &self.lamps, maps };
-        let drawing = Drawing { view, assets, sides: Sides::Front, coarseness: COARSENESS };
-        let (fragments, colors) = (&self.fragments, &mut self.colors);
+        let drawing = Drawing { view, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
+        let (fragments, colors) = (&self.fragments, self.colors.as_mut_slice());
         for (surface, instance) in scene.instances.iter().enumerate() {
             let range = fragments.of(surface);
+            if range.is_empty() {
+                continue;
+            }
             let level = drawing.level(instance);
-            let put = |at: usize, color: Lanes3| accumulate(fragments, at, range.end, color, 1.0, colors);
+            let image = Image { fragments, end: range.end, colors };
             let ground = kept.ground.of(surface);
-            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, ground, put);
+            shading.shade(instance, level, fragments, range, &mut self.memory, ground, image);
         }
         let sky = kept.sky.colors(scene, assets, view);
-        for at in fragments.of(scene.instances.len()) {
-            let pixel = fragments.pixel[at] as usize;
-            for (sum, value) in colors[pixel].iter_mut().zip(sky[pixel]) {
-                *sum += fragments.share[at] * value;
-            }
+        let background = fragments.of(scene.instances.len());
+        let (pixels, shares) = (&fragments.pixel[background.clone()], &fragments.share[background]);
+        for (&pixel, &share) in pixels.iter().zip(shares) {
+            let ([r, g, b], [red, green, blue]) = (&mut colors[pixel as usize], sky[pixel as usize]);
+            *r += share * red;
+            *g += share * green;
+            *b += share * blue;
         }
     }
 }
 
 /// Detail of meshes that is left out, in pixels.
 pub(super) const COARSENESS: f32 = 1.25;
+
+/// The image that is made: black where nothing is painted yet.
+struct Image<'a> {
+    fragments: &'a Fragments,
+    /// Where the fragments of the surface end.
+    end: usize,
+    colors: &'a mut [[f32; 3]],
+}
+
+impl Painter for Image<'_> {
+    #[inline]
+    fn put(&mut self, at: usize, color: Lanes3) {
+        accumulate(self.fragments, at, self.end, color, 1.0, self.colors);
+    }
+
+    #[inline]
+    fn put_pixels(&mut self, pixel: usize, colors: &[[f32; 3]; LANES]) {
+        self.colors[pixel..pixel + LANES].copy_from_slice(colors);
+    }
+}
 
 /// Adds colors of up to eight fragments to their pixels.
 pub(super) fn accumulate(
@@ -250,7 +273,7 @@ pub(super) fn draw_opaque<T: Target>(
     projected: &mut Projected,
     target: &mut T,
 ) {
-    let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
+    let drawing = Drawing { view, assets, sides, coarseness: COARSENESS, roughness: 0.0 };
     for (owner, instance) in scene.instances.iter().enumerate() {
         if Some(owner) != except && is_opaque(instance, view) {
             drawing.draw(instance, owner as u16, projected, target);
