@@ -126,10 +126,11 @@ def test_recordings_name_their_environment_and_policy(tmp_path: Path) -> None:
     assert [told[path]["env"] for path in worlds] == [NAME, "Walk"]
     assert all(one["policy"] == "Right" and one["seed"] == 3 for one in told.values())
     # Of this package's own environments, the id is that of its numbering.
-    own = swm.World([lambda: gym.make("swm/TwoRoom-v1")], image_shape=None)
-    own.set_policy("random")
-    own.collect(tmp_path / "own.h5", episodes=1, seed=0, progress=False)
-    assert swm.data.load_dataset(tmp_path / "own.h5").metadata["env"] == "swm/TwoRoom-v2"
+    for made in (lambda: gym.make("swm/TwoRoom-v1"), lambda: swm.envs.Env("swm/TwoRoom-v1")):
+        own = swm.World([made], image_shape=None, max_episode_steps=5)
+        own.set_policy("random")
+        own.collect(tmp_path / "own.h5", episodes=1, seed=0, mode="overwrite", progress=False)
+        assert swm.data.load_dataset(tmp_path / "own.h5").metadata["env"] == "swm/TwoRoom-v2"
     with pytest.raises(swm.SwmError, match="was recorded in `Walk`, an environment of another program.*give env_name="):
         swm.replay(by_class, progress=False)
     command = [sys.executable, "-m", "stable_worldmodel_rs", "replay", str(by_class)]

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .ids import native_id
+from .native import NativePool
 from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import EvaluationResult
@@ -236,10 +237,16 @@ def recorded_by(world: World, seed: int | None) -> dict[str, Any]:
     """What a dataset says of its recording: the environment by its id in gymnasium, else by its class, and the policy."""
     env = world.envs.envs[0]
     spec = getattr(env, "spec", None)
-    name = None if spec is None else spec.id
+    pool = getattr(env.unwrapped, "pool", None)
+    if isinstance(pool, NativePool):
+        name = pool.core.id
+    elif spec is not None:
+        name = native_id(spec.id) or spec.id
+    else:
+        name = type(env.unwrapped).__name__
     return {
         "version": _METADATA_VERSION,
-        "env": type(env.unwrapped).__name__ if name is None else native_id(name) or name,
+        "env": name,
         "policy": describe(world.policy),
         "seed": 0 if seed is None else int(seed),
         # No run of the core: its seed alone does not make the same episodes.
