@@ -13,8 +13,9 @@ use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
 };
 use swm::evaluation::{
-    Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, identity, read_manifest,
-    read_receipt, recorded_pairs, roles, run_pairs, tier_rules, write_manifest, write_receipt,
+    Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, held_receipt, holds_manifest,
+    identity, read_manifest, read_receipt, recorded_pairs, roles, run_pairs, tier_rules, write_manifest,
+    write_receipt,
 };
 
 use crate::errors::{IntoPy as _, OrRaise as _, SwmError};
@@ -64,17 +65,18 @@ fn receipt_json(path: PathBuf) -> PyResult<String> {
     to_json(&read_receipt(&path).map_err(boxed)?)
 }
 
-/// Makes a manifest and writes it to `path`; gives its JSON and hash. `options`: a JSON object with `env`, `settings`,
-/// `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`, `distractors`, `vary`, `chosen`. `dataset`: path, goal offset, held-out
-/// share.
+/// Makes a manifest and writes it to `path`; gives its JSON and hash. Unless `overwrite`, a file that holds something else is
+/// refused. `options`: a JSON object with `env`, `settings`, `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`,
+/// `distractors`, `vary`, `chosen`. `dataset`: path, goal offset, held-out share.
 #[pyfunction]
-#[pyo3(signature = (path, options, set=None, dataset=None))]
+#[pyo3(signature = (path, options, set=None, dataset=None, overwrite=false))]
 fn make_manifest(
     py: Python<'_>,
     path: PathBuf,
     options: &str,
     set: Option<&Bound<'_, PyAny>>,
     dataset: Option<(PathBuf, usize, f64)>,
+    overwrite: bool,
 ) -> PyResult<(String, String)> {
     let asked: serde_json::Value = from_json("the options of the manifest", options)?;
     let get = |name: &str| asked.get(name).cloned().unwrap_or_default();
@@ -133,7 +135,9 @@ fn make_manifest(
         };
         make(entry, &config, &options, pairs).or_raise()
     })?;
-    write_manifest(&path, &manifest).map_err(boxed)?;
+    if overwrite || !holds_manifest(&path, &manifest).map_err(boxed)? {
+        write_manifest(&path, &manifest).map_err(boxed)?;
+    }
     Ok((to_json(&manifest)?, manifest.hash()))
 }
 
@@ -149,10 +153,19 @@ struct Run<'a> {
     out: Option<&'a Path>,
     num_envs: usize,
     threads: Option<usize>,
+    /// Whether episodes of another evaluation are replaced.
+    again: bool,
+    /// Is told whose episodes come next.
+    begin: Option<&'a Bound<'a, PyAny>>,
     tick: Option<&'a Bound<'a, PyAny>>,
 }
 
 impl Run<'_> {
+    /// A progress bar of its own for a policy, which is called `label`.
+    fn begin(&self, label: &str) -> PyResult<()> {
+        self.begin.map_or(Ok(()), |begin| begin.call1((label,)).map(drop))
+    }
+
     /// The episodes of one policy, those of an earlier try included.
     fn policy(
         &self,
@@ -165,8 +178,11 @@ impl Run<'_> {
         let resets = self.manifest.resets().or_raise()?;
         let progress = Progress::default();
         let path = self.out.map(|dir| dir.join(format!("{name}.jsonl")));
-        let mut ledger =
-            path.as_deref().map(|path| Ledger::open(path, identity)).transpose().map_err(boxed)?;
+        let open = |path: &Path| match self.again {
+            true => Ledger::open_again(path, identity),
+            false => Ledger::open(path, identity),
+        };
+        let mut ledger = path.as_deref().map(open).transpose().map_err(boxed)?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
         known.values().for_each(|episode| progress.count(episode.success));
         let each = |pair: u64, result: &EpisodeResult| {
@@ -226,12 +242,13 @@ impl Run<'_> {
 }
 
 /// Evaluates a policy on a manifest, and the reference policies (`random`, `no_op`, `oracle`) that `references` names; gives
-/// the receipt as JSON, which is also written to the folder `out`.
+/// the receipt as JSON, which is also written to the folder `out`, and whether that held it already. The result of another
+/// evaluation is replaced if `again`. `begin` is called with the name of each policy before it runs.
 ///
 /// `policy`: a native policy, or what a Python one is called in the receipt; that one comes as `foreign`, a World for the
 /// manifest and its `act`. `plan_steps`: actions of one plan, where they are not known by the policy's settings.
 #[pyfunction]
-#[pyo3(signature = (manifest, policy, foreign=None, policy_seed=0, references=Vec::new(), oracle=None, out=None, num_envs=16, threads=None, plan_steps=None, tick=None))]
+#[pyo3(signature = (manifest, policy, foreign=None, policy_seed=0, references=Vec::new(), oracle=None, out=None, num_envs=16, threads=None, plan_steps=None, again=false, begin=None, tick=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
 fn evaluate_manifest(
     py: Python<'_>,
@@ -245,8 +262,10 @@ fn evaluate_manifest(
     num_envs: usize,
     threads: Option<usize>,
     plan_steps: Option<u64>,
+    again: bool,
+    begin: Option<&Bound<'_, PyAny>>,
     tick: Option<&Bound<'_, PyAny>>,
-) -> PyResult<String> {
+) -> PyResult<(String, bool)> {
     let manifest: Manifest = from_json("the manifest", manifest)?;
     manifest.check().or_raise()?;
     let entry = registry().env(&manifest.env).or_raise()?;
@@ -263,7 +282,7 @@ fn evaluate_manifest(
             (Candidate::new(args).seeded(policy_seed), policy.to_owned(), BTreeMap::new())
         }
     };
-    let wanted = wanted(entry, &manifest, &candidate, &references, oracle)?;
+    let mut wanted = wanted(entry, &manifest, &candidate, &references, oracle)?;
     if let Some(dir) = &out {
         std::fs::create_dir_all(dir).map_err(|error| {
             SwmError::new_err(format!("cannot write to the folder {}: {error}", dir.display()))
@@ -274,31 +293,60 @@ fn evaluate_manifest(
     let identity = |candidate: &Candidate| {
         identity(&(manifest.hash(), candidate, &fingerprints, steps), &files).map_err(boxed)
     };
-    let run = Run { manifest: &manifest, out: out.as_deref(), num_envs, threads, tick };
-    let started = Instant::now();
-    let episodes = match &foreign {
-        Some((world, act)) => run.foreign(py, world.get(), act, steps)?,
-        None => run.policy(py, "episodes", &candidate, steps, &identity(&candidate)?)?,
+    let asked = Receipt::new(
+        manifest.clone(),
+        candidate.clone(),
+        description,
+        files.clone(),
+        fingerprints.clone(),
+        steps,
+    );
+    let held = match &out {
+        Some(dir) if !again => held_receipt(dir, &asked, &wanted).map_err(boxed)?,
+        _ => None,
     };
-    let wall_time_s = started.elapsed().as_secs_f64();
-    let mut others = Vec::new();
+    if let (Some(_), Some(dir), Some(_)) = (&held, &out, &foreign) {
+        return Err(SwmError::new_err(format!(
+            "{} holds a result of `{policy}`, a policy in Python, and its name does not tell whether its code or weights are the \
+             same; give another folder, or again=True to replace it",
+            dir.display()
+        )));
+    }
+    wanted
+        .retain(|(role, _)| !held.iter().flat_map(|held| &held.references).any(|known| known.role == *role));
+    if let (Some(held), []) = (&held, wanted.as_slice()) {
+        return Ok((to_json(held)?, true));
+    }
+    let run = Run { manifest: &manifest, out: out.as_deref(), num_envs, threads, again, begin, tick };
+    let started = Instant::now();
+    let (episodes, wall_time_s, mut others) = match (held, &foreign) {
+        (Some(held), _) => (held.episodes, held.wall_time_s, held.references),
+        (None, foreign) => {
+            run.begin(policy)?;
+            let episodes = match foreign {
+                Some((world, act)) => run.foreign(py, world.get(), act, steps)?,
+                None => run.policy(py, "episodes", &candidate, steps, &identity(&candidate)?)?,
+            };
+            (episodes, started.elapsed().as_secs_f64(), Vec::new())
+        }
+    };
     for (role, other) in wanted {
         // A planner on the true dynamics is its own oracle: nothing to run again.
         let found = match other == candidate {
             true => episodes.clone(),
             false => {
                 let name = format!("episodes-{}", role.name());
+                run.begin(&format!("{} (reference)", role.name().replace('-', "_")))?;
                 run.policy(py, &name, &other, steps, &identity(&other)?)?
             }
         };
         others.push(Reference::new(role, other, found, &episodes));
     }
-    let receipt = Receipt::new(manifest.clone(), candidate, description, files, fingerprints.clone(), steps)
-        .with_results(episodes, others, wall_time_s);
+    let receipt = asked.with_results(episodes, others, wall_time_s);
     if let Some(dir) = &out {
         write_receipt(dir, &receipt).map_err(boxed)?;
     }
-    to_json(&receipt)
+    Ok((to_json(&receipt)?, false))
 }
 
 /// The reference policies to run.

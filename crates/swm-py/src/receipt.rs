@@ -30,7 +30,7 @@ fn compare_receipts(sides: Vec<Vec<String>>) -> PyResult<String> {
     to_json(&compare(&sides).map_err(boxed)?)
 }
 
-/// Runs a receipt's policy again and compares; gives a JSON object. `oracle`: the oracle too.
+/// Runs a receipt's policy and its reference policies again and compares; gives a JSON object. `oracle`: the oracle too.
 #[pyfunction]
 #[pyo3(signature = (receipt, num_envs=16, threads=None, oracle=false, tick=None))]
 fn verify_receipt(
@@ -62,11 +62,10 @@ fn replay(
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let mut dataset = swm::data::open_in(registry(), &path).or_raise()?;
-    let recorded = dataset.metadata().map(|metadata| metadata.env.clone());
-    let id = env.map(str::to_owned).or(recorded).ok_or_else(|| {
-        SwmError::new_err(format!("{} does not say its environment; give env=", path.display()))
-    })?;
-    let entry = registry().env(&id).or_raise()?;
+    let entry = match env {
+        Some(id) => registry().env(id).or_raise()?,
+        None => swm::replay::recorded_env(registry(), &dataset, &path).map_err(boxed)?,
+    };
     let spec = entry.make(&EnvConfig::default()).or_raise()?.spec().clone();
     let overrides = set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default();
     let count = dataset.num_episodes();

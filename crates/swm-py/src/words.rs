@@ -10,11 +10,17 @@ const WORDS: &[(&str, &str)] = &[
     ("`swm merge`", "`swm.data.merge`"),
     ("`swm eval --manifest TASK --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
     ("`swm eval --manifest … --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
-    ("evaluate again with --again", "remove it and evaluate again"),
+    ("evaluate again with --again", "evaluate again with again=True"),
+    ("or --again to replace it", "or again=True to replace it"),
+    ("--again repeats it", "again=True repeats it"),
+    (
+        "give another --out, or --overwrite to replace it",
+        "give another path, or overwrite=True to replace it",
+    ),
+    ("--policy-seed ", "policy_seed "),
+    ("say --env ID", "give env_name="),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
-    // The package brings what it is built with; the rest is the command's.
     ("this program was built without the feature", "this package is built without the feature"),
-    (": in a checkout, cargo install", "; the command can have it: in a checkout, cargo install"),
 ];
 
 /// A message of the core in words of Python. The package brings the command as `swm-rs`, for what has no function.
@@ -30,5 +36,18 @@ pub(crate) fn in_python(message: &str) -> String {
     for (command, python) in WORDS {
         told = told.replace(command, python);
     }
-    told.replace("`swm ", "`swm-rs ")
+    with_feature(&told.replace("`swm ", "`swm-rs "))
+}
+
+/// Where a message names the build of the command that has a feature: the wheel that has it, or that only the command can.
+fn with_feature(told: &str) -> String {
+    let Some((before, build)) = told.split_once(": in a checkout, cargo install") else {
+        return told.to_owned();
+    };
+    if before.contains("the feature `lance`") {
+        return format!("{before}; in a checkout, `cargo xtask wheel --lance` builds a wheel that has it");
+    }
+    format!(
+        "{before}, and no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install{build}`"
+    )
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,21 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-BLOCK = re.compile(r"<!-- test: needs stable_worldmodel_rs -->\n```python\n(.*?)```", re.DOTALL)
+BLOCK = re.compile(r"<!-- test: needs stable_worldmodel_rs( and torch)? -->\n```python\n(.*?)```", re.DOTALL)
+HAS_TORCH = importlib.util.find_spec("torch") is not None
 
 
 def program(page: str) -> str:
-    """The blocks of a page that need the package, as one program; line numbers are those of the page."""
+    """The blocks of a page that need the package, as one program; line numbers are those of the page.
+
+    Blocks that need torch as well are left out where it is not installed.
+    """
     text = (ROOT / page).read_text()
     lines: list[str] = []
     for block in BLOCK.finditer(text):
-        lines += [""] * (text.count("\n", 0, block.start(1)) - len(lines)) + block[1].splitlines()
+        if block[1] and not HAS_TORCH:
+            continue
+        lines += [""] * (text.count("\n", 0, block.start(2)) - len(lines)) + block[2].splitlines()
     return "\n".join(lines)
 
 

@@ -197,12 +197,70 @@ def test_a_python_policy_gets_the_receipt_of_a_native_one(manifest: Path, tmp_pa
     native = swm.evaluate(manifest, "constant", references=[], progress=False)
     assert zero["episodes"] == native["episodes"] and zero["policy"] == "Zero"
     assert zero["references"][0]["role"] == "random"
-    # A second call finds all episodes done.
-    again = swm.evaluate(manifest, Zero(), tmp_path, references=[], progress=False)
-    assert again["episodes"] == zero["episodes"]
+    # Its name does not tell whether it is the same policy.
+    with pytest.raises(swm.SwmError, match="`Zero`, a policy in Python.*again=True to replace it"):
+        swm.evaluate(manifest, Zero(), tmp_path, references=[], progress=False)
+    again = swm.evaluate(manifest, Zero(), tmp_path, references=[], again=True, progress=False)
+    assert again["episodes"] == zero["episodes"] and again["references"] == []
     compared = swm.compare(native, tmp_path)
     assert compared[1]["test"]["difference"] == 0.0 and compared[0]["test"] is None
     assert "Zero" in compared._repr_html_() and "Zero" in repr(zero)
+
+
+def test_a_manifest_is_replaced_on_request_only(tmp_path: Path) -> None:
+    path = tmp_path / "task.toml"
+    made = swm.make_manifest(path, "swm/TwoRoom-v1", episodes=2)
+    assert swm.make_manifest(path, "swm/TwoRoom-v1", episodes=2) == made
+    with pytest.raises(swm.SwmError, match=r"task.toml holds another manifest .*2 pairs.*or overwrite=True to replace it"):
+        swm.make_manifest(path, "swm/TwoRoom-v1", episodes=3)
+    assert swm.read_manifest(path) == made
+    assert len(swm.make_manifest(path, "swm/TwoRoom-v1", episodes=3, overwrite=True)["pairs"]) == 3
+    assert len(swm.read_manifest(path)["pairs"]) == 3
+    (tmp_path / "notes.toml").write_text("notes")
+    with pytest.raises(swm.SwmError, match="is no manifest; give another path, or overwrite=True"):
+        swm.make_manifest(tmp_path / "notes.toml", "swm/TwoRoom-v1", episodes=2)
+
+
+def test_a_result_is_replaced_on_request_only(manifest: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    out = tmp_path / "result"
+    first = swm.evaluate(manifest, "random", out, references=[], progress=False)
+    with pytest.raises(swm.SwmError, match="policy `random`, not `weak`; give another folder, or again=True to replace it"):
+        swm.evaluate(manifest, "weak", out, references=[], progress=False)
+    with pytest.raises(swm.SwmError, match="policy_seed 0, not 1"):
+        swm.evaluate(manifest, "random", out, references=[], policy_seed=1, progress=False)
+    with pytest.raises(swm.SwmError, match="plans of 25 actions, not of 5"):
+        swm.evaluate(manifest, "random", out, references=[], plan_steps=5, progress=False)
+    with pytest.raises(swm.SwmError, match="policy `random`, not `forgets`"):
+        swm.evaluate(manifest, _Forgets(), out, references=[], progress=False)
+    assert swm.read_receipt(out) == first and not caplog.records
+    # The same one is not run again: even the seconds that it took are those of the first.
+    assert swm.evaluate(manifest, "random", out, references=[], progress=False) == first
+    assert "result/receipt.json: already done; again=True repeats it" in caplog.text
+    # A missing reference policy is added.
+    more = swm.evaluate(manifest, "random", out, references=["no_op"], progress=False)
+    assert more["wall_time_s"] == first["wall_time_s"] and [one["role"] for one in more["references"]] == ["no_op"]
+    other = swm.evaluate(manifest, "weak", out, references=[], again=True, progress=False)
+    assert swm.read_receipt(out) == other and other["policy"] != first["policy"]
+
+
+class _Forgets:
+    def describe(self) -> str:
+        return "forgets"
+
+    def get_action(self, infos: dict[str, np.ndarray]) -> None:
+        """Not asked: the folder is looked at first."""
+
+
+def test_every_policy_has_a_bar_of_its_name(manifest: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("tqdm")
+    receipt = swm.evaluate(manifest, "weak", references=["random", "no_op"])
+    shown = capsys.readouterr().err
+    for label in ("Evaluating weak:", "Evaluating random (reference):", "Evaluating no_op (reference):"):
+        assert label in shown, shown
+    assert shown.count("4/4") >= 3
+    swm.verify(receipt)
+    shown = capsys.readouterr().err
+    assert "12/12" in shown and "12episode" not in shown and "episodes/s" in shown, shown
 
 
 def test_manifests_that_do_not_exist_or_were_changed_are_refused(manifest: Path, tmp_path: Path) -> None:

@@ -66,8 +66,54 @@ def test_messages_speak_python(call: Callable[[Path], None], words: list[str], t
 
 
 def test_what_only_the_command_can_have_is_said() -> None:
-    with pytest.raises(swm.SwmError, match="this package is built without the feature `baselines`.*the command can have it"):
+    with pytest.raises(swm.SwmError) as caught:
         world().set_policy("mpc:runs/lewm")
+    said = str(caught.value)
+    assert "this package is built without the feature `baselines`" in said
+    assert "no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install" in said
+
+
+def test_a_setting_that_is_an_argument_is_offered_once() -> None:
+    import gymnasium
+
+    with pytest.raises(swm.EnvError) as caught:
+        gymnasium.make("swm/PushT-v1", rendr="fast")
+    assert str(caught.value).count("did you mean") == 1 and "`render`" in str(caught.value)
+    with pytest.raises(swm.EnvError, match=r"did you mean max_episode_steps=\?"):
+        swm.World("swm/PushT-v1", add_pixels=False, max_episode_step=3)
+
+
+@pytest.mark.parametrize("wrong", [64, (64,), (64, 64, 3), (6.4, 6.4), "64"])
+def test_the_shape_of_images_is_named(wrong: object) -> None:
+    import gymnasium
+
+    said = r"image_shape=.*give the height and width of the images, such as image_shape=\(64, 64\)"
+    with pytest.raises(TypeError, match=said):
+        gymnasium.make("swm/PushT-v1", image_shape=wrong)
+    with pytest.raises(TypeError, match=said):
+        swm.World("swm/PushT-v1", image_shape=wrong)
+    with pytest.raises(TypeError, match=said):
+        swm.World("CartPole-v1", image_shape=wrong)
+    with pytest.raises(TypeError, match=said):
+        swm.make_manifest("never.toml", "swm/PushT-v1", image_shape=wrong)
+
+
+def test_a_policy_without_actions_is_named() -> None:
+    def forgets(infos: dict[str, object]) -> None:
+        pass
+
+    said = r"the policy `forgets` returned None; it must return actions of shape \(1, 2\)"
+    native = swm.World("swm/PushT-v1", add_pixels=False, threads=1)
+    native.set_policy(forgets)
+    with pytest.raises(swm.PolicyError, match=said):
+        native.evaluate(episodes=1, seed=0)
+    native.reset(seed=0)
+    with pytest.raises(swm.PolicyError, match=said):
+        native.step()
+    python = swm.World("MountainCarContinuous-v0", add_pixels=False)
+    python.set_policy(forgets)
+    with pytest.raises(swm.PolicyError, match=said.replace("1, 2", "1, 1")):
+        python.evaluate(episodes=1, seed=0)
 
 
 def test_names_of_optional_packages_are_those_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:

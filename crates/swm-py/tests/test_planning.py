@@ -88,6 +88,44 @@ def test_the_goal_is_encoded_once_per_plan():
     torch.testing.assert_close(moved["predicted_emb"][:, 0, -1], goal, atol=0.05, rtol=0)
 
 
+def test_images_arrive_as_the_docs_say():
+    class Sees(Latent):
+        def encode(self, x):
+            self.of_encode = x["pixels"]
+            return {**x, "emb": x["pixels"].float().flatten(2).mean(-1, keepdim=True)}
+
+        def rollout(self, info, candidates):
+            self.of_rollout, self.moved = info, candidates.shape
+            start = info["pixels"].float().flatten(3).mean(-1, keepdim=True)
+            moved = start[:, :, -1:] + self.weight * candidates.sum(-1, keepdim=True).cumsum(2)
+            return {**info, "predicted_emb": torch.cat([start, moved], dim=2)}
+
+    given = []
+
+    def scaled(image):
+        given.append(image)
+        return image.float() / 255
+
+    for transform, image, dtype in ((None, (16, 24, 3), torch.uint8), (scaled, (3, 16, 24), torch.float32)):
+        for frames in (1, 2):
+            model = Sees().requires_grad_(False)
+            solver = CEMSolver(ShootingCostEvaluator(model, GoalMSE()), batch_size=2, num_samples=6, n_steps=2, topk=3)
+            config = swm.PlanConfig(horizon=3, receding_horizon=1, history_len=frames, action_block=2)
+            transforms = None if transform is None else {"pixels": transform, "goal": transform}
+            world = swm.World("swm/PushT-v1", 2, (16, 24), max_episode_steps=6, threads=1)
+            world.set_policy(swm.WorldModelPolicy(solver, config, transform=transforms))
+            world.evaluate(episodes=2, seed=0)
+            assert model.of_encode.shape == (2, 1, *image) and model.of_encode.dtype == dtype
+            info = model.of_rollout
+            assert info["pixels"].shape == (2, 6, frames, *image) and info["pixels"].dtype == dtype
+            assert model.moved == (2, 6, 3, 4)
+            assert ("action_history" in info) == (frames > 1)
+            if frames > 1:
+                assert info["action_history"].shape == (2, 6, 1, 4)
+            assert info["state"].dtype == torch.float32
+    assert given[0].shape == (3, 16, 24) and given[0].dtype == torch.uint8
+
+
 def test_descent_through_a_model():
     model = Latent()
     solver = GradientSolver(ShootingCostEvaluator(model, GoalMSE()), 50, optimizer_kwargs={"lr": 0.05})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -112,6 +114,35 @@ def test_episodes_are_recorded_and_started_from(tmp_path: Path) -> None:
     assert len(list((tmp_path / "v").iterdir())) == 2
     with pytest.raises(ValueError, match="1 pairs for 2 environments"):
         world.evaluate(dataset=dataset, episodes_idx=[0], start_steps=[0], goal_offset=1, eval_budget=1)
+
+
+def test_recordings_name_their_environment_and_policy(tmp_path: Path) -> None:
+    by_id, by_class = tmp_path / "id.h5", tmp_path / "class.h5"
+    worlds = {by_id: make(1), by_class: swm.World([Walk], image_shape=(8, 10), max_episode_steps=6)}
+    for path, world in worlds.items():
+        world.set_policy(Right())
+        world.collect(path, episodes=2, seed=3, progress=False)
+    told = {path: swm.data.load_dataset(path).metadata for path in worlds}
+    assert [told[path]["env"] for path in worlds] == [NAME, "Walk"]
+    assert all(one["policy"] == "Right" and one["seed"] == 3 for one in told.values())
+    # Of this package's own environments, the id is that of its numbering.
+    for made in (lambda: gym.make("swm/TwoRoom-v1"), lambda: swm.envs.Env("swm/TwoRoom-v1")):
+        own = swm.World([made], image_shape=None, max_episode_steps=5)
+        own.set_policy("random")
+        own.collect(tmp_path / "own.h5", episodes=1, seed=0, mode="overwrite", progress=False)
+        assert swm.data.load_dataset(tmp_path / "own.h5").metadata["env"] == "swm/TwoRoom-v2"
+    with pytest.raises(swm.SwmError, match="was recorded in `Walk`, an environment of another program.*give env_name="):
+        swm.replay(by_class, progress=False)
+    command = [sys.executable, "-m", "stable_worldmodel_rs", "replay", str(by_class)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "recorded in `Walk`, an environment of another program" in done.stderr, done.stderr
+    assert "say --env ID" in done.stderr
+    worlds[by_class].collect(by_class, episodes=1, seed=9, mode="append", progress=False)
+    assert len(swm.data.load_dataset(by_class).lengths) == 3
+    with swm.data.HDF5Writer(tmp_path / "plain.h5") as writer:
+        writer.write_episode({"action": np.zeros((3, 2), np.float32)})
+    with pytest.raises(swm.SwmError, match="plain.h5 does not name its environment; give env_name="):
+        swm.replay(tmp_path / "plain.h5", progress=False)
 
 
 def test_functions_make_environments_as_they_are() -> None:

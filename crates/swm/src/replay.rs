@@ -4,6 +4,7 @@
 //! real values that both have, and every integer state, is compared step by step.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,9 +13,35 @@ use swm_core::dataset::{self, CHECKPOINT, Checkpoints, Dataset};
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Schema,
-    Slice, Value,
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Registry,
+    Schema, Slice, Value,
 };
+
+/// The environment that the dataset at `path` says it was recorded in.
+///
+/// # Errors
+///
+/// It names none, or one that this program does not have: of another program, or of another build.
+pub fn recorded_env(
+    registry: &Registry,
+    source: &dyn Dataset,
+    path: &Path,
+) -> Result<&'static EnvEntry, BoxError> {
+    let path = path.display();
+    // Writers that are not told the environment write this.
+    let named = source.metadata().map(|metadata| metadata.env.as_str()).filter(|&env| env != "unknown");
+    let Some(named) = named else {
+        return Err(format!("{path} does not name its environment; say --env ID").into());
+    };
+    registry.env(named).map_err(|error| match error.fix {
+        Some(_) => error.into(),
+        None => format!(
+            "{path} was recorded in `{named}`, an environment of another program, and only that program can repeat its steps; \
+             if this program has the environment under another id, say --env ID"
+        )
+        .into(),
+    })
+}
 
 /// The result of a replay.
 #[derive(Clone, Debug, Serialize)]

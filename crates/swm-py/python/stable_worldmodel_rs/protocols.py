@@ -44,18 +44,31 @@ class Constrainable(Protocol):
 
 @runtime_checkable
 class Dynamics(Protocol):
-    """The world model that a :class:`~stable_worldmodel_rs.planning.ShootingCostEvaluator` needs."""
+    """The world model that a :class:`~stable_worldmodel_rs.planning.ShootingCostEvaluator` needs.
+
+    What is behind the leading axes of an image is up to the ``transform`` of
+    :class:`~stable_worldmodel_rs.WorldModelPolicy`: ``(C, h, w)``, as it returns them. Without a transform, images are
+    those of the infos, ``(h, w, C)`` uint8. Other columns are as the infos have them, floating point as float32, and as
+    ``process`` scales them.
+    """
 
     def encode(self, x: dict[str, Any]) -> dict[str, Any]:
-        """Adds latent embeddings (``emb``) to a dict of observations."""
+        """Adds latent embeddings ``emb``, ``(B, T, dim)``, to a dict of observations.
+
+        The evaluator calls it once per plan, with the goal and T = 1: ``x["pixels"]`` is the goal's image,
+        ``(B, 1, C, h, w)`` with a transform and ``(B, 1, h, w, C)`` uint8 without; ``x["<column>"]`` is
+        ``goal_<column>``, ``(B, 1, ...)``, where there is one. Actions are left out.
+        """
         ...
 
     def rollout(self, info_dict: dict[str, Any], action_candidates: torch.Tensor) -> dict[str, Any]:
         """Predicts the outcome of candidates ``(B, S, H, D)``.
 
-        ``info_dict["pixels"]`` holds T frames of context, ``(B, S, T, C, h, w)``; with T > 1 ``action_history``
-        holds the blocks executed between them, ``(B, S, T - 1, D)``. Adds ``predicted_emb``,
-        ``(B, S, T + H, dim)``, whose first T entries are the encoded frames.
+        ``info_dict["pixels"]`` holds T frames of context, ``(B, S, T, C, h, w)`` with a transform and
+        ``(B, S, T, h, w, C)`` uint8 without, the same frames for all S, expanded without a copy; T is 1 unless
+        ``PlanConfig`` has a ``history_len``. With T > 1 ``action_history`` holds the blocks executed between them,
+        ``(B, S, T - 1, D)``. Adds ``predicted_emb``, ``(B, S, T + H, dim)``, whose first T entries are the encoded
+        frames.
         """
         ...
 

@@ -14,7 +14,9 @@ use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
 use super::{Failure, Output, inputs, usage};
 use crate::distractors;
-use crate::evaluation::{TierRules, read_manifest, recorded_pairs, tier_rules, write_manifest};
+use crate::evaluation::{
+    TierRules, holds_manifest, read_manifest, recorded_pairs, tier_rules, write_manifest,
+};
 
 /// Actions allowed per episode, online and on recorded pairs (the reference's).
 const BUDGET_ONLINE: u64 = 200;
@@ -203,30 +205,11 @@ impl Make {
         if let Some(path) = &self.stream {
             read_stream(path)?.lay_over(&mut manifest, entry)?;
         }
-        if self.overwrite || !self.holds(&manifest)? {
+        if self.overwrite || !holds_manifest(&self.out, &manifest).map_err(usage)? {
             create_parent(&self.out)?;
             write_manifest(&self.out, &manifest)?;
         }
         Ok(manifest)
-    }
-
-    /// Whether the file is this manifest already. What else is there is not replaced: results refer to it.
-    fn holds(&self, manifest: &Manifest) -> Result<bool, Failure> {
-        if !self.out.exists() {
-            return Ok(false);
-        }
-        let out = self.out.display();
-        match read_manifest(&self.out) {
-            Ok(held) if held.hash() == manifest.hash() => Ok(true),
-            Ok(held) => Err(usage(format!(
-                "{out} holds another manifest ({}, {} pairs); give another --out, or --overwrite to replace it",
-                held.env,
-                held.pairs.len()
-            ))),
-            Err(_) => Err(usage(format!(
-                "{out} exists and is no manifest; give another --out, or --overwrite to replace it"
-            ))),
-        }
     }
 }
 

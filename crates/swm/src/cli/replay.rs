@@ -9,7 +9,7 @@ use super::output::{compact, counted, table};
 use super::scenario::factor_values;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
-use crate::replay::{ReplayReport, replay};
+use crate::replay::{ReplayReport, recorded_env, replay};
 
 /// Re-run recorded actions from recorded starts and compare every state column.
 #[derive(Args)]
@@ -43,15 +43,14 @@ pub(super) struct Replay {
 impl Replay {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut dataset = inputs::open(registry, &self.file)?;
-        let named = dataset.metadata().map(|metadata| metadata.env.clone());
-        let env = self.env.or(named).ok_or_else(|| {
-            usage(format!("{} does not name its environment; say --env ID", self.file.display()))
-        })?;
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let episodes = selection(self.episodes.as_deref(), dataset.num_episodes())?;
-        let entry = registry.env(&env)?;
+        let entry = match &self.env {
+            Some(id) => registry.env(id)?,
+            None => recorded_env(registry, &dataset, &self.file).map_err(usage)?,
+        };
         let settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
         let factors = entry.make(&EnvConfig { image: None, settings })?.spec().factors.clone();
         let overrides = factor_values(&self.set, entry, &factors, output)?;

@@ -66,6 +66,32 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
     Ok(fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
 }
 
+/// Whether the file at `path` is this manifest already. A file that is anything else is not to be replaced unless that is
+/// asked for: results refer to it.
+///
+/// # Errors
+///
+/// The file is another manifest, or none.
+pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, BoxError> {
+    if !path.exists() {
+        return Ok(false);
+    }
+    let out = path.display();
+    match read_manifest(path) {
+        Ok(held) if held.hash() == manifest.hash() => Ok(true),
+        Ok(held) => Err(format!(
+            "{out} holds another manifest ({}, {} pairs); give another --out, or --overwrite to replace it",
+            held.env,
+            held.pairs.len()
+        )
+        .into()),
+        Err(_) => {
+            Err(format!("{out} exists and is no manifest; give another --out, or --overwrite to replace it")
+                .into())
+        }
+    }
+}
+
 /// Reads a receipt, from its file or the folder that it lies in.
 ///
 /// # Errors

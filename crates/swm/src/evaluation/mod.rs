@@ -6,6 +6,7 @@ mod compare;
 mod files;
 mod gate;
 mod hash;
+mod held;
 mod image_model;
 mod probe;
 mod probes;
@@ -20,9 +21,12 @@ mod verify;
 
 pub use cells::CellLedger;
 pub use compare::{Compared, Side, compare};
-pub use files::{read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
+pub use files::{holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;
+pub use held::held_receipt;
+#[cfg(feature = "cli")]
+pub(crate) use held::refusal;
 pub use image_model::ImageModel;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]

@@ -136,7 +136,7 @@ def _progress(shown: bool, total: int, title: str) -> Generator[Callable[[int], 
     if not shown or importlib.util.find_spec("tqdm") is None:
         yield lambda done: None
         return
-    with importlib.import_module("tqdm.auto").tqdm(total=total, desc=title, unit="episode") as bar:
+    with importlib.import_module("tqdm.auto").tqdm(total=total, desc=title, unit=" episodes") as bar:
         yield lambda done: bar.update(done - bar.n)
 
 

@@ -71,7 +71,7 @@ class NativeWriter:
         self.quality = quality
         self.fps: float | None = None
         self.key_frame_period: int | None = None
-        self._metadata = metadata
+        self.metadata = metadata
         self._writer: _swm.EpisodeWriter | None = None
         self._known: dict[str, tuple[int, ...]] | None = None
         self._constant: list[str] = []
@@ -83,7 +83,7 @@ class NativeWriter:
         exists = self._exists()
         if exists and self.mode == "error":
             raise FileExistsError(f"{self.path} already exists; use mode='append' to continue it or mode='overwrite'")
-        metadata = self._metadata
+        metadata = self.metadata
         if exists and self.mode == "append":
             there = _swm.Reader.open(self.path, self.native_format)
             self._known = {name: tuple(shape) for name, _, shape, _ in there.fields if name != "ep_idx"}

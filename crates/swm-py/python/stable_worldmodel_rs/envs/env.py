@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .. import spaces
 from .._core import core as _swm
 from ..world.ids import native_id
-from ..world.native import NativePool, make_native
+from ..world.native import NativePool, checked_shape, make_native
 
 __all__ = ["Env", "make_core", "without_image"]
 
@@ -39,6 +39,7 @@ def make_core(
     """The environments behind an `Env` or a `VectorEnv`."""
     if render_mode not in (None, "rgb_array"):
         raise _swm.SwmError(f"render_mode: {render_mode!r} is not available; use 'rgb_array', or None for no images")
+    image_shape = checked_shape(image_shape)
     if render_mode is not None and image_shape is None:
         image_shape = DEFAULT_IMAGE
     if render != "exact":

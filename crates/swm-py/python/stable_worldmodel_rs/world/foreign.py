@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .policies import NativePolicy
+from .ids import native_id
+from .native import NativePool
+from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import EvaluationResult
 from .rows import apply_callables, extract_init_goal
@@ -32,6 +34,8 @@ class OnStep(Protocol):
 # Where datasets take values that belong to an episode, not to a step.
 EPISODE_DATA_KEY = "_episode_data"
 _FRAMES_PER_SECOND = 30
+# Of the record that a dataset has of its recording.
+_METADATA_VERSION = 1
 
 
 def run_iter(
@@ -220,9 +224,34 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
             bar.tick(number + 1, 0, 0)
             yield episode
 
+    from ..data.writers import NativeWriter
+
+    if isinstance(writer, NativeWriter) and writer.metadata is None:
+        writer.metadata = recorded_by(world, seed)
     opened = writer if hasattr(writer, "__enter__") else nullcontext(writer)
     with opened as target, Progress("Recording", episodes, progress) as bar:
         target.write_episodes(finished(bar))
+
+
+def recorded_by(world: World, seed: int | None) -> dict[str, Any]:
+    """What a dataset says of its recording: the environment by its id in gymnasium, else by its class, and the policy."""
+    env = world.envs.envs[0]
+    spec = getattr(env, "spec", None)
+    pool = getattr(env.unwrapped, "pool", None)
+    if isinstance(pool, NativePool):
+        name = pool.core.id
+    elif spec is not None:
+        name = native_id(spec.id) or spec.id
+    else:
+        name = type(env.unwrapped).__name__
+    return {
+        "version": _METADATA_VERSION,
+        "env": name,
+        "policy": describe(world.policy),
+        "seed": 0 if seed is None else int(seed),
+        # No run of the core: its seed alone does not make the same episodes.
+        "from_recorded_rows": True,
+    }
 
 
 def save_video(path: Path, frames: Sequence[npt.NDArray[Any]]) -> None:

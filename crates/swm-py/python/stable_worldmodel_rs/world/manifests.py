@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import core as _swm
+from .native import checked_shape
 from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import html_table
@@ -19,6 +21,7 @@ from .world import World
 
 AnyPath = str | PathLike[str]
 REFERENCES = ("random", "no_op", "oracle")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 class Manifest(dict[str, Any]):
@@ -122,9 +125,12 @@ def make_manifest(
     distractors: Sequence[str] = (),
     variation: Sequence[str] | None = None,
     variation_values: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
     **settings: Any,
 ) -> Manifest:
     """Choose starts and goals, and write them into a file.
+
+    A file that holds another manifest is not replaced, as results refer to it.
 
     Args:
         path: ``….toml`` or ``….json``.
@@ -142,7 +148,11 @@ def make_manifest(
         image_shape: (height, width) of the images that policies see.
         distractors: What changes those images.
         variation: Factors to sample; ``variation_values``: factors to set.
+        overwrite: Replace a file that holds something else.
         **settings: Of the environment.
+
+    Raises:
+        SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
     from .ids import native_id
 
@@ -155,7 +165,7 @@ def make_manifest(
         "pairs": episodes,
         "budget": budget,
         "frame_skip": frame_skip,
-        "image": image_shape,
+        "image": checked_shape(image_shape),
         "seed": seed,
         "distractors": list(distractors),
         "vary": None if variation is None else list(variation),
@@ -163,7 +173,7 @@ def make_manifest(
     }
     source = None if dataset is None else (_existing(dataset, "dataset"), goal_offset, held_out)
     values = None if variation_values is None else dict(variation_values)
-    text, hash = _swm.make_manifest(str(path), json.dumps(options), values, source)
+    text, hash = _swm.make_manifest(str(path), json.dumps(options), values, source, overwrite)
     return Manifest(json.loads(text), hash)
 
 
@@ -178,10 +188,13 @@ def evaluate(
     num_envs: int = 16,
     threads: int | None = None,
     plan_steps: int | None = None,
+    again: bool = False,
     progress: bool = True,
     **world: Any,
 ) -> Receipt:
     """Evaluate a policy on a manifest, beside reference policies on the same pairs.
+
+    An evaluation whose receipt is in ``out`` already is not run again, and another one does not replace it.
 
     Args:
         manifest: Its file, or what `read_manifest` gave.
@@ -194,17 +207,22 @@ def evaluate(
         num_envs: Environments side by side.
         threads: Threads; None: one per core.
         plan_steps: Actions of one plan of a Python policy, for the cost of its plans; default 25.
-        progress: Whether to show a bar.
+        again: Run what ``out`` holds already again, and replace it. A policy in Python needs it for a folder that holds a
+            receipt: its name does not tell whether it is the same policy.
+        progress: Whether to show a bar for each policy.
         **world: For a Python policy: more arguments of `World`, such as ``image_shape`` or ``image_transform``.
 
     Returns:
         The receipt, a dict. ``swm.compare`` compares several, ``swm.verify`` repeats one.
+
+    Raises:
+        SwmError: ``out`` holds the result of another evaluation; or the policy does not fit the environment.
     """
     found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
     names = [references] if isinstance(references, str) else list(references)
     if isinstance(policy, NativePolicy):
         policy, policy_seed = policy.text, policy_seed or policy.seed
-    with Progress("Evaluating", len(found["pairs"]), progress) as bar:
+    with Progress("Evaluating", len(found["pairs"]), progress, parts=True) as bar:
         common: dict[str, Any] = {
             "policy_seed": policy_seed,
             "references": names,
@@ -213,16 +231,21 @@ def evaluate(
             "num_envs": num_envs,
             "threads": threads,
             "plan_steps": plan_steps,
+            "again": again,
+            "begin": bar.begin,
             "tick": bar.tick,
         }
         text = json.dumps(found)
         if isinstance(policy, str):
-            return Receipt(json.loads(_swm.evaluate_manifest(text, policy, None, **common)))
+            result, is_done = _swm.evaluate_manifest(text, policy, None, **common)
+            if is_done:
+                logger.warning("%s: already done; again=True repeats it", Path(str(out)) / "receipt.json")
+            return Receipt(json.loads(result))
         with _world_for(found, min(num_envs, len(found["pairs"])), threads, world) as live:
             live.set_policy(policy)
             act = live._driver(None)  # pyright: ignore[reportPrivateUsage]
             foreign = (live._native(), act)  # pyright: ignore[reportPrivateUsage]
-            return Receipt(json.loads(_swm.evaluate_manifest(text, describe(live.policy), foreign, **common)))
+            return Receipt(json.loads(_swm.evaluate_manifest(text, describe(live.policy), foreign, **common)[0]))
 
 
 def _world_for(manifest: Manifest, num_envs: int, threads: int | None, given: Mapping[str, Any]) -> World:
@@ -276,9 +299,18 @@ def verify(
     threads: int | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Run a receipt's policy of the core again, and say what differs."""
+    """Run a receipt's policy of the core and its reference policies again, and say what differs.
+
+    Args:
+        receipt: What `evaluate` gave, or its file or folder.
+        oracle: Run the oracle again, too, which can take as long as the policy.
+        num_envs: Environments side by side.
+        threads: Threads; None: one per core.
+        progress: Whether to show a bar over the episodes of all these policies.
+    """
     found = receipt if isinstance(receipt, Receipt) else read_receipt(receipt)
-    with Progress("Verifying", len(found["episodes"]), progress) as bar:
+    repeated = sum(oracle or other["role"] != "oracle" for other in found["references"])
+    with Progress("Verifying", len(found["episodes"]) * (1 + repeated), progress) as bar:
         return dict(json.loads(_swm.verify_receipt(json.dumps(found), num_envs, threads, oracle, bar.tick)))
 
 

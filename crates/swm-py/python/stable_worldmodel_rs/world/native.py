@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import json
+import operator
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -37,9 +38,27 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
         names: list[str] = list(json.loads(given["settings"]))
         for name in names:
             near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.65)
-            if near and f"`{name}`" in str(error):
+            # Where the argument is a setting, too, the core has named it.
+            if near and f"`{name}`" in str(error) and f"did you mean `{near[0]}`?" not in str(error):
                 raise _swm.EnvError(f"{error}; did you mean {near[0]}=?") from None
         raise
+
+
+def checked_shape(image_shape: Any) -> tuple[int, int] | None:
+    """The height and width of images as integers; None for no images.
+
+    Raises:
+        TypeError: It is no pair of integers.
+    """
+    if image_shape is None:
+        return None
+    try:
+        height, width = (operator.index(length) for length in image_shape)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"image_shape={image_shape!r}: give the height and width of the images, such as image_shape=(64, 64)"
+        ) from None
+    return height, width
 
 
 class NativePool:

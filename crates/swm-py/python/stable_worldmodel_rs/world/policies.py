@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from .._core import core as _swm
+
 
 class NativePolicy:
     """A policy of the core, which runs whole episodes without Python.
@@ -81,6 +83,21 @@ def describe(policy: Any) -> str:
     """What a policy is called in records: what its ``describe()`` says, else its class."""
     own = getattr(policy, "describe", None)
     return str(own()) if callable(own) else type(policy).__name__
+
+
+def ask(policy: Any, infos: dict[str, Any], space: Any) -> Any:
+    """The actions that a policy returns for the infos; ``space`` is that of all environments' actions.
+
+    Raises:
+        PolicyError: It returned None, as a function without ``return`` does.
+    """
+    actions = policy.get_action(infos)
+    if actions is None:
+        raise _swm.PolicyError(
+            f"the policy `{describe(policy)}` returned None; it must return actions of shape {space.shape}, one row per "
+            "environment"
+        )
+    return actions
 
 
 def _literal(value: Any) -> str:

@@ -9,20 +9,43 @@ from typing import Any
 class Progress:
     """A bar over episodes, updated from the loop that runs them.
 
+    Args:
+        title: What is done.
+        total: Episodes of a bar; 0: not known.
+        enabled: Whether to show one.
+        parts: There are several bars one after the other, each begun by :meth:`begin`.
+
     Example:
         >>> with Progress("Recording", total=10, enabled=False) as bar:
         ...     bar.tick(3, 0, 120)
     """
 
-    def __init__(self, title: str, total: int, enabled: bool = True) -> None:
+    def __init__(self, title: str, total: int, enabled: bool = True, parts: bool = False) -> None:
         self._bar: Any = None
-        if not enabled:
+        self._title = title
+        self._total = total
+        self._enabled = enabled
+        if not parts:
+            self._open(title)
+
+    def _open(self, title: str) -> None:
+        if not self._enabled:
             return
         try:
             from tqdm.auto import tqdm
         except ImportError:
             return
-        self._bar = tqdm(total=total, desc=title, unit="episode", dynamic_ncols=True)
+        self._bar = tqdm(total=self._total or None, desc=title, unit=" episodes", dynamic_ncols=True)
+
+    def begin(self, label: str) -> None:
+        """Leave the bar that there is as it stands, and show another one, called ``label``."""
+        self._close()
+        self._open(f"{self._title} {label}")
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
 
     def tick(self, episodes: int, successes: int, steps: int) -> None:
         """Show that ``episodes`` are over, ``successes`` of them successful, after ``steps`` steps."""
@@ -39,5 +62,4 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        self._close()

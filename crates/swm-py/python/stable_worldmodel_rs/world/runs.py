@@ -15,7 +15,7 @@ import numpy.typing as npt
 from .._core import core as _swm
 from . import foreign
 from .native import plain_options
-from .policies import NativePolicy
+from .policies import NativePolicy, ask
 from .progress import Progress
 from .results import EvaluationResult
 from .rows import check_callables, check_recording, extract_init_goal, reset_options
@@ -263,7 +263,7 @@ class Runs:
             del infos["_needs_flush"]
         if self._transforms:
             self._show()
-        return self.policy.get_action(infos)
+        return ask(self.policy, infos, self.envs.action_space)
 
     def _show(self) -> None:
         """Replace images of the infos by transformed ones."""

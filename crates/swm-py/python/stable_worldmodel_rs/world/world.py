@@ -15,8 +15,8 @@ import numpy.typing as npt
 from .._core import core as _swm
 from . import foreign
 from .ids import native_id
-from .native import NativePool, make_native
-from .policies import NativePolicy, as_policy, describe
+from .native import NativePool, checked_shape, make_native
+from .policies import NativePolicy, as_policy, ask, describe
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
@@ -102,6 +102,7 @@ class World(Runs):
     ) -> None:
         self.policy: Any = None
         self.infos: dict[str, Any] = {}
+        image_shape = checked_shape(image_shape)
         if isinstance(env_name, str):
             if add_pixels and image_shape is None:
                 raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
@@ -140,7 +141,7 @@ class World(Runs):
         self._built = {
             "id": native,
             "num_envs": num_envs,
-            "image": tuple(image_shape) if add_pixels and image_shape is not None else None,
+            "image": image_shape if add_pixels else None,
             "max_episode_steps": max_episode_steps,
             "frame_skip": frame_skip,
             "threads": threads,
@@ -276,7 +277,7 @@ class World(Runs):
     def _get_actions(self) -> npt.NDArray[Any]:
         if self.policy is None:
             raise RuntimeError("No policy set. Call world.set_policy(...) first, or give actions to step.")
-        return self.policy.get_action(self.infos)
+        return ask(self.policy, self.infos, self.envs.action_space)
 
     def _run(
         self,
