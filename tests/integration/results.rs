@@ -51,7 +51,10 @@ fn a_result_is_neither_replaced_nor_repeated_unasked() {
 
     // Without a manifest.
     let online = ["eval", PUSHT, "--policy", "random", "--episodes", "1", "--budget", "2", "--videos", "0"];
-    let online = [&online[..], &["--image-size", "none", "--quiet", "--out", &out]].concat();
+    let online = |out| [&online[..], &["--image-size", "none", "--quiet", "--out", out]].concat();
+    assert!(swm_fails(2, &online(&out)).contains("receipt.json; give another folder, or --again"));
+    let out = folder.path("online");
+    let online = online(&out);
     swm_ok(&online);
     assert!(swm_fails(2, &online).contains("--again"));
     swm_ok(&[&online[..], &["--again"]].concat());
