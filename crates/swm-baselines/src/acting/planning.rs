@@ -123,8 +123,8 @@ impl PlanningTable {
 }
 
 fn no_images(name: &'static str) -> BaselineError {
-    let reason = "the environment shows no such images, and the model sees nothing else; give --image-size 64x64, or make \
-                  the manifest with it";
+    let reason = "the environment shows no such images, and the model sees nothing else; make the manifest with --image-size \
+                  64x64, or give it where there is no manifest";
     BaselineError::data(name, reason)
 }
 

@@ -51,24 +51,19 @@ pub(super) struct EvalManifest<'a> {
 }
 
 impl EvalManifest<'_> {
-    /// Whether the policy's model sees images, and of which size.
-    fn check_images(
-        &self,
-        trained: Option<ImageSize>,
-        shown: Option<ImageSize>,
-        output: &Output,
-    ) -> Result<(), Failure> {
-        if let (Some(trained), None) = (trained, shown) {
-            return Err(usage(format!(
-                "{} holds no image size, and {} sees images of {trained}; make the manifest with --image-size {trained}",
-                self.manifest.display(),
-                self.policy
-            )));
-        }
+    /// Tells where the policy's model was trained on other images than those of the manifest, or the manifest has none: a model that
+    /// needs them will say so.
+    fn note_images(&self, trained: Option<ImageSize>, shown: Option<ImageSize>, output: &Output) {
         if let Some(note) = image_note(self.policy, trained, shown) {
             output.note(note);
         }
-        Ok(())
+        if let (Some(trained), None) = (trained, shown) {
+            output.note(format!(
+                "note: {} was trained on images of {trained}, and {} shows none (swm manifest make --image-size {trained})",
+                self.policy,
+                self.manifest.display()
+            ));
+        }
     }
 
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -79,7 +74,7 @@ impl EvalManifest<'_> {
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
-        self.check_images(model_image(registry, entry, self.policy), manifest.image, output)?;
+        self.note_images(model_image(registry, entry, self.policy), manifest.image, output);
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
