@@ -248,16 +248,25 @@ pub(super) fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Op
     registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
-/// A note where a model sees images of another size than those that it was trained on.
-pub(super) fn image_note(
+/// A note where a policy's model sees no images, or images of another size than those that it was trained on. A model that needs images
+/// refuses to act without them.
+pub(super) fn note_images(
+    registry: &Registry,
+    env: &EnvEntry,
     policy: &str,
-    trained: Option<ImageSize>,
     shown: Option<ImageSize>,
-) -> Option<String> {
-    let (trained, shown) = (trained?, shown?);
-    (trained != shown).then(|| {
-        format!("note: {policy} was trained on images of {trained}, and sees images of {shown}; its results may be far worse")
-    })
+    output: &Output,
+) {
+    if let Some(note) = image_note(policy, model_image(registry, env, policy), shown) {
+        output.note(note);
+    }
+}
+
+fn image_note(policy: &str, trained: Option<ImageSize>, shown: Option<ImageSize>) -> Option<String> {
+    let trained = trained.filter(|_| trained != shown)?;
+    let seen =
+        shown.map_or("none".to_owned(), |size| format!("images of {size}; its results may be far worse"));
+    Some(format!("note: {policy} was trained on images of {trained}, and sees {seen}"))
 }
 
 /// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`
@@ -316,7 +325,8 @@ mod tests {
         let size = |side| Some(ImageSize { height: side, width: side });
         let note = image_note("mpc:lewm", size(64), size(32)).unwrap();
         assert!(note.contains("mpc:lewm was trained on images of 64x64, and sees images of 32x32"), "{note}");
-        for (trained, shown) in [(size(64), size(64)), (None, size(32)), (size(64), None)] {
+        assert!(image_note("mpc:lewm", size(64), None).unwrap().ends_with("and sees none"));
+        for (trained, shown) in [(size(64), size(64)), (None, size(32)), (None, None)] {
             assert_eq!(image_note("mpc:lewm", trained, shown), None);
         }
     }

@@ -10,7 +10,7 @@ use swm_core::{
 use swm_media::Format;
 
 use super::args::{
-    EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, image_note, model_image, policy, policy_args,
+    EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, note_images, policy, policy_args,
 };
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
@@ -154,9 +154,7 @@ impl Eval {
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let of_model = model_image(registry, entry, &self.policy);
         let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
-        if let Some(note) = image_note(&self.policy, of_model, image) {
-            output.note(note);
-        }
+        note_images(registry, entry, &self.policy, image, output);
         let format = self.video_format(image)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();

@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
-use swm_core::{EnvEntry, ImageSize, Manifest, Registry};
+use swm_core::{EnvEntry, Manifest, Registry};
 
-use super::args::{PartArgs, Shard, image_note, model_image, note_elites, policy_args, policy_files};
+use super::args::{PartArgs, Shard, note_elites, note_images, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
 use super::work::Plan;
@@ -51,21 +51,6 @@ pub(super) struct EvalManifest<'a> {
 }
 
 impl EvalManifest<'_> {
-    /// Tells where the policy's model was trained on other images than those of the manifest, or the manifest has none: a model that
-    /// needs them will say so.
-    fn note_images(&self, trained: Option<ImageSize>, shown: Option<ImageSize>, output: &Output) {
-        if let Some(note) = image_note(self.policy, trained, shown) {
-            output.note(note);
-        }
-        if let (Some(trained), None) = (trained, shown) {
-            output.note(format!(
-                "note: {} was trained on images of {trained}, and {} shows none (swm manifest make --image-size {trained})",
-                self.policy,
-                self.manifest.display()
-            ));
-        }
-    }
-
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
@@ -74,18 +59,13 @@ impl EvalManifest<'_> {
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
-        self.note_images(model_image(registry, entry, self.policy), manifest.image, output);
+        note_images(registry, entry, self.policy, manifest.image, output);
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
-        let run = Run {
-            registry,
-            manifest: &manifest,
-            output,
-            out: self.out,
-            again: self.again,
-            options: &self.options,
-        };
+        let Self { out, again, options, .. } = &self;
+        let (out, again) = (*out, *again);
+        let run = Run { registry, manifest: &manifest, output, out, again, options };
         let files = candidate.files(registry, entry)?;
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);

@@ -12,7 +12,7 @@ use swm_core::{EnvEntry, EpisodeEnd, ImageSize, LiveStep, Policy, Recorder, Regi
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
-use super::args::{EnvArgs, ImageArg, WorldArgs, image_note, model_image, policy_args};
+use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, note_images, policy_args};
 use super::output::{counted, table};
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
@@ -101,9 +101,7 @@ impl Plan {
         let of_model = model_image(registry, entry, &self.policy);
         let traced = || of_model.or(Some(ImageSize { height: 224, width: 224 }));
         let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
-        if let Some(note) = image_note(&self.policy, of_model, image) {
-            output.note(note);
-        }
+        note_images(registry, entry, &self.policy, image.or(of_model), output);
         let format = video_format(self.video_format.as_deref())?;
         let config = self.env.config(image.or(of_model))?;
         let budget = if self.plan_only { 1 } else { self.budget };
