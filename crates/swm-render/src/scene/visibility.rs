@@ -24,7 +24,15 @@ pub(super) struct Drawing<'a> {
     pub(super) roughness: f32,
 }
 
-impl Drawing<'_> {
+/// Detail of meshes that is left out, in pixels.
+const COARSENESS: f32 = 1.25;
+
+impl<'a> Drawing<'a> {
+    /// Of surfaces whose shading is seen.
+    pub(super) fn new(view: &'a View, assets: &'a Assets, sides: Sides) -> Self {
+        Self { view, assets, sides, coarseness: COARSENESS, roughness: 0.0 }
+    }
+
     /// Draws `instance`, which is number `owner`.
     pub(super) fn draw<T: Target>(
         &self,

@@ -1,6 +1,6 @@
 //! The pass of what one sees through.
 
-use super::passes::{COARSENESS, Passes, is_behind, is_opaque};
+use super::passes::{Passes, is_behind, is_opaque};
 use crate::scene::assets::Assets;
 use crate::scene::description::{Instance, Scene, Shape};
 use crate::scene::lanes::{LANES, Lanes3};
@@ -91,10 +91,12 @@ impl Passes {
         let instance = &scene.instances[usize::from(owner)];
         let behind = is_behind(instance, view);
         let sides = if behind { Sides::Both } else { Sides::Front };
-        // What is hardly seen shows no detail.
-        let is_faint = instance.material.color[3] < FAINT;
-        let (more, roughness) = if is_faint { (2.0, ROUGHNESS) } else { (1.0, 0.0) };
-        let drawing = Drawing { view, assets, sides, coarseness: more * COARSENESS, roughness };
+        let mut drawing = Drawing::new(view, assets, sides);
+        if instance.material.color[3] < FAINT {
+            // What is hardly seen shows no detail.
+            drawing.coarseness *= 2.0;
+            drawing.roughness = ROUGHNESS;
+        }
         if let Some(area) = drawing.area(instance) {
             // What hides it is already there.
             self.window.begin_window(area, &self.raster);

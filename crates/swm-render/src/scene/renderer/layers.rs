@@ -1,6 +1,6 @@
 //! Depth and segments of what is seen.
 
-use super::passes::{COARSENESS, PASSES, Passes, is_behind, is_opaque};
+use super::passes::{PASSES, Passes, is_behind, is_opaque};
 use super::{SceneRenderer, check};
 use crate::error::{RenderError, check_len};
 use crate::scene::assets::Assets;
@@ -135,8 +135,7 @@ impl Passes {
             return;
         }
         let view = View::of_camera(&scene.camera, self.frame.width, self.frame.height);
-        let drawing =
-            Drawing { view: &view, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
+        let drawing = Drawing::new(&view, assets, Sides::Front);
         for (owner, instance) in (0..).zip(&scene.instances) {
             let is_plane = matches!(instance.shape, Shape::Plane { .. });
             let is_veil = instance.material.color[3] > 0.0 && !is_opaque(instance, &view);

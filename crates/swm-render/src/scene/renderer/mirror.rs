@@ -1,6 +1,6 @@
 //! The pass of mirrors.
 
-use super::passes::{COARSENESS, Passes, accumulate, draw_opaque, is_opaque};
+use super::passes::{Passes, accumulate, draw_opaque, is_opaque};
 use crate::scene::assets::Assets;
 use crate::scene::description::{Scene, Shape};
 use crate::scene::lanes::Lanes3;
@@ -46,8 +46,7 @@ impl Passes {
         self.mirrored_lamps.clear();
         self.mirrored_lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, other.origin)));
         let shading = Shading { view: &other, assets, lamps: &self.mirrored_lamps, maps: None };
-        let drawing =
-            Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
+        let drawing = Drawing::new(&other, assets, Sides::Front);
         let (mirrored, colors) = (&self.mirrored, &mut self.colors);
         let share = instance.material.reflectance;
         for (surface, instance) in scene.instances.iter().enumerate() {

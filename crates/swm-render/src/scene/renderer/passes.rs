@@ -175,7 +175,7 @@ impl Passes {
         kept.ground.begin(view, scene, assets, self.frame.quality.shadows);
         let maps = self.frame.quality.shadows.then_some(self.maps.as_slice());
         let shading = Shading { view, assets, lamps: &self.lamps, maps };
-        let drawing = Drawing { view, assets, sides: Sides::Front, coarseness: COARSENESS, roughness: 0.0 };
+        let drawing = Drawing::new(view, assets, Sides::Front);
         let (fragments, colors) = (&self.fragments, self.colors.as_mut_slice());
         for (surface, instance) in scene.instances.iter().enumerate() {
             let range = fragments.of(surface);
@@ -198,9 +198,6 @@ impl Passes {
         }
     }
 }
-
-/// Detail of meshes that is left out, in pixels.
-pub(super) const COARSENESS: f32 = 1.25;
 
 /// The image that is made: black where nothing is painted yet.
 struct Image<'a> {
@@ -273,7 +270,7 @@ pub(super) fn draw_opaque<T: Target>(
     projected: &mut Projected,
     target: &mut T,
 ) {
-    let drawing = Drawing { view, assets, sides, coarseness: COARSENESS, roughness: 0.0 };
+    let drawing = Drawing::new(view, assets, sides);
     for (owner, instance) in scene.instances.iter().enumerate() {
         if Some(owner) != except && is_opaque(instance, view) {
             drawing.draw(instance, owner as u16, projected, target);
