@@ -302,7 +302,7 @@ fn evaluate_manifest(
         steps,
     );
     let held = match &out {
-        Some(dir) if !again => held_receipt(dir, &asked, &wanted).map_err(boxed)?,
+        Some(dir) if !again => held_receipt(dir, &asked, &mut wanted).map_err(boxed)?,
         _ => None,
     };
     if let (Some(_), Some(dir), Some(_)) = (&held, &out, &foreign) {
@@ -312,8 +312,6 @@ fn evaluate_manifest(
             dir.display()
         )));
     }
-    wanted
-        .retain(|(role, _)| !held.iter().flat_map(|held| &held.references).any(|known| known.role == *role));
     if let (Some(held), []) = (&held, wanted.as_slice()) {
         return Ok((to_json(held)?, true));
     }

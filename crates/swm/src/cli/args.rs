@@ -248,16 +248,15 @@ pub(super) fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Op
     registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
-/// A note where a policy's model sees no images, or images of another size than those that it was trained on. A model that needs images
+/// A note where a policy's model, which was `trained` on images of a size, sees none, or others than those. A model that needs images
 /// refuses to act without them.
 pub(super) fn note_images(
-    registry: &Registry,
-    env: &EnvEntry,
     policy: &str,
+    trained: Option<ImageSize>,
     shown: Option<ImageSize>,
     output: &Output,
 ) {
-    if let Some(note) = image_note(policy, model_image(registry, env, policy), shown) {
+    if let Some(note) = image_note(policy, trained, shown) {
         output.note(note);
     }
 }

@@ -319,6 +319,8 @@ impl Split {
             )));
         }
         let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), output)?];
+        let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed)
+            .map_err(|error| usage(format!("--parts {}: {error}", self.parts.join(","))))?;
         let sum: f64 = fractions.iter().sum();
         if (sum - 1.0).abs() > 1e-9 {
             let shares = names
@@ -330,7 +332,6 @@ impl Split {
                 shares.collect::<Vec<_>>().join(", ")
             ));
         }
-        let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed).map_err(usage)?;
         if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
             let count = sources[0].num_episodes();
             return Err(usage(format!("--parts: `{name}` would get none of the {count} episodes")));
@@ -358,13 +359,6 @@ fn parts(texts: &[String]) -> Result<(Vec<String>, Vec<f64>), Failure> {
         }
         names.push(name.to_owned());
         fractions.push(fraction);
-    }
-    let sum: f64 = fractions.iter().sum();
-    if fractions.iter().any(|&fraction| fraction < 0.0) || !(sum > 0.0 && sum.is_finite()) {
-        let given = texts.join(",");
-        return Err(usage(format!(
-            "--parts {given}: no fraction may be below 0, and one must be above, as in train=8,val=1"
-        )));
     }
     Ok((names, fractions))
 }

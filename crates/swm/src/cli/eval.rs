@@ -154,7 +154,7 @@ impl Eval {
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let of_model = model_image(registry, entry, &self.policy);
         let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
-        note_images(registry, entry, &self.policy, image, output);
+        note_images(&self.policy, of_model, image, output);
         let format = self.video_format(image)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();

@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
-use super::args::{PartArgs, Shard, note_elites, note_images, policy_args, policy_files};
+use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
 use super::work::Plan;
@@ -59,13 +59,18 @@ impl EvalManifest<'_> {
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
-        note_images(registry, entry, self.policy, manifest.image, output);
+        note_images(self.policy, model_image(registry, entry, self.policy), manifest.image, output);
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
-        let Self { out, again, options, .. } = &self;
-        let (out, again) = (*out, *again);
-        let run = Run { registry, manifest: &manifest, output, out, again, options };
+        let run = Run {
+            registry,
+            manifest: &manifest,
+            output,
+            out: self.out,
+            again: self.again,
+            options: &self.options,
+        };
         let files = candidate.files(registry, entry)?;
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);
@@ -78,12 +83,9 @@ impl EvalManifest<'_> {
             steps,
         );
         let held = match self.out {
-            Some(dir) if !self.again => held::receipt(dir, &asked, &wanted)?,
+            Some(dir) if !self.again => held::receipt(dir, &asked, &mut wanted)?,
             _ => None,
         };
-        wanted.retain(|(role, _)| {
-            !held.iter().flat_map(|held| &held.references).any(|known| known.role == *role)
-        });
         if let (Some(held), Some(dir), []) = (&held, self.out, wanted.as_slice()) {
             let path = dir.join("receipt.json");
             output.note(format!("{}: already done; --again repeats it", path.display()));

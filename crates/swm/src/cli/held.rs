@@ -7,7 +7,7 @@ use crate::evaluation::{self, Candidate, Receipt, Role, Sweep};
 use crate::text_file::{json_error, read_text};
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
-/// policies that are asked for.
+/// policies that are asked for; those that it lacks are left.
 ///
 /// # Errors
 ///
@@ -15,7 +15,7 @@ use crate::text_file::{json_error, read_text};
 pub(super) fn receipt(
     dir: &Path,
     asked: &Receipt,
-    roles: &[(Role, Candidate)],
+    roles: &mut Vec<(Role, Candidate)>,
 ) -> Result<Option<Receipt>, Failure> {
     evaluation::held_receipt(dir, asked, roles).map_err(usage)
 }

@@ -101,7 +101,7 @@ impl Plan {
         let of_model = model_image(registry, entry, &self.policy);
         let traced = || of_model.or(Some(ImageSize { height: 224, width: 224 }));
         let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
-        note_images(registry, entry, &self.policy, image.or(of_model), output);
+        note_images(&self.policy, of_model, image.or(of_model), output);
         let format = video_format(self.video_format.as_deref())?;
         let config = self.env.config(image.or(of_model))?;
         let budget = if self.plan_only { 1 } else { self.budget };

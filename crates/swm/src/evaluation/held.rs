@@ -10,7 +10,7 @@ use super::reference::Role;
 use super::run::Candidate;
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
-/// policies that are asked for; the receipt may lack some of them, and have others.
+/// policies that are asked for; the receipt may have others, and those that it lacks are left.
 ///
 /// # Errors
 ///
@@ -18,7 +18,7 @@ use super::run::Candidate;
 pub fn held_receipt(
     dir: &Path,
     asked: &Receipt,
-    roles: &[(Role, Candidate)],
+    roles: &mut Vec<(Role, Candidate)>,
 ) -> Result<Option<Receipt>, BoxError> {
     // Anything else of this name is found when the receipt is written.
     if !dir.join("receipt.json").is_file() {
@@ -27,7 +27,10 @@ pub fn held_receipt(
     let held =
         read_receipt(dir).map_err(|error| refusal(dir, &format!("a file that cannot be read ({error})")))?;
     match difference(asked, &held, roles) {
-        None => Ok(Some(held)),
+        None => {
+            roles.retain(|(role, _)| held.references.iter().all(|known| known.role != *role));
+            Ok(Some(held))
+        }
         Some(what) => Err(refusal(dir, &format!("the result of another evaluation: {what}")).into()),
     }
 }
