@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use swm::core::dataset::METADATA_VERSION;
 use swm::core::error::BoxError;
 use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, Schema};
 use swm::data::dataset::{DatasetWriter, WriteOptions};
@@ -88,14 +87,7 @@ impl EpisodeWriter {
         let metadata = match metadata {
             Some(json) => serde_json::from_str(json)
                 .map_err(|error| DataFault::new_err(format!("metadata: {error}")))?,
-            None => Metadata {
-                version: METADATA_VERSION,
-                env: "unknown".to_owned(),
-                policy: "unknown".to_owned(),
-                from_recorded_rows: true,
-                frame_skip: 1,
-                ..Metadata::default()
-            },
+            None => Metadata::unknown(),
         };
         let writer = py.detach(|| format::create_in(registry(), &path, &options, format)).or_raise()?;
         let open = Mutex::new(Open { writer: Some(writer), schema: None });

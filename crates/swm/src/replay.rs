@@ -13,8 +13,8 @@ use swm_core::dataset::{self, CHECKPOINT, Checkpoints, Dataset};
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Registry,
-    Schema, Slice, Value,
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Metadata,
+    Registry, Schema, Slice, Value,
 };
 
 /// The environment that the dataset at `path` says it was recorded in.
@@ -28,9 +28,7 @@ pub fn recorded_env(
     path: &Path,
 ) -> Result<&'static EnvEntry, BoxError> {
     let path = path.display();
-    // Writers that are not told the environment write this.
-    let named = source.metadata().map(|metadata| metadata.env.as_str()).filter(|&env| env != "unknown");
-    let Some(named) = named else {
+    let Some(named) = source.metadata().and_then(Metadata::known_env) else {
         return Err(format!("{path} does not name its environment; say --env ID").into());
     };
     registry.env(named).map_err(|error| match error.fix {

@@ -1,7 +1,5 @@
 //! Rows of a column as a format stores them: compressed, each on its own.
 
-use std::sync::Arc;
-
 use crate::batch::{Batch, Row, Schema};
 use crate::error::BatchError;
 
@@ -81,7 +79,7 @@ impl EncodedBatch {
         let plain = positions.iter().map(|&column| schema.fields()[column].clone()).collect();
         let plain = Schema::new(plain).expect("a part of a schema is one");
         let encoded = encoded.into_iter().map(|column| (column, EncodedRows::default())).collect();
-        Self { plain: Batch::new(Arc::clone(&plain), 0), encoded, positions }
+        Self { plain: Batch::new(plain, 0), encoded, positions }
     }
 
     /// How many rows there are.

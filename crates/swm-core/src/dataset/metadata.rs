@@ -84,7 +84,28 @@ fn one() -> u32 {
 /// The version of [`Metadata`] that is written.
 pub const METADATA_VERSION: u32 = 1;
 
+/// What an environment or a policy is called of which nothing is known.
+const UNKNOWN: &str = "unknown";
+
 impl Metadata {
+    /// Of episodes of which nothing is known, such as those of other programs: nothing is claimed but that they were started at
+    /// recorded rows.
+    pub fn unknown() -> Self {
+        Self {
+            version: METADATA_VERSION,
+            env: UNKNOWN.to_owned(),
+            policy: UNKNOWN.to_owned(),
+            from_recorded_rows: true,
+            frame_skip: 1,
+            ..Self::default()
+        }
+    }
+
+    /// The environment's id, unless it is [unknown](Metadata::unknown).
+    pub fn known_env(&self) -> Option<&str> {
+        Some(self.env.as_str()).filter(|&env| env != UNKNOWN)
+    }
+
     /// Whether the run sampled or set a factor, as far as its record says.
     pub fn varies(&self, factor: &FactorSpec) -> bool {
         let is_sampled = match &self.variation {

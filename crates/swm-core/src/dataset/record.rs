@@ -128,7 +128,10 @@ impl Recorder for DatasetRecorder<'_> {
             );
         }
         let columns = 0..self.schema.fields().len();
-        self.encoded = columns.filter(|&column| self.output.row_encoder(column).is_some()).collect();
+        let encoders = columns.filter_map(|column| Some((column, self.output.row_encoder(column)?)));
+        let (encoded, encoders) = encoders.unzip();
+        // Those of the first episode.
+        (self.encoded, self.spare) = (encoded, vec![encoders]);
         Ok(())
     }
 

@@ -3,10 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::{Batch, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, WriteOptions};
+use crate::dataset::{Dataset, EncodedBatch, RowEncoder, WriteOptions};
 use crate::error::{DataError, Result, unsupported};
 
 /// How a format stores datasets.

@@ -14,11 +14,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
+use crate::dataset::{Dataset, DatasetWriter, EncodedBatch, RowEncoder, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
 use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
@@ -182,6 +181,14 @@ impl<S: Backend> BackendWriter<S> {
         Ok(())
     }
 
+    /// The open files, while it records.
+    fn session(&self) -> Option<&S::Session> {
+        match &self.state {
+            State::Recording(session, _) => Some(session),
+            State::Waiting | State::Closed => None,
+        }
+    }
+
     fn check_closed_episode(&self) -> Result<(), DataError> {
         if self.open == 0 { Ok(()) } else { Err(DataError::record(&self.path, "another episode is open")) }
     }
@@ -252,10 +259,7 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
     }
 
     fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
-        match &self.state {
-            State::Recording(recording, _) => recording.row_encoder(column),
-            State::Waiting | State::Closed => None,
-        }
+        self.session()?.row_encoder(column)
     }
 
     fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
@@ -285,10 +289,7 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
-        match &self.state {
-            State::Recording(recording, _) => recording.encoding(column),
-            State::Waiting | State::Closed => None,
-        }
+        self.session()?.encoding(column)
     }
 
     fn write_encoded_rows(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {

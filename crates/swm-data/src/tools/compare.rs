@@ -133,6 +133,7 @@ pub fn compare(
         }
         watch(rows);
     }
+    let alike: Vec<&Field> = shared.iter().map(|(at, ..)| &left.fields()[*at]).collect();
     found.columns = shared
         .into_iter()
         .map(|(at, _, column, squares, count)| {
@@ -146,25 +147,19 @@ pub fn compare(
         && found.episodes[0] == found.episodes[1]
         && found.columns.iter().all(|column| column.rows == 0);
     if !found.equal {
-        let columns: Vec<&Field> = left.fields().iter().filter(|field| wanted(&field.name)).collect();
-        found.shared = Some(shared_episodes(a, b, &columns)?);
+        found.shared = Some(shared_episodes(a, b, &alike)?);
     }
     Ok(found)
 }
 
-/// Which episodes of `b` are in `a`, by those of these columns that both have alike and that are neither images nor the episode's index.
+/// Which episodes of `b` are in `a`, by those of these columns, which both have alike, that are neither images nor the episode's index.
 fn shared_episodes(
     a: &mut dyn Dataset,
     b: &mut dyn Dataset,
     columns: &[&Field],
 ) -> Result<SharedEpisodes, DataError> {
     let is_told = |field: &Field| field.shape.len() < 3 && field.name != EP_IDX;
-    let other = |field: &Field| b.schema().index(&field.name).map(|column| &b.schema().fields()[column]);
-    let is_alike = |field: &Field| {
-        other(field).is_some_and(|other| other.dtype == field.dtype && other.shape == field.shape)
-    };
-    let columns: Vec<&Field> =
-        columns.iter().copied().filter(|field| is_told(field) && is_alike(field)).collect();
+    let columns: Vec<&Field> = columns.iter().copied().filter(|field| is_told(field)).collect();
     if columns.is_empty() {
         return Ok(SharedEpisodes::default());
     }

@@ -10,7 +10,6 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
 use swm_core::{Column, Dtype, Metadata, Registry, Schema};
 
@@ -285,21 +284,12 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
     }
 }
 
-/// The record of the run that an episode comes from. Files of other programs have none; then nothing is claimed but
-/// that episodes stand at recorded rows.
+/// The record of the run that an episode comes from. Files of other programs have none.
 fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
     let info = sources[source].info();
     match info.runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
         Some((_, metadata)) => metadata.clone(),
-        None => Metadata {
-            version: METADATA_VERSION,
-            env: "unknown".to_owned(),
-            policy: "unknown".to_owned(),
-            from_recorded_rows: true,
-            frame_skip: 1,
-            rows_per_second: info.rows_per_second,
-            ..Metadata::default()
-        },
+        None => Metadata { rows_per_second: info.rows_per_second, ..Metadata::unknown() },
     }
 }
 

@@ -34,8 +34,13 @@ pub fn part_of(dataset: &dyn Dataset) -> Option<(RecordingPart, Metadata)> {
 
 /// What all parts of a recording share. Another version of this program may continue a recording.
 fn recording(metadata: &Metadata) -> Metadata {
-    let (packages, made_from) = Default::default();
-    Metadata { part: None, packages, made_from, rows_per_second: None, ..metadata.clone() }
+    Metadata {
+        part: None,
+        rows_per_second: None,
+        packages: BTreeMap::new(),
+        made_from: BTreeMap::new(),
+        ..metadata.clone()
+    }
 }
 
 /// Orders datasets that are the parts of one recording by their episodes, after checking that none is missing. Datasets of

@@ -5,12 +5,11 @@ use std::mem;
 
 use hdf5_metno::Dataset;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
-use swm_core::dataset::{EncodedRow, RowEncoder};
 use swm_core::{Dtype, Field, FieldKind, Slice};
 
 use super::handles::library_error;
 use super::{blosc, checksum, ffi, library};
-use crate::dataset::EncodedRows;
+use crate::dataset::{EncodedRow, EncodedRows, RowEncoder};
 use crate::error::{Result, invalid};
 
 /// How a column is stored of which every row is a chunk of its own.

@@ -5,7 +5,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swm_core::dataset::{EncodedBatch, EncodedRows, RowEncoder};
 use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
@@ -15,7 +14,7 @@ use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
 use super::reader::Hdf5Dataset;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, EncodedBatch, EncodedRows, RowEncoder};
 use crate::error::{At as _, DataError, FormatError, Result, unsupported};
 use crate::formats::disk;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
@@ -113,13 +112,11 @@ impl Session for Hdf5Session {
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
-        let given = self.given.iter().find(|given| given.column == column)?;
-        Some(&given.encoder.as_ref()?.form.name)
+        Some(&self.form(column)?.name)
     }
 
     fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
-        let given = self.given.iter().find(|given| given.column == column)?;
-        Some(Box::new(Encoder::new(given.encoder.as_ref()?.form.clone())))
+        Some(Box::new(Encoder::new(self.form(column)?.clone())))
     }
 
     fn append_encoded(&mut self, at: StepIndex, rows: &EncodedBatch) -> Result<()> {
@@ -168,6 +165,12 @@ impl Session for Hdf5Session {
 }
 
 impl Hdf5Session {
+    /// How a column is stored, by its position in the schema, if each of its rows is stored on its own.
+    fn form(&self, column: usize) -> Option<&StoredForm> {
+        let given = self.given.iter().find(|given| given.column == column)?;
+        Some(&given.encoder.as_ref()?.form)
+    }
+
     /// Appends rows of all columns, of which `encoded` has some as they are stored, and `batch` the others.
     fn append_columns(
         &mut self,

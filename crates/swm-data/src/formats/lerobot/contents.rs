@@ -61,7 +61,6 @@ impl Shared {
 
     /// A folder of another program, by what its tables and videos hold.
     fn foreign(path: &Path, info: &Info, cameras: &[String], episodes: Vec<EpisodeFiles>) -> Result<Self> {
-        let frames_per_second = info.fps;
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
         let Some(first) = episodes.first() else { return Err(missing("it holds no episode")) };
         let table = Table::open(&first.data)?;
@@ -104,10 +103,10 @@ impl Shared {
         add("ep_idx", Dtype::I32, &[], Source::Episode);
         add("step_idx", Dtype::I64, &[], Source::Step);
         let schema = Schema::new(fields)?;
-        let mut info = dataset_info(path, schema, &episodes);
-        info.skipped = skipped.into();
-        info.rows_per_second = Some(frames_per_second);
-        Ok(Self { info, columns, episodes })
+        let mut found = dataset_info(path, schema, &episodes);
+        found.skipped = skipped.into();
+        found.rows_per_second = Some(info.fps);
+        Ok(Self { info: found, columns, episodes })
     }
 
     /// A folder that this program wrote.
