@@ -2,6 +2,7 @@
 
 use crate::painter::Rgb;
 use crate::rect::Rect;
+use crate::region::Region;
 
 /// A `[height, width]` image, one `u32` a pixel: red in the lowest byte, then green, blue, and a zero byte.
 ///
@@ -66,10 +67,11 @@ impl Canvas {
         &self.pixels[y * self.width..(y + 1) * self.width]
     }
 
-    /// Copies a rectangle, which must lie inside, from a canvas of the same size.
-    pub(crate) fn copy_rect(&mut self, source: &Self, rect: &Rect) {
-        for y in rect.rows() {
-            let range = y * self.width + rect.x0 as usize..y * self.width + rect.x1 as usize;
+    /// Copies pixels, which must lie inside, from a canvas of the same size.
+    pub(crate) fn copy_region(&mut self, source: &Self, region: &Region) {
+        for y in region.rows() {
+            let columns = region.columns(y);
+            let range = y * self.width + columns.start..y * self.width + columns.end;
             self.pixels[range.clone()].copy_from_slice(&source.pixels[range]);
         }
     }

@@ -1,6 +1,6 @@
 //! The set of pixels to draw again: a few rectangles, merged when that is cheaper than keeping them apart.
 //!
-//! Rectangles may overlap: drawing one again is idempotent.
+//! Rectangles may overlap, unless asked not to: drawing one again is idempotent.
 
 use crate::rect::Rect;
 
@@ -14,12 +14,19 @@ const SLACK: i64 = 1024;
 #[derive(Debug, Clone)]
 pub(crate) struct Damage {
     image: Rect,
+    /// Whether rectangles that share pixels are merged at any cost.
+    disjoint: bool,
     rects: Vec<Rect>,
 }
 
 impl Damage {
     pub(crate) fn new(image: Rect) -> Self {
-        Self { image, rects: Vec::with_capacity(MAX_RECTS + 1) }
+        Self { image, disjoint: false, rects: Vec::with_capacity(MAX_RECTS + 1) }
+    }
+
+    /// Rectangles that share no pixel, for a renderer that draws less than all of a rectangle.
+    pub(crate) fn disjoint(image: Rect) -> Self {
+        Self { disjoint: true, ..Self::new(image) }
     }
 
     pub(crate) fn clear(&mut self) {
@@ -52,7 +59,10 @@ impl Damage {
     }
 
     fn cheapest_merge(&self, rect: &Rect) -> Option<(usize, i64)> {
-        let growth = |other: &Rect| rect.union(other).area() - rect.area() - other.area();
+        let growth = |other: &Rect| {
+            let shares = self.disjoint && rect.meets(other);
+            if shares { i64::MIN } else { rect.union(other).area() - rect.area() - other.area() }
+        };
         self.rects.iter().map(growth).enumerate().min_by_key(|&(_, growth)| growth)
     }
 }
@@ -84,6 +94,17 @@ mod tests {
             let rect = rect.intersect(&Rect::of_size(512, 512));
             assert!(damage.rects().iter().any(|d| d.union(&rect) == *d), "{rect:?} is not covered");
         }
+    }
+
+    #[test]
+    fn disjoint_rectangles_share_no_pixel() {
+        let mut damage = Damage::disjoint(Rect::of_size(512, 512));
+        damage.add(Rect::new(0, 0, 200, 200));
+        damage.add(Rect::new(300, 300, 500, 500));
+        damage.add(Rect::new(250, 100, 290, 320));
+        assert_eq!(damage.rects().len(), 3);
+        damage.add(Rect::new(199, 199, 251, 301));
+        assert_eq!(damage.rects(), [Rect::new(300, 300, 500, 500), Rect::new(0, 0, 290, 320)]);
     }
 
     #[test]

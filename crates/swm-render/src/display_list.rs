@@ -4,7 +4,6 @@
 //! primitives over it, in order. Where two lists hold equal primitives at equal places in the order, that pixel cannot
 //! have changed. So a wall that is drawn over the bodies in every frame costs a comparison, and no more.
 
-use crate::damage::Damage;
 use crate::painter::Rgb;
 use crate::rect::Rect;
 
@@ -88,8 +87,8 @@ impl<C: Copy + PartialEq + Default> DisplayList<C> {
         })
     }
 
-    /// Adds to `damage` the bounds of every primitive that has no equal at the same place of the other list.
-    pub(crate) fn damage_since(&self, old: &Self, damage: &mut Damage) {
+    /// Names every primitive, of both lists, that has no equal at the same place of the other.
+    pub(crate) fn changes_since(&self, old: &Self, mut changed: impl FnMut(&Primitive<'_, C>)) {
         let (mut old, mut new) = (old.iter(), self.iter());
         loop {
             let (before, after) = (old.next(), new.next());
@@ -97,9 +96,7 @@ impl<C: Copy + PartialEq + Default> DisplayList<C> {
                 return;
             }
             if before != after {
-                for primitive in [before, after].iter().flatten() {
-                    damage.add(primitive.bounds);
-                }
+                [before, after].iter().flatten().for_each(&mut changed);
             }
         }
     }

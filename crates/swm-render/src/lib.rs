@@ -37,6 +37,7 @@ mod geometry;
 mod painter;
 mod palette;
 mod rect;
+mod region;
 mod renderer;
 mod resample;
 #[cfg(feature = "scene")]

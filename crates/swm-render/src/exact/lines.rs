@@ -1,6 +1,6 @@
 //! Lines of the exact raster: width 4, fat segments, and the anti-aliased line.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use super::raster::Raster;
 use crate::canvas::{pack, unpack};
@@ -42,24 +42,36 @@ impl Raster<'_> {
         let clip = self.clip();
         let visible = if steep { [clip.y0, clip.y1] } else { [clip.x0, clip.x1] };
         let steps = steps_within(from[along], direction, major, visible);
-        // ceil(n/M) walked without dividing: shift * M - short = n, 0 <= short < M.
-        let per = major.max(1);
-        let numerator = i64::from(*steps.start()) * i64::from(minor) - i64::from(major / 2);
-        let mut shift = -(-numerator).div_euclid(i64::from(per)) as i32;
-        let mut short = (-numerator).rem_euclid(i64::from(per)) as i32;
-        for i in steps {
-            let position = from[along] + direction * i;
-            let center = from[across] + side * shift;
-            if steep {
-                self.span(position, center - 1, center + 2, color);
-            } else {
-                self.column(position, center - 1, center + 2, color);
+        let mut walk = Walk::new(minor, major, *steps.start());
+        if steep {
+            for i in steps {
+                let center = from[0] + side * walk.shift;
+                self.span(from[1] + direction * i, center - 1, center + 2, color);
+                walk.step();
             }
-            short -= minor;
-            if short < 0 {
-                short += per;
-                shift += 1;
+            return;
+        }
+        // Columns are slow to write. Each row is covered from the first column that reaches it to the last: `since` holds the
+        // first ones of the four rows that the current column covers, in the order in which the rows end.
+        let row =
+            |shift: i32, ahead: i32| from[1] + side * shift + if side < 0 { 2 - ahead } else { ahead - 1 };
+        let mut cover = |row: i32, steps: Range<i32>| {
+            let (a, b) = (from[0] + direction * steps.start, from[0] + direction * (steps.end - 1));
+            if !steps.is_empty() {
+                self.span(row, a.min(b), a.max(b), color);
             }
+        };
+        let (first, end) = (*steps.start(), steps.end() + 1);
+        let mut since = [first; 4];
+        for next in first + 1..=end {
+            let shift = walk.shift;
+            if walk.step() {
+                cover(row(shift, 0), since[0]..next);
+                since = [since[1], since[2], since[3], next];
+            }
+        }
+        for (ahead, since) in (0..).zip(since) {
+            cover(row(walk.shift, ahead), since..end);
         }
     }
 
@@ -97,6 +109,35 @@ impl Raster<'_> {
     }
 }
 
+/// ceil((i m - floor(M/2))/M) for i = first, first + 1, ..., walked without dividing.
+struct Walk {
+    shift: i32,
+    /// shift * M - short = i m - floor(M/2), 0 <= short < M.
+    short: i32,
+    minor: i32,
+    major: i32,
+}
+
+impl Walk {
+    fn new(minor: i32, major: i32, first: i32) -> Self {
+        let divisor = major.max(1);
+        let negated = i64::from(major / 2) - i64::from(first) * i64::from(minor);
+        let shift = -negated.div_euclid(i64::from(divisor)) as i32;
+        Self { shift, short: negated.rem_euclid(i64::from(divisor)) as i32, minor, major: divisor }
+    }
+
+    /// Goes on by one; whether the value has grown, by one at most.
+    fn step(&mut self) -> bool {
+        self.short -= self.minor;
+        let grows = self.short < 0;
+        if grows {
+            self.short += self.major;
+            self.shift += 1;
+        }
+        grows
+    }
+}
+
 /// trunc(weight * color + (1 - weight) * old) per channel, in f32.
 fn blend(old: Rgb, color: Rgb, weight: f32) -> Rgb {
     std::array::from_fn(|c| (weight * f32::from(color[c]) + (1.0 - weight) * f32::from(old[c])) as u8)
@@ -114,10 +155,12 @@ fn steps_within(start: i32, direction: i32, count: i32, visible: [i32; 2]) -> Ra
 mod tests {
     use crate::canvas::Canvas;
     use crate::exact::raster::{Raster, Scratch};
+    use crate::region::Region;
 
     fn inked(paint: impl Fn(&mut Raster<'_>)) -> Vec<(usize, usize)> {
         let mut canvas = Canvas::new(16, 16);
-        paint(&mut Raster::new(&mut canvas, &mut Scratch::default()));
+        let region = Region::of(canvas.bounds());
+        paint(&mut Raster::new(&mut canvas, &region, &mut Scratch::default()));
         let pixels = (0..16).flat_map(|y| (0..16).map(move |x| (x, y)));
         pixels.filter(|&(x, y)| canvas.get(x, y) != Some([0; 3])).collect()
     }
@@ -168,7 +211,8 @@ mod tests {
     #[test]
     fn aa_line_blends_with_the_fraction_and_truncates() {
         let mut canvas = Canvas::from_rgb(16, 16, &[100; 16 * 16 * 3]).expect("the length fits");
-        Raster::new(&mut canvas, &mut Scratch::default()).aa_line([6, 3], [2, 2], [201, 0, 100]);
+        let region = Region::of(canvas.bounds());
+        Raster::new(&mut canvas, &region, &mut Scratch::default()).aa_line([6, 3], [2, 2], [201, 0, 100]);
         assert_eq!(canvas.get(2, 2), Some([201, 0, 100]));
         assert_eq!(canvas.get(2, 3), Some([100; 3]));
         assert_eq!(canvas.get(3, 2), Some([175, 25, 100]));

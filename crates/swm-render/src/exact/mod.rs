@@ -6,8 +6,11 @@
 
 mod arrow;
 mod lines;
+mod outline;
 mod raster;
 mod smooth;
+
+use std::ops::Range;
 
 use crate::canvas::{Canvas, unpack};
 use crate::damage::Damage;
@@ -17,7 +20,9 @@ use crate::geometry::Geometry;
 use crate::painter::{Painter, Rgb, round_half_even, single, truncate};
 use crate::palette::Palette;
 use crate::rect::Rect;
+use crate::region::Region;
 use crate::resample::{AntialiasBilinear, FixedBilinear};
+use outline::Bands;
 use raster::{Raster, Scratch};
 
 /// Draws frames as the reference does, to the byte. See [`Renderer`](crate::Renderer) for the calls.
@@ -38,7 +43,11 @@ pub struct ExactRenderer {
     /// Empty when the image is the frame.
     frame: Vec<u8>,
     damage: Damage,
+    bands: Bands,
     all_damaged: bool,
+    /// What is drawn again of the canvas, and what that changes in the image.
+    region: Region,
+    dirty: Region,
     scratch: Scratch,
 }
 
@@ -66,8 +75,11 @@ impl ExactRenderer {
             image: vec![0; image_height * image_width * 3],
             to_frame,
             frame: vec![0; if resized { geometry.frame_len() } else { 0 }],
-            damage: Damage::new(Rect::of_size(canvas[0], canvas[1])),
+            damage: Damage::disjoint(Rect::of_size(canvas[0], canvas[1])),
+            bands: Bands::new(Rect::of_size(canvas[0], canvas[1])),
             all_damaged: true,
+            region: Region::default(),
+            dirty: Region::default(),
             scratch: Scratch::default(),
         })
     }
@@ -106,7 +118,8 @@ impl ExactRenderer {
         }
         std::mem::swap(new, &mut self.background_list);
         self.background.pixels.fill(0);
-        let mut raster = Raster::new(&mut self.background, &mut self.scratch);
+        self.region.set(self.background.bounds());
+        let mut raster = Raster::new(&mut self.background, &self.region, &mut self.scratch);
         replay(&self.background_list, &mut raster);
         self.all_damaged = true;
     }
@@ -127,20 +140,28 @@ impl ExactRenderer {
 
     /// Brings canvas, image and frame from the drawing of `drawn` to that of `next`.
     fn update(&mut self) {
-        self.damage.clear();
+        let Self { damage, bands, region, dirty, canvas, .. } = self;
+        damage.clear();
+        bands.clear();
         if self.all_damaged {
-            self.damage.add_all();
+            damage.add_all();
+            bands.add_all();
         } else {
-            self.next.damage_since(&self.drawn, &mut self.damage);
+            self.next.changes_since(&self.drawn, |primitive| {
+                damage.add(primitive.bounds);
+                bands.add(primitive);
+            });
         }
-        for rect in self.damage.rects() {
-            self.canvas.copy_rect(&self.background, rect);
-            let mut raster = Raster::clipped(&mut self.canvas, &mut self.scratch, *rect);
-            replay(&self.next, &mut raster);
-            let dirty = match &mut self.to_image {
-                Some(to_image) => to_image.resize_region(&self.canvas, *rect, &mut self.image),
-                None => copy_region(&self.canvas, *rect, self.geometry.y_up, &self.palette, &mut self.image),
-            };
+        for rect in damage.rects() {
+            bands.within(*rect, region);
+            canvas.copy_region(&self.background, region);
+            replay(&self.next, &mut Raster::new(canvas, region, &mut self.scratch));
+            match &mut self.to_image {
+                Some(to_image) => to_image.resize_region(canvas, region, &mut self.image, dirty),
+                None => {
+                    copy_region(canvas, region, self.geometry.y_up, &self.palette, &mut self.image, dirty);
+                }
+            }
             if let Some(to_frame) = &mut self.to_frame {
                 to_frame.resize_region(&self.image, dirty, &mut self.frame);
             }
@@ -150,19 +171,28 @@ impl ExactRenderer {
     }
 }
 
-/// Copies the pixels `rect` of a canvas, with their colors replaced, into an image of its size, flipped if `y_up`, and
-/// returns where they went.
-fn copy_region(canvas: &Canvas, rect: Rect, y_up: bool, palette: &Palette, image: &mut [u8]) -> Rect {
-    let height = canvas.height as i32;
-    for y in rect.rows() {
-        let target = if y_up { canvas.height - 1 - y } else { y };
-        let start = target * canvas.width;
-        let out = &mut image[(start + rect.x0 as usize) * 3..(start + rect.x1 as usize) * 3];
-        for (out, &pixel) in out.as_chunks_mut::<3>().0.iter_mut().zip(&canvas.row(y)[rect.columns()]) {
+/// Copies the pixels `region` of a canvas, with their colors replaced, into an image of its size, flipped if `y_up`;
+/// `dirty` becomes where they went.
+fn copy_region(
+    canvas: &Canvas,
+    region: &Region,
+    y_up: bool,
+    palette: &Palette,
+    image: &mut [u8],
+    dirty: &mut Region,
+) {
+    let flipped = |y: usize| if y_up { canvas.height - 1 - y } else { y };
+    for y in region.rows() {
+        let columns = region.columns(y);
+        let start = flipped(y) * canvas.width;
+        let out = &mut image[(start + columns.start) * 3..(start + columns.end) * 3];
+        for (out, &pixel) in out.as_chunks_mut::<3>().0.iter_mut().zip(&canvas.row(y)[columns]) {
             *out = unpack(palette.apply(pixel));
         }
     }
-    if y_up { Rect::new(rect.x0, height - rect.y1, rect.x1, height - rect.y0) } else { rect }
+    let Range { start, end } = region.rows();
+    let rows = if y_up { canvas.height - end..canvas.height - start } else { start..end };
+    dirty.set_rows(rows, |y| region.columns(flipped(y)));
 }
 
 fn replay(list: &DisplayList<i32>, raster: &mut Raster<'_>) {

@@ -1,4 +1,4 @@
-//! Fills of the exact raster: spans, polygons, discs, under a clip rectangle. Lines are in `lines.rs`.
+//! Fills of the exact raster: spans, polygons, discs, within a region. Lines are in `lines.rs`.
 //!
 //! The rules are those of the drawing library behind the reference, stated as facts about its results; each function
 //! says its own. "Span [a, b]" includes both ends. A clip removes pixels and changes no other: drawing a scene in
@@ -7,6 +7,7 @@
 use crate::canvas::{Canvas, pack};
 use crate::painter::Rgb;
 use crate::rect::Rect;
+use crate::region::Region;
 
 /// Working memory of polygons, kept so that drawing does not allocate.
 #[derive(Debug, Clone, Default)]
@@ -19,26 +20,22 @@ pub(crate) struct Scratch {
     pub(super) arrow: Vec<u8>,
 }
 
-/// A canvas being drawn on, within a clip rectangle. Coordinates are whole pixels.
+/// A canvas being drawn on, within a region of it. Coordinates are whole pixels.
 #[derive(Debug)]
 pub(crate) struct Raster<'a> {
     canvas: &'a mut Canvas,
+    region: &'a Region,
     clip: Rect,
     scratch: &'a mut Scratch,
 }
 
 impl<'a> Raster<'a> {
-    pub(super) fn new(canvas: &'a mut Canvas, scratch: &'a mut Scratch) -> Self {
-        let clip = canvas.bounds();
-        Self { canvas, clip, scratch }
+    /// To draw on the pixels `region` of the canvas.
+    pub(super) fn new(canvas: &'a mut Canvas, region: &'a Region, scratch: &'a mut Scratch) -> Self {
+        Self { canvas, region, clip: region.bounds(), scratch }
     }
 
-    pub(super) fn clipped(canvas: &'a mut Canvas, scratch: &'a mut Scratch, clip: Rect) -> Self {
-        let clip = clip.intersect(&canvas.bounds());
-        Self { canvas, clip, scratch }
-    }
-
-    /// Where pixels may be written.
+    /// The rectangle in which the pixels lie that may be written.
     pub(super) fn clip(&self) -> Rect {
         self.clip
     }
@@ -63,7 +60,7 @@ impl<'a> Raster<'a> {
         self.scratch
     }
 
-    /// The whole clip rectangle in one color.
+    /// The whole region in one color.
     pub(super) fn fill(&mut self, color: Rgb) {
         for y in self.clip.y0..self.clip.y1 {
             self.span(y, self.clip.x0, self.clip.x1 - 1, pack(color));
@@ -99,18 +96,37 @@ impl<'a> Raster<'a> {
                 self.span(a[1], a[0].min(b[0]), a[0].max(b[0]), color);
             }
         }
-        for y in rows {
-            crossings.clear();
-            crossings.extend(edges.iter_mut().filter_map(|edge| edge.crossing(y)));
-            match crossings[..] {
-                [a, b] => self.span(y, a.min(b), a.max(b), color),
-                _ => {
+        let mut y = rows.start;
+        while y < rows.end {
+            // Until an edge begins or ends, the same edges are crossed: by most scanlines two.
+            let mut same_until = rows.end;
+            let (mut crossed, mut count) = ([0; 2], 0);
+            for (index, edge) in edges.iter().enumerate() {
+                if y < edge.first {
+                    same_until = same_until.min(edge.first);
+                } else if y <= edge.last {
+                    same_until = same_until.min(edge.last + 1);
+                    crossed[count.min(1)] = index;
+                    count += 1;
+                }
+            }
+            if let (2, Ok([a, b])) = (count, edges.get_disjoint_mut(crossed)) {
+                for y in y..same_until {
+                    let (a, b) = (a.crossing(), b.crossing());
+                    self.span(y, a.min(b), a.max(b), color);
+                }
+            } else {
+                for y in y..same_until {
+                    crossings.clear();
+                    let crossed = edges.iter_mut().filter(|edge| (edge.first..=edge.last).contains(&y));
+                    crossings.extend(crossed.map(Edge::crossing));
                     crossings.sort_unstable();
                     for pair in crossings.chunks_exact(2) {
                         self.span(y, pair[0], pair[1], color);
                     }
                 }
             }
+            y = same_until;
         }
         (self.scratch.edges, self.scratch.crossings) = (edges, crossings);
     }
@@ -132,13 +148,14 @@ impl<'a> Raster<'a> {
 
     /// The span [left, right] of row `y`, clipped.
     pub(super) fn span(&mut self, y: i32, left: i32, right: i32, color: u32) {
-        let left = left.max(self.clip.x0);
-        let end = (right + 1).min(self.clip.x1);
-        if y < self.clip.y0 || y >= self.clip.y1 || left >= end {
-            return;
+        let Ok(y) = usize::try_from(y) else { return };
+        let columns = self.region.columns(y);
+        let left = left.max(columns.start as i32);
+        let end = (right + 1).min(columns.end as i32);
+        if left < end {
+            let start = y * self.canvas.width;
+            self.canvas.pixels[start + left as usize..start + end as usize].fill(color);
         }
-        let start = y as usize * self.canvas.width;
-        self.canvas.pixels[start + left as usize..start + end as usize].fill(color);
     }
 
     /// The column [top, bottom] of column `x`, clipped.
@@ -147,15 +164,17 @@ impl<'a> Raster<'a> {
             return;
         }
         for y in top.max(self.clip.y0)..(bottom + 1).min(self.clip.y1) {
-            self.canvas.pixels[y as usize * self.canvas.width + x as usize] = color;
+            if self.region.columns(y as usize).contains(&(x as usize)) {
+                self.canvas.pixels[y as usize * self.canvas.width + x as usize] = color;
+            }
         }
     }
 
     /// The pixel at (x, y), if it may be written.
     pub(super) fn pixel(&mut self, x: i32, y: i32) -> Option<&mut u32> {
-        let Rect { x0, y0, x1, y1 } = self.clip;
-        let inside = (x0..x1).contains(&x) && (y0..y1).contains(&y);
-        inside.then(|| &mut self.canvas.pixels[y as usize * self.canvas.width + x as usize])
+        let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
+        let inside = self.region.columns(y).contains(&x);
+        inside.then(|| &mut self.canvas.pixels[y * self.canvas.width + x])
     }
 }
 
@@ -216,11 +235,8 @@ impl Edge {
         })
     }
 
-    /// The crossing with scanline `y`, which must be asked for in order.
-    fn crossing(&mut self, y: i32) -> Option<i32> {
-        if y < self.first || y > self.last {
-            return None;
-        }
+    /// The crossing with the next scanline, from `first` to `last`.
+    fn crossing(&mut self) -> i32 {
         let x = self.x;
         self.x += self.step;
         self.remainder += self.step_remainder;
@@ -228,7 +244,7 @@ impl Edge {
             self.remainder -= self.height;
             self.x += 1;
         }
-        Some(x)
+        x
     }
 }
 
@@ -240,8 +256,7 @@ mod tests {
 
     fn draw(size: usize, clip: Rect, paint: impl Fn(&mut Raster<'_>)) -> Canvas {
         let mut canvas = Canvas::new(size, size);
-        let mut scratch = Scratch::default();
-        paint(&mut Raster::clipped(&mut canvas, &mut scratch, clip));
+        paint(&mut Raster::new(&mut canvas, &Region::of(clip), &mut Scratch::default()));
         canvas
     }
 

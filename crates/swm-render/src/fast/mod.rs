@@ -104,7 +104,7 @@ impl FastRenderer {
         if self.all_damaged {
             self.damage.add_all();
         } else {
-            self.next.damage_since(&self.drawn, &mut self.damage);
+            self.next.changes_since(&self.drawn, |primitive| self.damage.add(primitive.bounds));
         }
         for rect in self.damage.rects() {
             for y in rect.rows() {

@@ -13,6 +13,7 @@ use multiversion::multiversion;
 
 use crate::error::{RenderError, check_len, check_size};
 use crate::rect::Rect;
+use crate::region::Region;
 
 /// Fraction bits of the weights: 32 less 8 of the pixel and 2 of headroom.
 const PRECISION_BITS: u32 = 32 - 8 - 2;
@@ -29,6 +30,11 @@ pub struct AntialiasBilinear {
     rows_first: bool,
     /// `[H source, W target, 3]`, or `[H target, W source, 3]` with rows first. Empty unless both axes change.
     half: Vec<u8>,
+    /// What changes in the half-resized image and in the result.
+    half_region: Region,
+    out_region: Region,
+    /// The rectangle of [`Self::update`].
+    updated: Region,
 }
 
 impl AntialiasBilinear {
@@ -47,7 +53,17 @@ impl AntialiasBilinear {
             (Some(_), Some(_), false) => source[0] * target[1] * 3,
             _ => 0,
         };
-        Ok(Self { source, target, rows, columns, rows_first, half: vec![0; half_len] })
+        Ok(Self {
+            source,
+            target,
+            rows,
+            columns,
+            rows_first,
+            half: vec![0; half_len],
+            half_region: Region::default(),
+            out_region: Region::default(),
+            updated: Region::default(),
+        })
     }
 
     /// Resizes `image`, `[H source, W source, 3]`, into `out`, `[H target, W target, 3]`.
@@ -55,10 +71,7 @@ impl AntialiasBilinear {
     /// # Errors
     /// If a slice has the wrong length.
     pub fn resize(&mut self, image: &[u8], out: &mut [u8]) -> Result<(), RenderError> {
-        check_len("the image to resize", image.len(), self.source[0], self.source[1])?;
-        check_len("the resized image", out.len(), self.target[0], self.target[1])?;
-        self.resize_region(image, Rect::of_size(self.source[0], self.source[1]), out);
-        Ok(())
+        self.update(image, Rect::of_size(self.source[0], self.source[1]), out)
     }
 
     /// Resizes again what depends on the pixels `dirty` of `image`; the others must be those of the call before, and
@@ -71,40 +84,68 @@ impl AntialiasBilinear {
         check_len("the resized image", out.len(), self.target[0], self.target[1])?;
         let dirty = dirty.intersect(&Rect::of_size(self.source[0], self.source[1]));
         if !dirty.is_empty() {
-            self.resize_region(image, dirty, out);
+            let mut region = std::mem::take(&mut self.updated);
+            region.set(dirty);
+            self.resize_region(image, &region, out);
+            self.updated = region;
         }
         Ok(())
     }
 
     /// Recomputes the pixels of `out` that depend on the pixels `dirty` of `image`. The other pixels of `image` must be
-    /// those of the call before. `dirty` is not empty and lies in the image; slices have the sizes of this resize.
-    pub(crate) fn resize_region(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) {
-        let target_range = |axis: &Option<Axis>, range: Range<usize>| match axis {
-            Some(axis) => axis.targets_of(range),
-            None => range,
-        };
-        let x = target_range(&self.columns, dirty.columns());
-        let y = target_range(&self.rows, dirty.rows());
-        let strides = [self.source[1] * 3, self.target[1] * 3];
+    /// those of the call before. `dirty` lies in the image; slices have the sizes of this resize.
+    pub(crate) fn resize_region(&mut self, image: &[u8], dirty: &Region, out: &mut [u8]) {
+        let [width, resized] = [self.source[1] * 3, self.target[1] * 3];
+        let Self { half, half_region, out_region, .. } = self;
         match (&self.columns, &self.rows) {
             (Some(columns), Some(rows)) if self.rows_first => {
-                across_rows(rows, image, &mut self.half, strides[0], y.clone(), dirty.columns());
-                along_rows(columns, &self.half, out, strides, y.clone(), x.clone());
+                across_rows(rows, Stage { image, region: dirty, stride: width }, half, half_region);
+                along_rows(
+                    columns,
+                    Stage { image: half, region: half_region, stride: width },
+                    out,
+                    resized,
+                    out_region,
+                );
             }
             (Some(columns), Some(rows)) => {
-                along_rows(columns, image, &mut self.half, strides, dirty.rows(), x.clone());
-                across_rows(rows, &self.half, out, strides[1], y.clone(), x.clone());
+                along_rows(
+                    columns,
+                    Stage { image, region: dirty, stride: width },
+                    half,
+                    resized,
+                    half_region,
+                );
+                across_rows(
+                    rows,
+                    Stage { image: half, region: half_region, stride: resized },
+                    out,
+                    out_region,
+                );
             }
-            (Some(columns), None) => along_rows(columns, image, out, strides, y.clone(), x.clone()),
-            (None, Some(rows)) => across_rows(rows, image, out, strides[1], y.clone(), x.clone()),
+            (Some(columns), None) => {
+                along_rows(columns, Stage { image, region: dirty, stride: width }, out, resized, out_region);
+            }
+            (None, Some(rows)) => {
+                across_rows(rows, Stage { image, region: dirty, stride: width }, out, out_region);
+            }
             (None, None) => {
-                for y in y.clone() {
-                    let bytes = y * strides[0] + x.start * 3..y * strides[0] + x.end * 3;
+                for y in dirty.rows() {
+                    let columns = dirty.columns(y);
+                    let bytes = y * width + columns.start * 3..y * width + columns.end * 3;
                     out[bytes.clone()].copy_from_slice(&image[bytes]);
                 }
             }
         }
     }
+}
+
+/// What goes into a resize of one axis: an image, the pixels of it that have changed, and the bytes from row to row.
+#[derive(Clone, Copy)]
+struct Stage<'a> {
+    image: &'a [u8],
+    region: &'a Region,
+    stride: usize,
 }
 
 /// The taps of one axis.
@@ -113,6 +154,9 @@ struct Axis {
     windows: Vec<Window>,
     /// All windows' weights, one after the other.
     weights: Vec<u32>,
+    /// The first target whose window ends after this source, and how many windows begin before it.
+    starts: Vec<u32>,
+    ends: Vec<u32>,
 }
 
 /// Where one target pixel looks.
@@ -127,7 +171,8 @@ impl Axis {
     fn new(source: usize, target: usize) -> Self {
         let scale = source as f64 / target as f64;
         let stretch = scale.max(1.0);
-        let mut axis = Self { windows: Vec::with_capacity(target), weights: Vec::new() };
+        let (windows, weights) = (Vec::with_capacity(target), Vec::new());
+        let mut axis = Self { windows, weights, starts: Vec::new(), ends: Vec::new() };
         let mut triangle = Vec::new();
         for d in 0..target {
             let center = (d as f64 + 0.5) * scale;
@@ -144,14 +189,19 @@ impl Axis {
             let fixed = |weight: f64| (0.5 + weight / sum * f64::from(1 << PRECISION_BITS)) as u32;
             axis.weights.extend(triangle.iter().map(|&weight| fixed(weight)));
         }
-        axis
+        let count = |is_before: &dyn Fn(&Window) -> bool| axis.windows.partition_point(is_before) as u32;
+        let starts = (0..=source).map(|s| count(&|window| window.source + window.count <= s)).collect();
+        let ends = (0..=source).map(|s| count(&|window| window.source < s)).collect();
+        Self { starts, ends, ..axis }
     }
 
     /// The targets whose windows meet the sources `range`.
     fn targets_of(&self, range: Range<usize>) -> Range<usize> {
-        let start = self.windows.partition_point(|window| window.source + window.count <= range.start);
-        let end = self.windows.partition_point(|window| window.source < range.end);
-        start..end.max(start)
+        if range.is_empty() {
+            return 0..0;
+        }
+        let start = self.starts[range.start] as usize;
+        start..(self.ends[range.end] as usize).max(start)
     }
 
     fn taps(&self, target: usize) -> (usize, &[u32]) {
@@ -160,20 +210,15 @@ impl Axis {
     }
 }
 
-/// Resizes `rows` of an image along x, for the target columns `targets`. Strides are in bytes, in and out.
+/// Resizes an image along x; `changed` becomes the pixels of `out` that were written.
 #[multiversion(targets("x86_64+avx2"))]
-fn along_rows(
-    axis: &Axis,
-    image: &[u8],
-    out: &mut [u8],
-    [stride_in, stride_out]: [usize; 2],
-    rows: Range<usize>,
-    targets: Range<usize>,
-) {
-    for y in rows {
-        let row = &image[y * stride_in..];
-        let out = &mut out[y * stride_out + targets.start * 3..y * stride_out + targets.end * 3];
-        for (at, target) in (0..).step_by(3).zip(targets.clone()) {
+fn along_rows(axis: &Axis, from: Stage<'_>, out: &mut [u8], stride: usize, changed: &mut Region) {
+    changed.set_rows(from.region.rows(), |y| axis.targets_of(from.region.columns(y)));
+    for y in changed.rows() {
+        let targets = changed.columns(y);
+        let row = &from.image[y * from.stride..];
+        let out = &mut out[y * stride + targets.start * 3..y * stride + targets.end * 3];
+        for (at, target) in (0..).step_by(3).zip(targets) {
             let (source, weights) = axis.taps(target);
             let window = &row[source * 3..];
             // Four channels at a time are what SIMD takes. The fourth is the next pixel's, and written again by it.
@@ -197,20 +242,19 @@ fn weighted<const CHANNELS: usize>(weights: &[u32], window: &[u8]) -> [u8; CHANN
     sums.map(to_byte)
 }
 
-/// Resizes an image along y, for the target rows `targets` and the pixels `columns`. `stride` is in bytes.
+/// Resizes an image along y; `changed` becomes the pixels of `out` that were written.
 #[multiversion(targets("x86_64+avx2"))]
-fn across_rows(
-    axis: &Axis,
-    image: &[u8],
-    out: &mut [u8],
-    stride: usize,
-    targets: Range<usize>,
-    columns: Range<usize>,
-) {
+fn across_rows(axis: &Axis, from: Stage<'_>, out: &mut [u8], changed: &mut Region) {
     const LANES: usize = 16;
-    let (left, right) = (columns.start * 3, columns.end * 3);
-    for target in targets {
+    let Stage { image, region, stride } = from;
+    changed.set_rows(axis.targets_of(region.rows()), |target| {
         let (source, weights) = axis.taps(target);
+        region.columns_of(source..source + weights.len())
+    });
+    for target in changed.rows() {
+        let (source, weights) = axis.taps(target);
+        let columns = changed.columns(target);
+        let (left, right) = (columns.start * 3, columns.end * 3);
         let mut x = left;
         while x < right {
             let lanes = LANES.min(right - x);

@@ -7,11 +7,13 @@
 //! The weights always add up to 2048 (rounding half to even is symmetric about 1024), so with the nearer pixel n, the
 //! farther f and its weight w <= 1024: R >> 4 = 128 n + (((f - n) w) >> 4), and everything fits 16-bit arithmetic.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 
 use crate::canvas::Canvas;
 use crate::error::{RenderError, check_len, check_size};
-use crate::rect::Rect;
+use crate::region::Region;
 
 /// One target coordinate's source.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +49,9 @@ pub struct FixedBilinear {
     source: usize,
     target: usize,
     taps: Vec<Tap>,
+    /// The first target that looks at this source coordinate or a later one, and how many targets look at one before it.
+    starts: Vec<u32>,
+    ends: Vec<u32>,
     /// `far_weight` of each tap, three times over: one for each channel.
     far_weights: Vec<i16>,
     /// Gathered pixels of one row, `[target, 3]`, and a byte more because pixels are written as four.
@@ -66,9 +71,16 @@ impl FixedBilinear {
         check_size("the target of a resize", target, target)?;
         let ratio = source as f64 / target as f64;
         let taps: Vec<_> = (0..target).map(|d| Tap::new(d, ratio, source)).collect();
+        // Beyond the first edge the edge pixel stands for coordinate -1 too, beyond the last one for that after it.
+        let start = |low: i32| taps.partition_point(|tap| tap.first + 1 < if low == 0 { -1 } else { low });
+        let end = |high: i32| {
+            if high == source as i32 { target } else { taps.partition_point(|tap| tap.first < high) }
+        };
         Ok(Self {
             source,
             target,
+            starts: (0..=source as i32).map(|low| start(low) as u32).collect(),
+            ends: (0..=source as i32).map(|high| end(high) as u32).collect(),
             far_weights: taps.iter().flat_map(|tap| [tap.far_weight; 3]).collect(),
             taps,
             near: vec![0; target * 3 + 1],
@@ -87,59 +99,73 @@ impl FixedBilinear {
             return Err(RenderError::Canvas { height, width, side: self.source });
         }
         check_len("the resized image", image.len(), self.target, self.target)?;
-        self.resize_region(canvas, canvas.bounds(), image);
+        self.resize_region(canvas, &Region::of(canvas.bounds()), image, &mut Region::default());
         Ok(())
     }
 
-    /// Recomputes the pixels of `image` that depend on the pixels `dirty` of `canvas`, and returns their rectangle.
-    /// `dirty` is not empty and lies in the canvas; canvas and image have the sizes of this resize.
-    pub(crate) fn resize_region(&mut self, canvas: &Canvas, dirty: Rect, image: &mut [u8]) -> Rect {
-        let (x0, x1) = self.targets_of(dirty.x0, dirty.x1);
-        let (y0, y1) = self.targets_of(dirty.y0, dirty.y1);
-        let region = Rect::new(x0, y0, x1, y1);
-        // Source row that each of `rows` holds. When enlarging, neighbors share rows.
-        let mut held = [None; 2];
-        for y in region.rows() {
-            let Tap { first, weights, .. } = self.taps[y];
-            let wanted = [first, first + 1].map(|s| s.clamp(0, self.source as i32 - 1) as usize);
-            if held[1] == Some(wanted[0]) {
+    /// Recomputes the pixels of `image` that depend on the pixels `dirty` of `canvas`, and sets `changed` to them. `dirty`
+    /// lies in the canvas; canvas and image have the sizes of this resize.
+    pub(crate) fn resize_region(
+        &mut self,
+        canvas: &Canvas,
+        dirty: &Region,
+        image: &mut [u8],
+        changed: &mut Region,
+    ) {
+        changed.set_rows(self.targets_of(dirty.rows()), |y| {
+            let [first, second] = self.sources_of(y);
+            self.targets_of(dirty.columns_of(first..second + 1))
+        });
+        // Source row and columns that each of `rows` holds. When enlarging, neighbors share rows.
+        let mut held = [None, None];
+        for y in changed.rows() {
+            let columns = changed.columns(y);
+            let wanted = self.sources_of(y).map(|source| Some((source, columns.clone())));
+            if held[1] == wanted[0] {
                 self.rows.swap(0, 1);
                 held.swap(0, 1);
             }
-            for slot in 0..2 {
-                if held[slot] != Some(wanted[slot]) {
-                    self.horizontal(canvas.row(wanted[slot]), region, slot);
-                    held[slot] = Some(wanted[slot]);
+            for (slot, wanted) in wanted.into_iter().enumerate() {
+                if let Some((source, columns)) = &wanted
+                    && held[slot] != wanted
+                {
+                    self.horizontal(canvas.row(*source), columns.clone(), slot);
+                    held[slot] = wanted;
                 }
             }
-            let bytes = region.x0 as usize * 3..region.x1 as usize * 3;
+            let bytes = columns.start * 3..columns.end * 3;
             let start = y * self.target * 3;
             vertical(
                 &self.rows[0][bytes.clone()],
                 &self.rows[1][bytes.clone()],
-                weights,
+                self.taps[y].weights,
                 &mut image[start + bytes.start..start + bytes.end],
             );
         }
-        region
     }
 
-    /// The targets that look at sources `low..high`: first <= high - 1 and first + 1 >= low, edges repeated.
-    fn targets_of(&self, low: i32, high: i32) -> (i32, i32) {
-        let low = if low == 0 { -1 } else { low };
-        let start = self.taps.partition_point(|tap| tap.first + 1 < low);
-        let end = self.taps.partition_point(|tap| tap.first < high);
-        let end = if high >= self.source as i32 { self.target } else { end };
-        (start as i32, end as i32)
+    /// The two source coordinates of a target, edges repeated.
+    fn sources_of(&self, target: usize) -> [usize; 2] {
+        let first = self.taps[target].first;
+        [first, first + 1].map(|source| source.clamp(0, self.source as i32 - 1) as usize)
     }
 
-    /// R >> 4 of a source row into `rows[slot]`, for the region's columns.
-    fn horizontal(&mut self, source: &[u32], region: Rect, slot: usize) {
-        let columns = region.columns();
-        for (index, tap) in self.taps[columns.clone()].iter().enumerate() {
-            let at = index * 3..index * 3 + 4;
-            self.near[at.clone()].copy_from_slice(&source[tap.near as usize].to_le_bytes());
-            self.far[at].copy_from_slice(&source[tap.far as usize].to_le_bytes());
+    /// The targets that look at these sources.
+    fn targets_of(&self, sources: Range<usize>) -> Range<usize> {
+        if sources.is_empty() {
+            return 0..0;
+        }
+        self.starts[sources.start] as usize..self.ends[sources.end] as usize
+    }
+
+    /// R >> 4 of a source row into `rows[slot]`, for these columns.
+    fn horizontal(&mut self, source: &[u32], columns: Range<usize>, slot: usize) {
+        let taps = &self.taps[columns.clone()];
+        let (near, far) = (&mut self.near[..taps.len() * 3 + 1], &mut self.far[..taps.len() * 3 + 1]);
+        // Four bytes at a time; the fourth is the next pixel's, and written again by it.
+        for (at, tap) in (0..).step_by(3).zip(taps) {
+            near[at..at + 4].copy_from_slice(&source[tap.near as usize].to_le_bytes());
+            far[at..at + 4].copy_from_slice(&source[tap.far as usize].to_le_bytes());
         }
         let bytes = columns.start * 3..columns.end * 3;
         mix(&self.near, &self.far, &self.far_weights[bytes.clone()], &mut self.rows[slot][bytes]);
@@ -170,6 +196,7 @@ fn high_half(a: i16, b: i16) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rect::Rect;
 
     /// The rule as it is stated, one pixel and channel at a time.
     fn by_the_book(canvas: &Canvas, target: usize) -> Vec<u8> {
@@ -244,7 +271,7 @@ mod tests {
                         canvas.pixels[y * source + x] ^= 0x00ff_ffff;
                     }
                 }
-                resize.resize_region(&canvas, dirty, &mut image);
+                resize.resize_region(&canvas, &Region::of(dirty), &mut image, &mut Region::default());
                 assert!(image == by_the_book(&canvas, target), "{source} to {target}, {dirty:?}");
             }
         }
