@@ -1,6 +1,7 @@
-//! The set of pixels to draw again: a few rectangles, merged when that is cheaper than keeping them apart.
+//! The set of pixels to draw again: a few rectangles that share none, merged when that is cheaper than keeping them apart.
 //!
-//! Rectangles may overlap, unless asked not to: drawing one again is idempotent.
+//! Where rectangles overlapped, primitives would be set up and painted once for each. Renderers draw less than all of a
+//! rectangle, so that a large one costs little.
 
 use crate::rect::Rect;
 
@@ -14,19 +15,12 @@ const SLACK: i64 = 1024;
 #[derive(Debug, Clone)]
 pub(crate) struct Damage {
     image: Rect,
-    /// Whether rectangles that share pixels are merged at any cost.
-    disjoint: bool,
     rects: Vec<Rect>,
 }
 
 impl Damage {
     pub(crate) fn new(image: Rect) -> Self {
-        Self { image, disjoint: false, rects: Vec::with_capacity(MAX_RECTS + 1) }
-    }
-
-    /// Rectangles that share no pixel, for a renderer that draws less than all of a rectangle.
-    pub(crate) fn disjoint(image: Rect) -> Self {
-        Self { disjoint: true, ..Self::new(image) }
+        Self { image, rects: Vec::with_capacity(MAX_RECTS + 1) }
     }
 
     pub(crate) fn clear(&mut self) {
@@ -60,8 +54,7 @@ impl Damage {
 
     fn cheapest_merge(&self, rect: &Rect) -> Option<(usize, i64)> {
         let growth = |other: &Rect| {
-            let shares = self.disjoint && rect.meets(other);
-            if shares { i64::MIN } else { rect.union(other).area() - rect.area() - other.area() }
+            if rect.meets(other) { 0 } else { rect.union(other).area() - rect.area() - other.area() }
         };
         self.rects.iter().map(growth).enumerate().min_by_key(|&(_, growth)| growth)
     }
@@ -97,8 +90,8 @@ mod tests {
     }
 
     #[test]
-    fn disjoint_rectangles_share_no_pixel() {
-        let mut damage = Damage::disjoint(Rect::of_size(512, 512));
+    fn rectangles_share_no_pixel() {
+        let mut damage = Damage::new(Rect::of_size(512, 512));
         damage.add(Rect::new(0, 0, 200, 200));
         damage.add(Rect::new(300, 300, 500, 500));
         damage.add(Rect::new(250, 100, 290, 320));

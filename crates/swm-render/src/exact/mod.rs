@@ -75,7 +75,7 @@ impl ExactRenderer {
             image: vec![0; image_height * image_width * 3],
             to_frame,
             frame: vec![0; if resized { geometry.frame_len() } else { 0 }],
-            damage: Damage::disjoint(Rect::of_size(canvas[0], canvas[1])),
+            damage: Damage::new(Rect::of_size(canvas[0], canvas[1])),
             bands: Bands::new(Rect::of_size(canvas[0], canvas[1])),
             all_damaged: true,
             region: Region::default(),
