@@ -118,6 +118,7 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Json, Failure> {
+        inputs::check_target(sources, to)?;
         create_parent(to)?;
         let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
         let started = Instant::now();
@@ -249,6 +250,7 @@ impl Merge {
         if paths == self.sources && paths.len() == 1 {
             return Err(usage("one dataset was given; name two or more, or a folder of parts"));
         }
+        inputs::check_distinct(&paths)?;
         let mut sources = Vec::with_capacity(paths.len());
         for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);

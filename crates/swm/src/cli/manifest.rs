@@ -151,6 +151,9 @@ impl Make {
         let tier = Tier::from(self.tier);
         let entry = self.env.entry(registry)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
+        if let Some(dataset) = &dataset {
+            inputs::check_env(dataset.as_ref(), entry, self.frame_skip)?;
+        }
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
         let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         let config = self.env.config_like(settings, self.image_size.0)?;

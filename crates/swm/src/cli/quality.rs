@@ -107,10 +107,10 @@ impl QualityCommand {
             .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
             .collect::<Result<_, _>>()?;
         let dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
-        let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
-        if !metadata.env.is_empty() && metadata.env != entry.id {
-            return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
+        if let Some(dataset) = &dataset {
+            inputs::check_env(dataset.as_ref(), entry, None)?;
         }
+        let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let of_model = || trained.as_ref().and_then(|(entry, args)| entry.image_size(args));
         let image = self.image_size.map_or_else(|| of_model().or(metadata.image), |size| size.0);
         let config =
@@ -122,6 +122,15 @@ impl QualityCommand {
             (dataset, _) => dataset,
         };
         let mut env = entry.make(&config)?;
+        let learned = match &trained {
+            Some((model, args)) => {
+                Some(model.make(&PolicyContext::new(entry, &config).within(registry), args)?)
+            }
+            None => None,
+        };
+        if let Some(model) = &learned {
+            check_horizon(horizon, model.stride())?;
+        }
         violations.iter().try_for_each(|(_, violation)| check_violation(violation, env.spec()))?;
         let bar = output.bar(1 + measurements(&violations), "parts done");
         bar.set_message("now the episodes");
@@ -130,8 +139,9 @@ impl QualityCommand {
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
         };
         named.iter().try_for_each(|target| check_probe(target, &recorded))?;
-        let mut model = match &trained {
-            Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
+        check_lengths(horizon, &recorded)?;
+        let mut model = match learned {
+            Some(model) => model,
             None => yardstick(&self.model, entry, &config, &recorded)?,
         };
         let probed: Vec<ProbeTarget> = match self.probes.as_slice() {
@@ -250,6 +260,29 @@ fn violation(text: &str) -> Result<Violation, Failure> {
     }
 }
 
+/// Refuses a horizon that the model, which predicts `stride` steps at a time, cannot reach.
+fn check_horizon(horizon: usize, stride: usize) -> Result<(), Failure> {
+    if horizon.is_multiple_of(stride) {
+        return Ok(());
+    }
+    let near = (horizon / stride).max(1) * stride;
+    Err(usage(format!(
+        "--horizon {horizon}: the model predicts {stride} steps at a time; use --horizon {near}, or another multiple of {stride}"
+    )))
+}
+
+/// Refuses a horizon that is longer than every episode.
+fn check_lengths(horizon: usize, recorded: &[Batch]) -> Result<(), Failure> {
+    let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0);
+    if longest > horizon {
+        return Ok(());
+    }
+    let longest = super::output::counted(longest, "step");
+    Err(usage(format!(
+        "--horizon {horizon}: the longest episode has {longest}; use a shorter horizon, or longer episodes"
+    )))
+}
+
 /// Refuses a name that is neither a factor nor `teleport`.
 fn check_violation(violation: &Violation, env: &EnvSpec) -> Result<(), Failure> {
     let Violation::Factor { name } = violation else { return Ok(()) };
@@ -347,5 +380,20 @@ mod tests {
         assert_eq!(violation("state[2,3]=-5,1.5").ok(), Some(set));
         assert_eq!(violation("block.color").ok(), Some(Violation::Factor { name: "block.color".to_owned() }));
         assert!(violation("state=3").is_err() && violation("state[a]=3").is_err());
+    }
+
+    #[test]
+    fn horizons_fit_the_model_and_the_episodes() {
+        let told = |result: Result<(), Failure>| result.map_err(|wrong| (wrong.exit_code(), wrong.reason()));
+        assert_eq!(told(check_horizon(10, 5)), Ok(()));
+        let (status, reason) = told(check_horizon(7, 5)).unwrap_err();
+        assert!(status == 2 && reason.contains("use --horizon 5, or another multiple of 5"), "{reason}");
+        let (_, reason) = told(check_horizon(3, 5)).unwrap_err();
+        assert!(reason.contains("use --horizon 5"), "{reason}");
+        let schema = swm_core::Schema::new(Vec::new()).unwrap();
+        let episodes = [4, 8].map(|rows| Batch::new(schema.clone(), rows));
+        assert_eq!(told(check_lengths(7, &episodes)), Ok(()));
+        let (status, reason) = told(check_lengths(8, &episodes)).unwrap_err();
+        assert!(status == 2 && reason.contains("the longest episode has 8 steps"), "{reason}");
     }
 }
