@@ -134,7 +134,17 @@ impl Task {
                 }
             }
         }
-        failed.map_or(Ok(()), Err)
+        if let Some(failed) = failed {
+            return Err(failed);
+        }
+        let progress = Progress::of(&folder)?;
+        if self.all && !progress.is_finished && progress.missing(&folder).is_empty() {
+            let (shards, dir) = (counted(folder.job.shards, "shard"), folder.dir.display());
+            output.note(format!(
+                "{shards} done, none left; to join them to the result: swm task {dir} --finish"
+            ));
+        }
+        Ok(())
     }
 
     /// The shard that is asked for.
