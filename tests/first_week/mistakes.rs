@@ -193,6 +193,11 @@ fn a_dataset_of_another_environment_is_a_wrong_request() {
     ] {
         home.refused(line, &told);
     }
+    for share in ["0", "1.5", "nan"] {
+        let line =
+            "manifest make swm/TwoRoom-v2 --dataset rooms.h5 --tier moderate --episodes 1 --out task.toml";
+        home.refused(&format!("{line} --held-out {share}"), &["--held-out", "above 0 and at most 1"]);
+    }
     assert!(!home.path("task.toml").exists());
     let skip = "--dataset rooms.h5 --episodes 1 --goal-offset 2 --frame-skip 2";
     for line in [

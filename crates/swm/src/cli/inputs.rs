@@ -32,9 +32,10 @@ pub(super) fn check_env(
     entry: &EnvEntry,
     frame_skip: Option<u32>,
 ) -> Result<(), Failure> {
-    let Some(recorded) = dataset.metadata() else { return Ok(()) };
+    let known = dataset.metadata().and_then(|recorded| Some((recorded, recorded.known_env()?)));
+    let Some((recorded, env)) = known else { return Ok(()) };
     let path = dataset.path().display();
-    if let Some(env) = recorded.known_env().filter(|&env| env != entry.id) {
+    if env != entry.id {
         return Err(usage(format!(
             "the dataset {path} was recorded in {env}, not in {0}; give a dataset of {0}, or name {env} as the environment",
             entry.id

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::error::{did_you_mean, nearest};
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
 use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
+use super::quality_checks::{check_horizon, check_lengths, check_probe, check_violation};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
@@ -260,52 +260,6 @@ fn violation(text: &str) -> Result<Violation, Failure> {
     }
 }
 
-/// Refuses a horizon that the model, which predicts `stride` steps at a time, cannot reach.
-fn check_horizon(horizon: usize, stride: usize) -> Result<(), Failure> {
-    if horizon.is_multiple_of(stride) {
-        return Ok(());
-    }
-    let near = (horizon / stride).max(1) * stride;
-    Err(usage(format!(
-        "--horizon {horizon}: the model predicts {stride} steps at a time; use --horizon {near}, or another multiple of {stride}"
-    )))
-}
-
-/// Refuses a horizon that is longer than every episode.
-fn check_lengths(horizon: usize, recorded: &[Batch]) -> Result<(), Failure> {
-    let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0);
-    if longest > horizon {
-        return Ok(());
-    }
-    let longest = super::output::counted(longest, "step");
-    Err(usage(format!(
-        "--horizon {horizon}: the longest episode has {longest}; use a shorter horizon, or longer episodes"
-    )))
-}
-
-/// Refuses a name that is neither a factor nor `teleport`.
-fn check_violation(violation: &Violation, env: &EnvSpec) -> Result<(), Failure> {
-    let Violation::Factor { name } = violation else { return Ok(()) };
-    let factors = || env.factors.iter().map(|factor| factor.name.as_str());
-    if factors().any(|factor| factor == name) {
-        return Ok(());
-    }
-    let meant = did_you_mean(nearest(name, factors().chain(["teleport"])).as_deref());
-    let lists = format!("`swm fovs {}` lists them", env.id);
-    Err(usage(format!("--violation {name}: it is neither teleport nor a factor{meant}; {lists}")))
-}
-
-/// Refuses to probe for a column that the episodes do not hold.
-fn check_probe(target: &ProbeTarget, recorded: &[Batch]) -> Result<(), Failure> {
-    let Some(schema) = recorded.first().map(Batch::schema) else { return Ok(()) };
-    if schema.index(&target.column).is_some() {
-        return Ok(());
-    }
-    let columns: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-    let meant = did_you_mean(nearest(&target.column, columns.iter().copied()).as_deref());
-    Err(usage(format!("--probe {target}: unknown column{meant}; there are: {}", columns.join(", "))))
-}
-
 fn text(env: &str, model: &str, found: &Quality) -> String {
     let mut text = format!("{env}, model `{model}`\n\n");
     text += &diagnosis(found);
@@ -380,20 +334,5 @@ mod tests {
         assert_eq!(violation("state[2,3]=-5,1.5").ok(), Some(set));
         assert_eq!(violation("block.color").ok(), Some(Violation::Factor { name: "block.color".to_owned() }));
         assert!(violation("state=3").is_err() && violation("state[a]=3").is_err());
-    }
-
-    #[test]
-    fn horizons_fit_the_model_and_the_episodes() {
-        let told = |result: Result<(), Failure>| result.map_err(|wrong| (wrong.exit_code(), wrong.reason()));
-        assert_eq!(told(check_horizon(10, 5)), Ok(()));
-        let (status, reason) = told(check_horizon(7, 5)).unwrap_err();
-        assert!(status == 2 && reason.contains("use --horizon 5, or another multiple of 5"), "{reason}");
-        let (_, reason) = told(check_horizon(3, 5)).unwrap_err();
-        assert!(reason.contains("use --horizon 5"), "{reason}");
-        let schema = swm_core::Schema::new(Vec::new()).unwrap();
-        let episodes = [4, 8].map(|rows| Batch::new(schema.clone(), rows));
-        assert_eq!(told(check_lengths(7, &episodes)), Ok(()));
-        let (status, reason) = told(check_lengths(8, &episodes)).unwrap_err();
-        assert!(status == 2 && reason.contains("the longest episode has 8 steps"), "{reason}");
     }
 }

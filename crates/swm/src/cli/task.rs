@@ -134,17 +134,10 @@ impl Task {
                 }
             }
         }
-        if let Some(failed) = failed {
-            return Err(failed);
+        if let Some(join) = Progress::of(&folder)?.join_command(&folder).filter(|_| self.all) {
+            output.note(format!("all shards are done; to join them to the result: {join}"));
         }
-        let progress = Progress::of(&folder)?;
-        if self.all && !progress.is_finished && progress.missing(&folder).is_empty() {
-            let (shards, dir) = (counted(folder.job.shards, "shard"), folder.dir.display());
-            output.note(format!(
-                "{shards} done, none left; to join them to the result: swm task {dir} --finish"
-            ));
-        }
-        Ok(())
+        failed.map_or(Ok(()), Err)
     }
 
     /// The shard that is asked for.
