@@ -31,6 +31,25 @@ fn what_there_is_fits_on_a_page() {
     home.ok("solvers");
 }
 
+#[cfg(feature = "mujoco")]
+#[test]
+fn tasks_are_found_by_a_search() {
+    let home = Home::new();
+    assert!(home.ok("envs").out.contains("`swm envs --tasks` lists them"));
+    let listed = home.ok("envs --tasks").out;
+    let found: Vec<&str> = listed.lines().filter(|line| line.contains("stand")).collect();
+    assert!(found.iter().any(|line| line.contains("swm/WalkerDMControl-v0")), "{listed}");
+    assert!(found.iter().any(|line| line.contains("swm/HumanoidDMControl-v0")), "{listed}");
+    let tasks = home.json("envs --tasks");
+    for env in ["swm/CheetahDMControl-v0", "swm/ReacherDMControl-v0", "swm/QuadrupedDMControl-v0"] {
+        let of = tasks.as_array().unwrap().iter().filter(|task| task["env"] == env);
+        let defaults: Vec<bool> = of.map(|task| task["default"].as_bool().unwrap()).collect();
+        assert!(defaults.len() > 1 && defaults[0] && !defaults[1..].contains(&true), "{env}: {defaults:?}");
+    }
+    assert!(tasks.as_array().unwrap().iter().all(|task| !task["doc"].as_str().unwrap().is_empty()));
+    home.refused("envs swm/PushT-v1 --tasks", &["cannot be used with"]);
+}
+
 #[test]
 fn settings_are_told_with_the_nearest() {
     let home = Home::new();
@@ -60,6 +79,19 @@ fn settings_are_told_with_the_nearest() {
         ("--env-option relative=3", "setting `relative`: must be true or false; found integer `3`"),
     ] {
         home.refused(&render(wrong), &[told]);
+    }
+    home.refused(
+        &render("--policy cem:seeds=1"),
+        &["setting `seeds`: unknown; did you mean `seed`? (known are samples, "],
+    );
+    home.refused(&render("--policy cem,samples=20"), &["settings follow a colon", "`cem:samples=20`"]);
+    for (option, instead) in
+        [("--policy-seed 3", "--seed"), ("--oracle cem", "--policy"), ("--reference random", "--policy")]
+    {
+        home.refused(
+            &format!("eval swm/PushT-v1 --policy random --episodes 1 {option}"),
+            &[option.split(' ').next().unwrap(), "give --manifest", instead],
+        );
     }
     // A name is wrong before anything is reset.
     let said = home.run(&render("--vary agent.colr --set block.scal=3"));
@@ -147,4 +179,61 @@ fn copies_name_the_flags_that_they_have() {
     let told = ["seen.h5 holds images of 24x24", "blind.h5 holds no images", "--image-size 24x24"];
     home.refused("merge seen.h5 blind.h5 --out both.h5", &told);
     home.ok("merge seen.h5 blind.h5 --image-size 24x24 --out both.h5");
+}
+
+#[test]
+fn a_dataset_of_another_environment_is_a_wrong_request() {
+    let home = Home::new();
+    home.ok("collect swm/TwoRoom-v2 --episodes 3 --max-steps 12 --image-size none --out rooms.h5");
+    let told = ["rooms.h5", "recorded in swm/TwoRoom-v2, not in swm/PushT-v1"];
+    for line in [
+        "manifest make swm/PushT-v1 --dataset rooms.h5 --tier historic --episodes 1 --goal-offset 2 --out task.toml",
+        "eval swm/PushT-v1 --policy random --dataset rooms.h5 --episodes 1 --goal-offset 2",
+        "quality swm/PushT-v1 --dataset rooms.h5",
+    ] {
+        home.refused(line, &told);
+    }
+    for share in ["0", "1.5", "nan"] {
+        let line =
+            "manifest make swm/TwoRoom-v2 --dataset rooms.h5 --tier moderate --episodes 1 --out task.toml";
+        home.refused(&format!("{line} --held-out {share}"), &["--held-out", "above 0 and at most 1"]);
+    }
+    assert!(!home.path("task.toml").exists());
+    let skip = "--dataset rooms.h5 --episodes 1 --goal-offset 2 --frame-skip 2";
+    for line in [
+        format!("manifest make swm/TwoRoom-v2 {skip} --tier historic --out task.toml"),
+        format!("eval swm/TwoRoom-v2 --policy random {skip}"),
+    ] {
+        home.refused(&line, &["--frame-skip 2", "with frame skip 1", "leave out"]);
+    }
+    home.refused(
+        "quality swm/TwoRoom-v2 --dataset rooms.h5 --rows 40 --horizon 20",
+        &["--horizon 20", "the longest episode has"],
+    );
+}
+
+#[test]
+fn a_dataset_is_not_read_twice_nor_written_onto_itself() {
+    let home = Home::new();
+    home.ok("collect swm/TwoRoom-v2 --episodes 2 --max-steps 4 --image-size none --out a.h5");
+    home.ok("collect swm/TwoRoom-v2 --episodes 2 --max-steps 4 --image-size none --seed 1 --out b.h5");
+    home.ok("convert a.h5 a.folder");
+    home.refused("convert a.h5 a.h5", &["a.h5", "write to another"]);
+    home.refused("convert a.h5 ./a.h5 --overwrite", &["a.h5", "write to another"]);
+    home.refused("convert a.folder a.folder", &["a.folder", "write to another"]);
+    home.refused("merge a.h5 b.h5 --out a.h5", &["a.h5", "write to another"]);
+    home.refused("merge a.h5 a.h5 --out x.h5", &["a.h5 is named twice", "name it once"]);
+    home.refused("merge b.h5 a.h5 ./a.h5 --out x.h5", &["a.h5 and ./a.h5 are the same dataset"]);
+    home.refused("merge a.folder a.folder/ --out x.h5", &["a.folder"]);
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(home.path("a.h5"), home.path("link.h5")).expect("a link is made");
+        std::fs::hard_link(home.path("a.h5"), home.path("hard.h5")).expect("a link is made");
+        home.refused("merge a.h5 link.h5 --out x.h5", &["a.h5 and link.h5 are the same dataset"]);
+        home.refused("merge a.h5 hard.h5 --out x.h5 --partial", &["a.h5 and hard.h5 are the same dataset"]);
+        home.refused("convert a.h5 link.h5 --overwrite", &["link.h5", "write to another"]);
+    }
+    assert!(!home.path("x.h5").exists());
+    home.ok("merge a.h5 b.h5 --out x.h5");
+    assert_eq!(home.json("inspect x.h5")["episodes"], 4);
 }

@@ -147,6 +147,26 @@ fn unusable_files_are_named_with_the_reason() {
             assert!(message.contains(name), "{command:?} does not name the file:\n{message}");
         }
     }
+    // What is missing is said, whatever the library meets first.
+    let whole = bytes.len();
+    for tenths in [1, 3, 5, 7, 9] {
+        let path = folder.path("cut.h5");
+        std::fs::write(&path, &bytes[..whole * tenths / 10]).unwrap();
+        let there = format!("{} of {whole} bytes", whole * tenths / 10);
+        for command in [&["inspect", path.as_str()][..], &["verify", &path], &["verify", &path, "--fix"]] {
+            says(1, command, &["cut.h5 is damaged", "cut short", &there, "copy or record it again"]);
+        }
+    }
+    says(1, &["inspect", &folder.path("head.h5")], &["cut short: 40 bytes"]);
+    says(1, &["inspect", &folder.path("text.h5")], &["text.h5 is not a dataset", "format hdf5"]);
+    for (content, told) in [
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "git lfs pull"),
+        ("\n<!DOCTYPE html><html></html>", "web page"),
+    ] {
+        let path = folder.path("download.h5");
+        std::fs::write(&path, content).unwrap();
+        says(1, &["inspect", &path], &["download.h5", told]);
+    }
     says(1, &collecting("/proc/nowhere/folder/a.h5", "--episodes 1"), &["/proc/nowhere/folder"]);
     says(2, &collecting(&good, "--episodes 1 --image-size none"), &["good.h5", "append", "overwrite"]);
     says(

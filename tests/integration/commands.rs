@@ -75,7 +75,7 @@ fn evaluation_takes_settings_and_frame_skip_from_the_dataset() {
     let result = swm_json(&[&eval[..], &["--episodes", "2", "--quiet"]].concat());
     assert_eq!(result["setup"]["frame_skip"], 2);
     assert_eq!(result["setup"]["settings"]["init_value"]["block.shape"], 7);
-    let message = swm_fails(1, &[&eval[..], &["--episodes", "2", "--frame-skip", "1"]].concat());
+    let message = swm_fails(2, &[&eval[..], &["--episodes", "2", "--frame-skip", "1"]].concat());
     assert!(message.contains("frame skip 2"), "{message}");
 }
 

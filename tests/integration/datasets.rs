@@ -289,3 +289,21 @@ fn there_is_a_recipe_for_every_environment_and_it_records() {
     let missing: Vec<&str> = missing.iter().map(|entry| entry.id).collect();
     assert!(missing.is_empty(), "no recipe for {}", missing.join(", "));
 }
+
+/// A copy says no more of its recording than the source, and is as welcome.
+#[test]
+fn copies_of_other_programs_datasets_are_evaluated_on_as_the_datasets_are() {
+    let folder = Folder::new();
+    let source = root().join("tests/golden/datasets/pusht_up_64_folder");
+    let (source, copy, task) = (source.to_str().unwrap(), folder.path("copy.h5"), folder.path("task.toml"));
+    swm_ok(&["convert", source, &copy, "--quiet"]);
+    let pairs = ["--episodes", "2", "--goal-offset", "2", "--budget", "2", "--quiet"];
+    let evaluated = |dataset: &str| {
+        let eval = ["eval", PUSHT, "--policy", "random", "--dataset", dataset];
+        let result = swm_json(&[&eval[..], &pairs].concat());
+        (result["episode_returns"].clone(), result["episode_successes"].clone())
+    };
+    assert_eq!(evaluated(&copy), evaluated(source));
+    let make = ["manifest", "make", PUSHT, "--tier", "historic", "--out", &task, "--dataset", &copy];
+    swm_ok(&[&make[..], &pairs].concat());
+}

@@ -147,7 +147,8 @@ fn a_job_by_hand_is_the_undivided_recording() {
     let page = swm_ok(&["jobs", &job]);
     assert!(page.contains("1 running, 2 not started"), "{page}");
     assert!(
-        page.contains(&format!("running: process {us} on ")) && page.contains("missing         2,4"),
+        page.contains(&format!("running: process {us} on "))
+            && page.contains("to do           shards 2,4, by: swm task"),
         "{page}"
     );
     fs::remove_file(lock).unwrap();
@@ -169,7 +170,14 @@ fn a_job_by_hand_is_the_undivided_recording() {
     // A job that is interrupted between two shards is continued from any machine.
     let left = ok(&cluster.submit(&["--on", "script"], "4", &collect("10")));
     assert_eq!(left.lines().count(), 4, "{left}");
-    swm_ok(&["task", &job, "--all"]);
+    let message = swm_fails(2, &["jobs", "--logs", &job]);
+    assert!(message.contains("the join of the shards has no log yet"), "{message}");
+    assert!(swm_ok(&["jobs", "--cancel", &job]).contains("nothing to cancel"));
+    let ran = swm(&["task", &job, "--all"]).output().unwrap();
+    let advice = format!("all shards are done; to join them to the result: swm task {job} --finish");
+    assert!(ran.status.success() && said(&ran).contains(&advice), "{}", said(&ran));
+    let all = swm(&["jobs"]).current_dir(cluster.path("")).output().unwrap();
+    assert!(ok(&all).contains("not joined yet"), "{}", ok(&all));
     swm_ok(&["task", &job, "--finish"]);
     assert!(fs::read(format!("{job}/result.h5")).unwrap() == whole);
     assert!(said(&swm(&["task", &job, "--finish"]).output().unwrap()).contains("was there already"));
@@ -235,7 +243,7 @@ fn wrong_requests_are_refused_before_anything_is_queued() {
         assert!(message.contains(reason), "{message}");
         assert!(!Path::new(&cluster.path("job")).exists(), "{message}");
     };
-    refused("pbs", "2", &collect("4"), "there is no engine `pbs`; there are: slurm, hq, script");
+    refused("pbs", "2", &collect("4"), "`pbs` is unknown; there are: slurm, hq, script; script prints");
     refused("slurm:partion=cpu", "2", &collect("4"), "did you mean `partition`?");
     refused("script", "8", &collect("4"), "there are 4 episodes");
     refused("script", "2", &["collect", "swm/TwoRoom-v2", "--policy", "expurt", "--episodes", "4"], "expurt");

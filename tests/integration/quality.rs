@@ -58,10 +58,18 @@ fn the_gate_asks_for_what_decides_and_for_the_order_of_plans() {
     let probe = |what: &'static str| [&all("swm/PushT-v1", "true")[..], &["--probe", what]].concat();
     let message = swm_fails(2, &probe("angle(state"));
     assert!(message.contains("write COLUMN, COLUMN[0,1] or angle(COLUMN[4])"), "{message}");
-    assert!(swm_fails(1, &probe("state[9]")).contains("no element 9"));
+    assert!(swm_fails(2, &probe("state[9]")).contains("--probe `state[9]`: no element 9"));
     let message = swm_fails(2, &probe("stat"));
     assert!(message.contains("--probe stat: unknown column; did you mean `state`?"), "{message}");
     let message = swm_fails(2, &[&all("swm/PushT-v1", "true")[..], &["--violation", "teleprot"]].concat());
+    for (violation, reason) in [
+        ("state[9]=1", "no element 9; `state` has 7"),
+        ("state[2,3]=1", "1 value(s) for 2 element(s)"),
+        ("action[0]=1", "cannot start from that column, but from `state`"),
+    ] {
+        let refused = swm_fails(2, &[&all("swm/PushT-v1", "true")[..], &["--violation", violation]].concat());
+        assert!(refused.contains(reason), "{refused}");
+    }
     assert!(message.contains("did you mean `teleport`?") && message.contains("swm fovs"), "{message}");
 }
 

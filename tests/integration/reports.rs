@@ -3,7 +3,7 @@
 use serde_json::Value as Json;
 
 use crate::evaluation::{QUICK, manifest, read};
-use crate::support::{Folder, swm_json, swm_ok};
+use crate::support::{Folder, swm_fails, swm_json, swm_ok};
 
 /// Where a browser is on this machine, if any.
 fn browser() -> Option<&'static str> {
@@ -128,6 +128,32 @@ fn a_report_is_one_page_that_a_browser_shows() {
     }
     let videos = tabs["tab-videos"]["videos"].as_array().unwrap().len();
     assert!(videos > 0 || !cfg!(feature = "mp4"), "{found}");
+}
+
+#[test]
+fn a_report_is_written_anew_and_other_files_are_kept() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let (result, page) = (folder.path("random"), folder.path("page.html"));
+    let none = ["--reference", "none", "--quiet"];
+    swm_ok(&[&["eval", "--manifest", &manifest, "--policy", "random", "--out", &result][..], &none].concat());
+    let report = ["report", result.as_str(), "--videos", "0", "--out", page.as_str()];
+    std::fs::write(&page, "<p>My own page.</p>").unwrap();
+    let message = swm_fails(2, &report);
+    for word in ["page.html exists and is no report", "--overwrite"] {
+        assert!(message.contains(word), "{message}");
+    }
+    assert_eq!(std::fs::read_to_string(&page).unwrap(), "<p>My own page.</p>");
+    swm_ok(&[&report[..], &["--overwrite"]].concat());
+    // Now it is a report, which a newer one replaces.
+    std::fs::write(&page, std::fs::read_to_string(&page).unwrap().replace("</body>", "<p>old</p></body>"))
+        .unwrap();
+    swm_ok(&report);
+    assert!(!std::fs::read_to_string(&page).unwrap().contains("<p>old</p>"));
+    let taken = folder.path("folder.html");
+    std::fs::create_dir(&taken).unwrap();
+    let message = swm_fails(2, &["report", &result, "--videos", "0", "--out", &taken]);
+    assert!(message.contains("is a folder"), "{message}");
 }
 
 /// Clicks every tab, and says whether it shows, how far its videos have played, whether the page is wider than the window, and

@@ -125,6 +125,14 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
     assert!(message.contains("same policy seed"), "{message}");
     let message = swm_fails(2, &["compare", &format!("{a},{c}")]);
     assert!(message.contains("not runs of one policy"), "{message}");
+    let told = swm_ok(&["compare", &format!("{a},{b}"), &c]);
+    assert!(told.contains("(policy seed 0, 1)") && told.matches("policy seed").count() == 1, "{told}");
+    // Seeds belong to the run: as a setting, they make another policy.
+    let d = eval("d", &format!("{QUICK},seed=1"), "0");
+    let message = swm_fails(2, &["compare", &format!("{a},{d}")]);
+    for word in ["not runs of one policy", "its setting `seed`", "--policy-seed 1"] {
+        assert!(message.contains(word), "{message}");
+    }
 }
 
 /// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, a hash of tables over help texts, and a

@@ -43,7 +43,7 @@ pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldE
 pub use evaluate::{EvalOptions, Evaluation, Manifest};
 pub use policy::{Actions, Actor, PerEpisode, Policy, SlotView, View};
 pub use recorder::{LiveStep, Recorder};
-pub use registry::{Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
+pub use registry::{Entry, EnvEntry, EnvTask, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use run::{Cancel, EpisodeEnd, LiveEpisode, MAX_FRAME_SKIP, Margins, Rollout, RunInfo, WorldOptions};
 pub use seed::EpisodeSeed;
 pub use settings::Settings;

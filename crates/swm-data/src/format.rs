@@ -89,10 +89,36 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
         }
         None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),
         None => {
-            let reason = format!("its content is of no known format ({})", known(registry));
+            let named = path.extension().and_then(|extension| extension.to_str());
+            let named = named.and_then(|extension| by_name(registry, extension).ok());
+            let is_file = path.is_file();
+            let reason = match (named, other_content(path)) {
+                (_, Some(what)) if is_file => what.to_owned(),
+                (Some(format), _) => format!(
+                    "its name is that of the format {}, but its content is not, nor of another known one ({}); it may be cut short \
+                     or another file",
+                    format.name,
+                    known(registry)
+                ),
+                (None, _) => format!("its content is of no known format ({})", known(registry)),
+            };
             Err(DataError::not_a_dataset(path, reason))
         }
     }
+}
+
+/// What comes in place of a dataset when it is downloaded, by its first bytes.
+fn other_content(path: &Path) -> Option<&'static str> {
+    use std::io::Read as _;
+
+    let mut start = Vec::new();
+    fs::File::open(path).ok()?.take(64).read_to_end(&mut start).ok()?;
+    let start = start.trim_ascii_start().to_ascii_lowercase();
+    if start.starts_with(b"version https://git-lfs") {
+        return Some("it is a pointer of Git LFS and not the file itself, which `git lfs pull` fetches");
+    }
+    let is_page = start.starts_with(b"<!doctype html") || start.starts_with(b"<html");
+    is_page.then_some("it is a web page, as a download gives in place of a file that it did not find")
 }
 
 /// Rows above this size are compared with the size of their dataset…

@@ -3,18 +3,18 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
-    Control, Domain, Effect, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make,
-    planner, tolerance, unchanged, uniform,
+    Control, Domain, Effect, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors,
+    listed, make, planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
-pub const ACROBOT: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const ACROBOT: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/AcrobotDMControl-v0",
@@ -33,6 +33,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("swingup_sparse", "the tip within 0.2 m of the point above", |model| {

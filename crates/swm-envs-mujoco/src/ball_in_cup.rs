@@ -1,19 +1,19 @@
 //! `swm/BallInCupDMControl-v0`: catch a ball on a string with a cup. Source: `dm_control`'s `suite/ball_in_cup.py` and
 //! `ball_in_cup.xml`.
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
-    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make, planner,
-    unchanged, uniform, until_free_of_contacts,
+    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, listed, make,
+    planner, unchanged, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
-pub const BALL_IN_CUP: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const BALL_IN_CUP: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/BallInCupDMControl-v0",
@@ -32,6 +32,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[TaskEntry::new("catch", "the whole ball in the cup", |model| {
     Ok(Box::new(Catch {

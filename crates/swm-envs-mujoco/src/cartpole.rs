@@ -3,19 +3,19 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
-    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    normal, planner, tolerance, unchanged, uniform,
+    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
+    listed, make, normal, planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
-pub const CARTPOLE: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const CARTPOLE: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CartpoleDMControl-v0",
@@ -34,6 +34,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("swingup_sparse", "from below: pole upright, cart in the middle", |model| {

@@ -1,19 +1,19 @@
 //! `swm/CheetahDMControl-v0`: a planar two-legged runner. Source: `dm_control`'s `suite/cheetah.py` and `cheetah.xml`;
 //! tasks beyond `run` are those that the reference added in August 2026.
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
-    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    planner, tolerance, unchanged, uniform,
+    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
+    listed, make, planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
-pub const CHEETAH: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const CHEETAH: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CheetahDMControl-v0",
@@ -33,6 +33,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("run", "run forwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(1.0))),

@@ -2,18 +2,18 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, make, planner,
-    randomize_joints, uniform, until_free_of_contacts,
+    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, listed, make,
+    planner, randomize_joints, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
-pub const FINGER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const FINGER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/FingerDMControl-v0",
@@ -32,6 +32,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("turn_hard", "turn the spinner's tip into a target of 3 cm", |model| {

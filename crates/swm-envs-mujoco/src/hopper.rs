@@ -1,18 +1,18 @@
 //! `swm/HopperDMControl-v0`: a planar one-legged hopper. Source: `dm_control`'s `suite/hopper.py` and `hopper.xml`; tasks
 //! beyond `hop` and `stand` are the reference's of August 2026.
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 use crate::suite::{
-    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    mean, planner, randomize_joints, tolerance, unchanged,
+    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
+    listed, make, mean, planner, randomize_joints, tolerance, unchanged,
 };
 
 /// The table entry.
-pub const HOPPER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const HOPPER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HopperDMControl-v0",
@@ -31,6 +31,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("hop", "stand and hop forwards at 2 m/s", |model| Hopper::new(model, Goal::Hop)),

@@ -1,18 +1,18 @@
 //! `swm/HumanoidDMControl-v0`: a humanoid with 21 torques. Source: `dm_control`'s `suite/humanoid.py` and `humanoid.xml`.
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
 use crate::hopper::small_control;
 use crate::suite::{
-    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    planner, randomize_joints, tolerance, unchanged, until_free_of_contacts,
+    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
+    listed, make, planner, randomize_joints, tolerance, unchanged, until_free_of_contacts,
 };
 
 /// The table entry.
-pub const HUMANOID: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const HUMANOID: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HumanoidDMControl-v0",
@@ -31,6 +31,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("walk", "stand and move at 1 m/s", |model| Humanoid::new(model, 1.0)),

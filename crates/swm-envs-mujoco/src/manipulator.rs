@@ -3,18 +3,18 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
-    Control, Domain, Effect, GAUSSIAN, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, make,
-    planner, tolerance, uniform, until_free_of_contacts,
+    Control, Domain, Effect, GAUSSIAN, Place, Stage, Target, Task, TaskEntry, distance, entry, factors,
+    listed, make, planner, tolerance, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
-pub const MANIPULATOR: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const MANIPULATOR: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ManipulatorDMControl-v0",
@@ -45,6 +45,8 @@ pub(crate) static DOMAIN: Domain = Domain {
 /// Indices into the domain's targets.
 const POSITION: usize = 0;
 const ORIENTATION: usize = 1;
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[TaskEntry::new(
     "bring_ball",

@@ -3,18 +3,18 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
-    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make, planner, unchanged,
-    uniform,
+    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, listed, make, planner,
+    unchanged, uniform,
 };
 
 /// The table entry.
-pub const PENDULUM: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const PENDULUM: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/PendulumDMControl-v0",
@@ -33,6 +33,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[TaskEntry::new("swingup", "within 8 degrees of upright", |model| {
     Ok(Box::new(SwingUp { pole: model.id(Object::Body, "pole")? }))

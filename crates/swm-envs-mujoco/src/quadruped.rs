@@ -1,18 +1,18 @@
 //! `swm/QuadrupedDMControl-v0`: a four-legged robot with position servos. Source: `dm_control`'s `suite/quadruped.py` and
 //! `quadruped.xml`, for its tasks on flat ground.
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{JointKind, Model, Object, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Falloff, Stage, Task, TaskEntry, direction, entry, factors, make, planner,
-    tolerance,
+    Control, Domain, Effect, Falloff, Stage, Task, TaskEntry, direction, entry, factors, listed, make,
+    planner, tolerance,
 };
 
 /// The table entry.
-pub const QUADRUPED: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const QUADRUPED: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/QuadrupedDMControl-v0",
@@ -36,6 +36,8 @@ pub(crate) static DOMAIN: Domain = Domain {
 const TIME_LIMIT_S: f64 = 20.0;
 const WALK_SPEED: f64 = 0.5;
 const RUN_SPEED: f64 = 5.0;
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("walk", "upright at 0.5 m/s", |model| Move::new(model, WALK_SPEED)),

@@ -3,18 +3,18 @@
 
 use std::f64::consts::PI;
 
-use swm_core::EnvEntry;
 use swm_core::seed::Stream;
+use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, make, planner,
+    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, listed, make, planner,
     randomize_joints, uniform,
 };
 
 /// The table entry.
-pub const REACHER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const REACHER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ReacherDMControl-v0",
@@ -44,6 +44,8 @@ pub(crate) static DOMAIN: Domain = Domain {
 /// Indices into the domain's targets.
 const POINT: usize = 0;
 const ANGLES: usize = 1;
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("hard", "the finger touches a target of 1.5 cm", |model| Reach::new(model, false))

@@ -2,19 +2,19 @@
 //! beyond `walk`, `stand` and `run` are the reference's of August 2026.
 
 use swm_core::seed::Stream;
-use swm_core::{Dtype, EnvEntry, Space, Value};
+use swm_core::{Dtype, EnvEntry, EnvTask, Space, Value};
 use swm_fov::Factor;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
-    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    planner, randomize_joints, tolerance, unchanged,
+    Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
+    listed, make, planner, randomize_joints, tolerance, unchanged,
 };
 
 /// The table entry.
-pub const WALKER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
+pub const WALKER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);
 
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/WalkerDMControl-v0",
@@ -41,6 +41,8 @@ pub(crate) static DOMAIN: Domain = Domain {
     compose: unchanged,
     factors: controls,
 };
+
+const LISTED: [EnvTask; TASKS.len()] = listed(TASKS);
 
 const TASKS: &[TaskEntry] = &[
     TaskEntry::new("walk", "upright at 1 m/s", |model| Walker::new(model, Goal::Move(1.0))),

@@ -18,6 +18,10 @@ const WORDS: &[(&str, &str)] = &[
         "give another path, or overwrite=True to replace it",
     ),
     ("--policy-seed ", "policy_seed "),
+    (
+        "commas join runs, and spaces separate results to compare",
+        "a list joins runs, and arguments are results to compare",
+    ),
     ("say --env ID", "give env_name="),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
     ("this program was built without the feature", "this package is built without the feature"),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
 use swm_core::evaluate::is_held_out;
-use swm_core::{ImageSize, Registry};
+use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{Subset, split_episodes};
 use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
@@ -207,7 +207,7 @@ impl TrainData {
         let episodes = dataset.num_episodes();
         let config = DataConfig {
             path: dataset.path().to_owned(),
-            env: dataset.metadata().map(|metadata| metadata.env.clone()).filter(|env| !env.is_empty()),
+            env: dataset.metadata().and_then(Metadata::known_env).map(str::to_owned),
             episodes,
             rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
             split,

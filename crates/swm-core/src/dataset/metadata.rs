@@ -103,7 +103,7 @@ impl Metadata {
 
     /// The environment's id, unless it is [unknown](Metadata::unknown).
     pub fn known_env(&self) -> Option<&str> {
-        Some(self.env.as_str()).filter(|&env| env != UNKNOWN)
+        Some(self.env.as_str()).filter(|&env| env != UNKNOWN && !env.is_empty())
     }
 
     /// Whether the run sampled or set a factor, as far as its record says.

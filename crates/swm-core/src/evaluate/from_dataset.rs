@@ -83,13 +83,15 @@ impl World {
                 reason: "0 actions; use 1 or more".to_owned(),
             });
         }
-        if let Some(metadata) = source.metadata()
-            && metadata.env != self.spec.id
+        // What other programs recorded, and its copies, may fit.
+        let known = source.metadata().and_then(|metadata| Some((metadata, metadata.known_env()?)));
+        if let Some((_, env)) = known
+            && env != self.spec.id
         {
-            let reason = format!("was recorded in `{}`, this world is `{}`", metadata.env, self.spec.id);
+            let reason = format!("was recorded in `{env}`, this world is `{}`", self.spec.id);
             return Err(WorldError::Dataset(reason.into()));
         }
-        if let Some(metadata) = source.metadata()
+        if let Some((metadata, _)) = known
             && metadata.frame_skip != self.options().frame_skip
         {
             let reason = format!(

@@ -184,9 +184,11 @@ impl<'a> Sample<'a> {
     fn check_source(&self, recorded: &RecordedPairs<'_>) -> Result<(), WorldError> {
         let (options, id) = (self.options, &self.env.spec().id);
         let refuse = |reason: String| Err(WorldError::Dataset(reason.into()));
-        let Some(metadata) = recorded.source.metadata() else { return Ok(()) };
-        if metadata.env != *id {
-            return refuse(format!("was recorded in `{}`, the manifest is for `{id}`", metadata.env));
+        // What other programs recorded, and its copies, may fit.
+        let known = recorded.source.metadata().and_then(|metadata| Some((metadata, metadata.known_env()?)));
+        let Some((metadata, env)) = known else { return Ok(()) };
+        if env != *id {
+            return refuse(format!("was recorded in `{env}`, the manifest is for `{id}`"));
         }
         if metadata.frame_skip != options.frame_skip {
             let (found, wanted) = (metadata.frame_skip, options.frame_skip);

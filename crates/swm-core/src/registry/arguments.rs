@@ -39,10 +39,16 @@ impl PolicyArgs {
     ///
     /// # Errors
     ///
-    /// A key is given twice. Whether the policy knows the keys shows when it is made.
+    /// A key is given twice, or settings do not follow a colon. Whether the policy knows the keys shows when it is made.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         let (name, rest) = text.split_once(':').unwrap_or((text, ""));
         let mut args = Self { name: name.trim().to_owned(), ..Self::default() };
+        if let Some((name, settings)) = args.name.split_once([' ', ',', '=']) {
+            let settings = format!("{settings} {rest}").trim().replace(' ', ",");
+            return Err(
+                args.wrong(format!("settings follow a colon, separated by commas: `{name}:{settings}`"))
+            );
+        }
         for part in rest.split(',').map(str::trim).filter(|part| !part.is_empty()) {
             match part.split_once('=') {
                 Some((key, value)) => {
@@ -86,7 +92,14 @@ impl PolicyArgs {
     }
 
     fn named_as<T: DeserializeOwned>(&self) -> Result<T, PolicyError> {
-        read(&self.named).map_err(|error| self.wrong(error.to_string()))
+        read(&self.named).map_err(|error| {
+            let holds_another = |value: &Json| value.as_str().is_some_and(|text| text.contains('='));
+            let separated = match self.named.get(&error.name).is_some_and(holds_another) {
+                true => "; settings are separated by commas",
+                false => "",
+            };
+            self.wrong(format!("{error}{separated}"))
+        })
     }
 
     /// Refuses a value that is negative or not finite, as no std is.
@@ -161,6 +174,25 @@ mod tests {
             vec![0.5.into(), Json::from(-1)]
         );
         assert!(PolicyArgs::parse("cem:a=1,a=2").unwrap_err().to_string().contains("twice"));
+        for (text, told) in [
+            ("cem samples=20", "`cem:samples=20`"),
+            ("cem,samples=20,seed=1", "`cem:samples=20,seed=1`"),
+            ("cem samples=20 seed=1", "`cem:samples=20,seed=1`"),
+        ] {
+            let said = PolicyArgs::parse(text).unwrap_err().to_string();
+            assert!(said.contains(told), "{said}");
+        }
+        #[derive(Debug, Deserialize)]
+        struct Samples {
+            #[serde(rename = "samples")]
+            _samples: u32,
+        }
+        for (text, told) in
+            [("cem:samples=20 seed=1", true), ("cem:samples=20;seed=1", true), ("cem:samples=x", false)]
+        {
+            let said = PolicyArgs::parse(text).unwrap().parse_as::<Samples>().unwrap_err().to_string();
+            assert_eq!(said.ends_with("separated by commas"), told, "{said}");
+        }
         assert!(PolicyArgs::parse("random:x=1").unwrap().parse_as::<NoArgs>().is_err());
     }
 }

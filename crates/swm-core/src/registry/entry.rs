@@ -26,6 +26,23 @@ pub trait Entry: Send + Sync + 'static {
 /// Makes an environment.
 pub type MakeEnv = fn(&EnvConfig) -> Result<Box<dyn Env>, EnvError>;
 
+/// A task of an environment that has several: what its setting `task` chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct EnvTask {
+    /// Its name, as the setting has it: `--env-option task=run`.
+    pub name: &'static str,
+    /// What is rewarded, in a few words.
+    pub doc: &'static str,
+}
+
+impl EnvTask {
+    /// A task: its name, and what is rewarded.
+    pub const fn new(name: &'static str, doc: &'static str) -> Self {
+        Self { name, doc }
+    }
+}
+
 /// One environment of a table.
 ///
 /// ```
@@ -50,6 +67,8 @@ pub struct EnvEntry {
     pub success: &'static str,
     /// What [`EnvConfig::settings`] may hold.
     pub settings: &'static [Setting],
+    /// What the setting `task` chooses, the default first; empty where there is no such setting, or its values are no names.
+    pub tasks: &'static [EnvTask],
     /// Policies that know this environment.
     pub policies: &'static [PolicyEntry],
     /// A planner that solves its task, as on a command line (`icem:horizon=20`): the policy `expert` of an environment
@@ -61,7 +80,8 @@ pub struct EnvEntry {
 impl EnvEntry {
     /// An environment without settings, policies and a planner.
     pub const fn new(id: &'static str, summary: &'static str, make: MakeEnv) -> Self {
-        Self { id, summary, family: "", success: "", settings: &[], policies: &[], planner: None, make }
+        let (settings, tasks, policies, planner) = (&[], &[], &[], None);
+        Self { id, summary, family: "", success: "", settings, tasks, policies, planner, make }
     }
 
     /// What it belongs to: see [`EnvEntry::family`].
@@ -82,6 +102,13 @@ impl EnvEntry {
     #[must_use]
     pub const fn settings(mut self, settings: &'static [Setting]) -> Self {
         self.settings = settings;
+        self
+    }
+
+    /// The tasks that its setting `task` chooses: see [`EnvEntry::tasks`].
+    #[must_use]
+    pub const fn tasks(mut self, tasks: &'static [EnvTask]) -> Self {
+        self.tasks = tasks;
         self
     }
 

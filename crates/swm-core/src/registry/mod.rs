@@ -25,6 +25,6 @@ pub(crate) use arguments::literal;
 pub use arguments::{NoArgs, PolicyArgs};
 pub use basic::BASIC_POLICIES;
 pub use context::PolicyContext;
-pub use entry::{Entry, EnvEntry, MakeEnv};
+pub use entry::{Entry, EnvEntry, EnvTask, MakeEnv};
 pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry};
 pub use store::Registry;

@@ -20,7 +20,7 @@ use crate::error::{did_you_mean, nearest};
 /// assert_eq!(read(r#"{"iterations": 5}"#).unwrap().iterations, 5);
 /// assert_eq!(
 ///     read(r#"{"iteration": 5}"#).unwrap_err().to_string(),
-///     "setting `iteration`: unknown; did you mean `iterations`?; known are iterations"
+///     "setting `iteration`: unknown; did you mean `iterations`? (known are iterations)"
 /// );
 /// assert_eq!(
 ///     read(r#"{"iterations": "few"}"#).unwrap_err().to_string(),
@@ -93,7 +93,11 @@ impl WrongSetting {
             [] => format!("{UNKNOWN}; there are no settings"),
             known => {
                 let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
-                format!("{UNKNOWN}{meant}; known are {}", known.join(", "))
+                let known = known.join(", ");
+                match meant.is_empty() {
+                    true => format!("{UNKNOWN}; known are {known}"),
+                    false => format!("{UNKNOWN}{meant} (known are {known})"),
+                }
             }
         };
         Self { name: name.to_owned(), reason }
@@ -203,7 +207,7 @@ mod tests {
         let all = "known are count, share, flag, render, at";
         assert_eq!(
             refused(json!({ "rendr": "fast" })),
-            format!("setting `rendr`: unknown; did you mean `render`?; {all}")
+            format!("setting `rendr`: unknown; did you mean `render`? ({all})")
         );
         assert_eq!(
             refused(json!({ "count": 1, "completely": 2 })),

@@ -293,8 +293,19 @@ fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metada
     }
 }
 
-fn is_same(a: &Path, b: &Path) -> bool {
-    matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
+/// Whether two paths lead to the same file or folder, links of either kind included. Where nothing is, there is nothing the same.
+pub fn is_same(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt as _;
+
+        let of = |path| std::fs::metadata(path).map(|found| (found.dev(), found.ino()));
+        matches!((of(a), of(b)), (Ok(a), Ok(b)) if a == b)
+    }
+    #[cfg(not(unix))]
+    {
+        matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
+    }
 }
 
 /// Every episode of every source, in order.

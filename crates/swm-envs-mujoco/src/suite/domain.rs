@@ -1,7 +1,7 @@
 //! What a domain of the suite is: a table of constants, and tasks that start, observe and reward.
 
 use swm_core::seed::Stream;
-use swm_core::{EnvConfig, EnvEntry, EnvError, PolicyEntry};
+use swm_core::{EnvConfig, EnvEntry, EnvError, EnvTask, PolicyEntry};
 
 use super::effect::Control;
 use super::settings::SETTINGS;
@@ -123,6 +123,17 @@ pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
         .settings(SETTINGS)
         .planner(domain.planner)
         .policies(domain.policies)
+}
+
+/// The tasks of a domain, as its [`entry`] lists them. `N` is their number.
+pub(crate) const fn listed<const N: usize>(tasks: &[TaskEntry]) -> [EnvTask; N] {
+    let mut list = [EnvTask::new("", ""); N];
+    let mut at = 0;
+    while at < N {
+        list[at] = EnvTask::new(tasks[at].name, tasks[at].doc);
+        at += 1;
+    }
+    list
 }
 
 /// iCEM with these settings, as [`Domain::planner`], and what all domains share: plan at every action, go on from the last

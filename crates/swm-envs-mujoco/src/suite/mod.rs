@@ -16,8 +16,8 @@ mod start;
 mod sums;
 mod tolerance;
 
-pub(crate) use domain::planner;
 pub use domain::{Domain, MakeEnv, MakeTask, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
+pub(crate) use domain::{listed, planner};
 pub use effect::{Control, Effect, set_color};
 pub use env::SuiteEnv;
 pub use models::{Origin, description, edit_in_place};

@@ -9,7 +9,7 @@ use crate::views::settings::ImageSettings;
 swm_core::settings! {
     /// Constructor settings. Unknown names are refused.
     pub(super) struct Settings {
-        /// What is rewarded; the page of the environment lists the tasks.
+        /// What is rewarded: the name of a task. `swm envs` and the page of the environment list them.
         task: Option<String> = None => "the first",
         /// Start from dm_control's own model and looks, not from the reference's changes to them.
         stock: bool = false,

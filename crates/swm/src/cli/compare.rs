@@ -46,7 +46,7 @@ impl Compare {
             .zip(&sides)
             .map(|(side, results)| {
                 // As `--policy` takes it; `side.policy` names models by their hash.
-                let policy = results.runs()[0].candidate.policy.to_string();
+                let policy = format!("{}{}", results.runs()[0].candidate.policy, seeds(results));
                 let [low, high] = side.ci95;
                 let (difference, p) = match &side.test {
                     Some(test) => {
@@ -115,6 +115,16 @@ impl Compare {
                 points(transfer.forward)
             )
         })
+    }
+}
+
+/// The seeds of the runs of a side, where one was chosen.
+fn seeds(side: &Side) -> String {
+    let seeds: Vec<u64> = side.runs().iter().map(|run| run.candidate.seed).collect();
+    let all: Vec<String> = seeds.iter().map(u64::to_string).collect();
+    match seeds.iter().any(|&seed| seed != 0) {
+        true => format!(" (policy seed {})", all.join(", ")),
+        false => String::new(),
     }
 }
 

@@ -6,6 +6,11 @@ use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 /// An option, and the remedy for whoever gives it with one that it excludes.
 const REMEDIES: &[(&str, &str)] = &[
     (
+        "--seed",
+        "a manifest fixes the seeds of its episodes; `swm eval --policy-seed N` repeats them with other noise of the policy, and `swm manifest make --seed N` \
+         makes other episodes",
+    ),
+    (
         "--manifest",
         "a manifest fixes the environment, its episodes, budget, factors and images; `swm manifest make` makes another one",
     ),
@@ -41,6 +46,10 @@ const REQUIRED: &[(&str, &str)] = &[(
 const ELSEWHERE: &[(&str, &str)] = &[
     ("--set", "factors are set where episodes are made: `swm manifest make --set`, `swm collect --set`"),
     ("--vary", "factors vary where episodes are made: `swm manifest make --vary`, `swm collect --vary`"),
+    (
+        "--overwrite",
+        "`swm collect` replaces a dataset by --mode overwrite, `swm eval` and `swm sweep` replace a result by --again",
+    ),
     ("--key-frames", "`swm convert --key-frames` sets the period of key frames of a video"),
 ];
 
@@ -88,6 +97,7 @@ mod tests {
     fn options_that_exclude_each_other_name_a_remedy() {
         for (line, words) in [
             ("swm eval --manifest a.toml --policy weak --episodes 3", "swm manifest make"),
+            ("swm eval --manifest a.toml --policy weak --seed 3", "--policy-seed N"),
             (
                 "swm collect swm/PushT-v1 --policy weak --out a.h5 --replayable --image-size 64x64",
                 "renders them",
@@ -111,6 +121,7 @@ mod tests {
                 "swm manifest make --set",
             ),
             ("swm eval swm/PushT-v1 --policy weak --episodes -3", "--option=-3"),
+            ("swm collect swm/PushT-v1 --episodes 3 --out a.h5 --overwrite", "--mode overwrite"),
         ] {
             let message = message(line);
             assert!(message.contains("tip: ") && message.contains(words), "{message}");

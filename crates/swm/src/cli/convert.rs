@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_core::{ImageSize, Registry};
+use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{fill_factors, split_episodes};
 use swm_data::format::StoredImages;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
@@ -90,7 +90,7 @@ impl TargetArgs {
         let size = match self.image_size {
             Some(size) => size.0,
             None if images::holds_images(dataset.as_ref()) || !is_of_images() => None,
-            None if dataset.metadata().is_none() => {
+            None if dataset.metadata().and_then(Metadata::known_env).is_none() => {
                 let (source, to) = (source.display(), to.display());
                 output.note(format!(
                     "note: {source} holds no images and does not say how it was recorded, so that none can be rendered: {to} \
@@ -118,6 +118,7 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Json, Failure> {
+        inputs::check_target(sources, to)?;
         create_parent(to)?;
         let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
         let started = Instant::now();
@@ -249,6 +250,7 @@ impl Merge {
         if paths == self.sources && paths.len() == 1 {
             return Err(usage("one dataset was given; name two or more, or a folder of parts"));
         }
+        inputs::check_distinct(&paths)?;
         let mut sources = Vec::with_capacity(paths.len());
         for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);

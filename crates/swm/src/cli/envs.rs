@@ -2,7 +2,9 @@
 
 use clap::Args;
 use serde_json::json;
-use swm_core::{Env, EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting, Space};
+use swm_core::{
+    Env, EnvConfig, EnvEntry, EnvSpec, EnvTask, FactorSpec, PolicyEntry, Registry, Setting, Space,
+};
 
 use super::output::{key_values, table};
 use super::table::terminal_columns;
@@ -10,21 +12,24 @@ use super::{Failure, Output};
 
 /// List environments, their policies and settings.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  swm envs\n  swm envs swm/PushT-v1\n  swm envs swm/PushT-v1 --full\n  swm envs --json"
-)]
+#[command(after_help = "Examples:\n  swm envs\n  swm envs swm/PushT-v1\n  swm envs swm/PushT-v1 --full\n  \
+                  swm envs --tasks              (tasks of the environments that have several: --env-option task=NAME)\n  swm envs --json")]
 pub(super) struct Envs {
     /// Show one environment: its settings and policies.
     env: Option<String>,
     /// With an environment: also show all settings of each policy.
     #[arg(long, requires = "env")]
     full: bool,
+    /// List the tasks of the environments that have several.
+    #[arg(long, conflicts_with = "env")]
+    tasks: bool,
 }
 
 impl Envs {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         match self.env {
             Some(id) => one(registry, registry.env(&id)?, self.full, output),
+            None if self.tasks => tasks(registry, output),
             None => all(registry, output),
         }
     }
@@ -99,8 +104,44 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
             false => table(&header, &rows),
         };
         text += "\n";
-        text + IMAGES + &failed
+        text + IMAGES + &several_tasks(registry) + &failed
     })
+}
+
+/// How tasks are found, where there are environments with several.
+fn several_tasks(registry: &Registry) -> String {
+    match registry.envs().filter(|entry| entry.tasks.len() > 1).count() {
+        0 => String::new(),
+        count => format!(
+            "Tasks (--env-option task=NAME): {count} environments have several; `swm envs --tasks` lists them, `swm envs ENV` \
+             those of one.\n"
+        ),
+    }
+}
+
+/// Every task of the environments that have several, a line each: what a search by `grep` finds.
+fn tasks(registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let all = || registry.envs().flat_map(|entry| entry.tasks.iter().map(move |task| (entry, task)));
+    let list: Vec<_> = all()
+        .map(|(entry, task)| {
+            let is_default = entry.tasks.first() == Some(task);
+            json!({"env": entry.id, "task": task.name, "doc": task.doc, "default": is_default})
+        })
+        .collect();
+    output.result(&list, || {
+        let rows: Vec<_> =
+            all().map(|(entry, task)| [vec![entry.id.to_owned()], task_row(entry, task)].concat()).collect();
+        let table = table(&["environment", "task (--env-option task=NAME)", "what is rewarded"], &rows);
+        format!("{table}{DEFAULT_TASK}")
+    })
+}
+
+/// What the star of a task means.
+const DEFAULT_TASK: &str = "* without --env-option task=…\n";
+
+fn task_row(entry: &EnvEntry, task: &EnvTask) -> Vec<String> {
+    let star = if entry.tasks.first() == Some(task) { " *" } else { "" };
+    vec![format!("{}{star}", task.name), task.doc.to_owned()]
 }
 
 /// The number of factors, the action, and the time of a control step in seconds.
@@ -142,6 +183,12 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             key_values(&about),
             table(&["setting (--env-option)", "default", "what it does"], &settings),
         );
+        if entry.tasks.len() > 1 {
+            let rows: Vec<_> = entry.tasks.iter().map(|task| task_row(entry, task)).collect();
+            text += &table(&["task (--env-option task=NAME)", "what is rewarded"], &rows);
+            text += DEFAULT_TASK;
+            text += "\n";
+        }
         let others = match others.iter().map(|policy| policy.name).collect::<Vec<_>>().join(", ") {
             none if none.is_empty() => none,
             names => format!("\nnot for this task and its actions: {names}\n"),
@@ -217,6 +264,7 @@ fn describe(entry: &EnvEntry, spec: &EnvSpec, policies: &[&PolicyEntry]) -> serd
         "planner": entry.planner,
         "policies": policies.iter().map(policy).collect::<Vec<_>>(),
         "settings": settings(entry.settings),
+        "tasks": entry.tasks.iter().map(|task| json!({"name": task.name, "doc": task.doc})).collect::<Vec<_>>(),
     })
 }
 

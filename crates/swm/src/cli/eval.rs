@@ -136,7 +136,25 @@ impl Eval {
             return self.on_manifest(manifest, options).run(registry, output);
         }
         let env = self.env.take()?;
+        self.check_without_manifest()?;
         self.run_in(&env, registry, output)
+    }
+
+    /// Refuses what only an evaluation on a manifest heeds. (The parser requires the manifest only where no environment excludes it.)
+    fn check_without_manifest(&self) -> Result<(), Failure> {
+        let needs = |option: &str, instead: &str| {
+            Err(usage(format!("{option} is for evaluations on a manifest; give --manifest, {instead}")))
+        };
+        if self.policy_seed != 0 {
+            return needs("--policy-seed", "or seed starts, goals and policy by --seed");
+        }
+        if self.oracle.is_some() {
+            return needs("--oracle", "or evaluate the oracle by --policy");
+        }
+        match self.reference.as_slice() {
+            [ReferenceArg::All] => Ok(()),
+            _ => needs("--reference", "or evaluate each policy by --policy"),
+        }
     }
 
     fn run_in(self, env: &EnvArgs, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -157,6 +175,9 @@ impl Eval {
         note_images(&self.policy, of_model, image, output);
         let format = self.video_format(image)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
+        if let Some(dataset) = &dataset {
+            inputs::check_env(dataset.as_ref(), entry, self.world.frame_skip)?;
+        }
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let config = env.config_like(recorded.settings, image)?;
         let frame_skip = self.world.frame_skip.unwrap_or(recorded.frame_skip.max(1));

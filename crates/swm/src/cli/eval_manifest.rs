@@ -373,6 +373,8 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     if let Some(regret) = others.into_iter().find_map(|other| other.regret.as_ref()) {
         text += &format!("\n{}\n", regret_line(regret));
     }
+    let seed = Some(receipt.candidate.seed).filter(|&seed| seed != 0);
+    text += &seed.map(|seed| format!("policy seed {seed}\n")).unwrap_or_default();
     text += &format!(
         "manifest {}\nwall time of the policy: {:.1} s\n",
         receipt.manifest_hash, receipt.wall_time_s

@@ -2,9 +2,10 @@
 //! one that is there and cannot be read is a failure of the work.
 
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use swm_core::Registry;
+use swm_core::{EnvEntry, Registry};
+use swm_data::tools::copy::is_same;
 use swm_data::{DataError, Dataset};
 
 use super::{Failure, usage};
@@ -22,4 +23,59 @@ pub(super) fn check_exists(path: &Path) -> Result<(), Failure> {
         // What else stands in the way is told when it is opened.
         _ => Ok(()),
     }
+}
+
+/// Refuses a dataset that was recorded in another environment than that of the command, or with another frame skip than the one
+/// that was asked for. A dataset that does not say how it was recorded passes.
+pub(super) fn check_env(
+    dataset: &dyn Dataset,
+    entry: &EnvEntry,
+    frame_skip: Option<u32>,
+) -> Result<(), Failure> {
+    let known = dataset.metadata().and_then(|recorded| Some((recorded, recorded.known_env()?)));
+    let Some((recorded, env)) = known else { return Ok(()) };
+    let path = dataset.path().display();
+    if env != entry.id {
+        return Err(usage(format!(
+            "the dataset {path} was recorded in {env}, not in {0}; give a dataset of {0}, or name {env} as the environment",
+            entry.id
+        )));
+    }
+    match frame_skip.filter(|&wanted| wanted != recorded.frame_skip) {
+        Some(wanted) => Err(usage(format!(
+            "--frame-skip {wanted}: the dataset {path} was recorded with frame skip {}, which is the default here; leave out \
+             --frame-skip",
+            recorded.frame_skip
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses to write to one of the datasets that are read.
+pub(super) fn check_target(sources: &[Box<dyn Dataset>], to: &Path) -> Result<(), Failure> {
+    match sources.iter().find(|source| is_same(source.path(), to)) {
+        Some(_) => {
+            let to = to.display();
+            Err(usage(format!(
+                "{to} is the dataset to read and the one to write; write to another file or folder"
+            )))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses to read a dataset twice, by whatever paths and links it is named.
+pub(super) fn check_distinct(paths: &[PathBuf]) -> Result<(), Failure> {
+    for (index, path) in paths.iter().enumerate() {
+        if let Some(other) = paths[..index].iter().find(|other| is_same(other, path)) {
+            let named = match other == path {
+                true => format!("{} is named twice", path.display()),
+                false => format!("{} and {} are the same dataset", other.display(), path.display()),
+            };
+            return Err(usage(format!(
+                "{named}; every episode of it would be in the result twice: name it once"
+            )));
+        }
+    }
+    Ok(())
 }

@@ -176,6 +176,11 @@ impl<'a> Status<'a> {
         format!("{} shards: {}", self.folder.job.shards, counts.join(", "))
     }
 
+    /// Whether all shards are done, and nobody has joined them.
+    fn awaits_join(&self) -> bool {
+        self.finished.is_none() && self.done.len() as u64 == self.folder.job.shards
+    }
+
     fn page(&self) -> String {
         let (job, dir) = (&self.folder.job, self.folder.dir.display().to_string());
         let mut rows = vec![("job", dir.clone()), ("command", format!("swm {}", job.command.join(" ")))];
@@ -191,11 +196,11 @@ impl<'a> Status<'a> {
         }
         if let Some(finished) = &self.finished {
             rows.push(("result", format!("{dir}/{} ({} bytes)", finished.result, finished.bytes)));
-        } else if self.missing.is_empty() && self.held.is_empty() {
+        } else if self.awaits_join() {
             rows.push(("result", format!("not joined yet: swm task {dir} --finish")));
         } else if !self.missing.is_empty() {
             let missing = ranges(&self.missing);
-            rows.push(("missing", format!("{missing}: {}", self.folder.command_for_the_rest())));
+            rows.push(("to do", format!("shards {missing}, by: {}", self.folder.command_for_the_rest())));
         }
         let mut text = key_values(&rows);
         let shown = |&shard: &u64| {
@@ -245,8 +250,11 @@ pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
         .iter()
         .map(|status| {
             let dir = status.folder.dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let result =
-                status.finished.as_ref().map_or("–".to_owned(), |finished| finished.result.clone());
+            let result = match &status.finished {
+                Some(finished) => finished.result.clone(),
+                None if status.awaits_join() => "not joined yet".to_owned(),
+                None => "–".to_owned(),
+            };
             vec![
                 dir,
                 status.folder.job.command[..2.min(status.folder.job.command.len())].join(" "),

@@ -19,14 +19,19 @@ use crate::jobs::engine::{Submission, engine};
 use crate::jobs::progress::Progress;
 use crate::text_file::read_text;
 
-/// Show the progress of jobs.
+/// Show the progress of the jobs of `swm submit`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm jobs                    (every job in this folder)
   swm jobs pusht --watch
   swm jobs --logs pusht 3     (what shard 3 printed)
-  swm jobs --cancel pusht     (what is done is kept; swm submit --job pusht goes on)")]
+  swm jobs --cancel pusht     (what is done is kept; swm submit --job pusht goes on)
+
+A job is a folder that `swm submit` makes; its shards are tasks of a scheduler, such as those of a Slurm job array. States of shards: \
+`done`; `running`; `waiting` (queued by the scheduler); `failed` (the table and the log say why); `started, not queued` (a task \
+began and is gone, say killed) and `not submitted`, which `swm submit --job JOB` sends again; and without a scheduler `interrupted` and \
+`not started`, which `swm task JOB --all` runs. When all are done, a last task joins them to the result.")]
 pub(super) struct Jobs {
     /// The job's folder. Default: every job in this folder.
     #[arg(value_name = "JOB")]
@@ -104,8 +109,15 @@ impl Jobs {
             }
             None => folder.dir.join("logs/finish.log"),
         };
+        if !path.exists() {
+            let (what, path) = (
+                self.shard.map_or("the join of the shards".to_owned(), |shard| format!("shard {shard}")),
+                path.display(),
+            );
+            return Err(usage(format!("{what} has no log yet, as it was not started: {path}")));
+        }
         let text = read_text(&path);
-        print(&text.map_err(|error| format!("cannot read {}: {error} (has it started?)", path.display()))?)
+        print(&text.map_err(|error| format!("cannot read {}: {error}", path.display()))?)
     }
 }
 
@@ -137,7 +149,7 @@ fn cancel(folder: &JobFolder, output: &Output) -> Result<(), Failure> {
     let done = Progress::of(folder)?.done.len();
     let result = json!({ "job": folder.dir, "engines": names, "done": done });
     output.result(&result, || match names.is_empty() {
-        true => "nothing was submitted".to_owned(),
+        true => "nothing to cancel: no scheduler has a task of this job".to_owned(),
         false => format!(
             "canceled on {}; {done} of {} are done, and swm submit --job {} goes on",
             names.join(" and "),

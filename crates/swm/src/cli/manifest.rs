@@ -151,6 +151,9 @@ impl Make {
         let tier = Tier::from(self.tier);
         let entry = self.env.entry(registry)?;
         let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
+        if let Some(dataset) = &dataset {
+            inputs::check_env(dataset.as_ref(), entry, self.frame_skip)?;
+        }
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
         let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         let config = self.env.config_like(settings, self.image_size.0)?;
@@ -167,6 +170,9 @@ impl Make {
             return Err(usage("--distractor changes images, and there are none; give --image-size"));
         }
         distractors::parse_all(&self.distractors).map_err(usage)?;
+        if !(self.held_out > 0.0 && self.held_out <= 1.0) {
+            return Err(usage(format!("--held-out {}: use a share above 0 and at most 1", self.held_out)));
+        }
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
         if budget == 0 {

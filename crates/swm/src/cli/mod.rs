@@ -29,6 +29,7 @@ mod output;
 mod plan;
 mod preview;
 mod quality;
+mod quality_checks;
 mod render;
 mod replay;
 mod report;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::env::PIXELS;
-use swm_core::{Dtype, FieldKind, ImageSize, Registry, SliceMut};
+use swm_core::{Dtype, FieldKind, ImageSize, Metadata, Registry, SliceMut};
 use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, framed, png};
 
@@ -65,7 +65,7 @@ impl Preview {
             dataset.schema().index(&self.column).is_none() && !images::holds_images(dataset.as_ref());
         let size = match self.image_size {
             Some(size) => size.0,
-            None if missing && dataset.metadata().is_some() => {
+            None if missing && dataset.metadata().and_then(Metadata::known_env).is_some() => {
                 output.note(images::note(&self.file, RENDERED, images::BY_DEFAULT));
                 Some(RENDERED)
             }

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::error::{did_you_mean, nearest};
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
 use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
+use super::quality_checks::{check_horizon, check_lengths, check_probe, check_violation};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
@@ -107,10 +107,10 @@ impl QualityCommand {
             .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
             .collect::<Result<_, _>>()?;
         let dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
-        let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
-        if !metadata.env.is_empty() && metadata.env != entry.id {
-            return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
+        if let Some(dataset) = &dataset {
+            inputs::check_env(dataset.as_ref(), entry, None)?;
         }
+        let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let of_model = || trained.as_ref().and_then(|(entry, args)| entry.image_size(args));
         let image = self.image_size.map_or_else(|| of_model().or(metadata.image), |size| size.0);
         let config =
@@ -122,6 +122,15 @@ impl QualityCommand {
             (dataset, _) => dataset,
         };
         let mut env = entry.make(&config)?;
+        let learned = match &trained {
+            Some((model, args)) => {
+                Some(model.make(&PolicyContext::new(entry, &config).within(registry), args)?)
+            }
+            None => None,
+        };
+        if let Some(model) = &learned {
+            check_horizon(horizon, model.stride())?;
+        }
         violations.iter().try_for_each(|(_, violation)| check_violation(violation, env.spec()))?;
         let bar = output.bar(1 + measurements(&violations), "parts done");
         bar.set_message("now the episodes");
@@ -130,8 +139,9 @@ impl QualityCommand {
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
         };
         named.iter().try_for_each(|target| check_probe(target, &recorded))?;
-        let mut model = match &trained {
-            Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
+        check_lengths(horizon, &recorded)?;
+        let mut model = match learned {
+            Some(model) => model,
             None => yardstick(&self.model, entry, &config, &recorded)?,
         };
         let probed: Vec<ProbeTarget> = match self.probes.as_slice() {
@@ -248,29 +258,6 @@ fn violation(text: &str) -> Result<Violation, Failure> {
         (Ok(elements), Ok(to)) => Ok(Violation::Set { column: column.to_owned(), elements, to }),
         _ => Err(wrong()),
     }
-}
-
-/// Refuses a name that is neither a factor nor `teleport`.
-fn check_violation(violation: &Violation, env: &EnvSpec) -> Result<(), Failure> {
-    let Violation::Factor { name } = violation else { return Ok(()) };
-    let factors = || env.factors.iter().map(|factor| factor.name.as_str());
-    if factors().any(|factor| factor == name) {
-        return Ok(());
-    }
-    let meant = did_you_mean(nearest(name, factors().chain(["teleport"])).as_deref());
-    let lists = format!("`swm fovs {}` lists them", env.id);
-    Err(usage(format!("--violation {name}: it is neither teleport nor a factor{meant}; {lists}")))
-}
-
-/// Refuses to probe for a column that the episodes do not hold.
-fn check_probe(target: &ProbeTarget, recorded: &[Batch]) -> Result<(), Failure> {
-    let Some(schema) = recorded.first().map(Batch::schema) else { return Ok(()) };
-    if schema.index(&target.column).is_some() {
-        return Ok(());
-    }
-    let columns: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-    let meant = did_you_mean(nearest(&target.column, columns.iter().copied()).as_deref());
-    Err(usage(format!("--probe {target}: unknown column{meant}; there are: {}", columns.join(", "))))
 }
 
 fn text(env: &str, model: &str, found: &Quality) -> String {

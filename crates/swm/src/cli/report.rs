@@ -9,7 +9,7 @@ use swm_media::Format;
 use super::output::create_parent;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
-use crate::report_page::{Item, PageOptions, write_page};
+use crate::report_page::{Item, PageOptions, is_page, write_page};
 
 /// Write results as one self-contained HTML page.
 #[derive(Args)]
@@ -18,7 +18,8 @@ Examples:
   swm report results/cem results/mppi sweep --out report.html
   swm report results/cem/receipt.json --videos 0 --out report.html
 
-RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again to record videos.")]
+RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again to record videos. A page that \
+an earlier `swm report` wrote is written anew: it holds nothing but what the results hold. Any other file is kept.")]
 pub(super) struct ReportCommand {
     /// Receipts and sweeps, or the folders that hold them.
     #[arg(required = true, value_name = "RESULT")]
@@ -35,6 +36,9 @@ pub(super) struct ReportCommand {
     /// Plans shown of the first success and the first failure of a planner.
     #[arg(long, default_value_t = PageOptions::default().plans)]
     plans: usize,
+    /// Replace a file that is no report.
+    #[arg(long)]
+    overwrite: bool,
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
 }
@@ -60,6 +64,7 @@ impl ReportCommand {
         }
         let items: Vec<Item> =
             self.results.iter().map(|path| Item::read(path).map_err(usage)).collect::<Result<_, _>>()?;
+        self.check_out()?;
         let bar = output.bar(items.len() as u64, "results");
         let options = PageOptions { videos: self.videos, format, plans: self.plans };
         create_parent(&self.out)?;
@@ -74,5 +79,21 @@ impl ReportCommand {
         }
         let json = serde_json::json!({ "page": self.out, "notes": notes });
         output.result(&json, || format!("wrote {}\n", self.out.display()))
+    }
+
+    /// Refuses to replace what is no report.
+    fn check_out(&self) -> Result<(), Failure> {
+        let out = self.out.display();
+        match is_page(&self.out) {
+            _ if self.out.is_dir() => {
+                Err(usage(format!("--out {out} is a folder; name the file of the page")))
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+            Ok(true) => Ok(()),
+            _ if self.overwrite => Ok(()),
+            _ => Err(usage(format!(
+                "{out} exists and is no report; give another --out, or --overwrite to replace it"
+            ))),
+        }
     }
 }

@@ -20,17 +20,17 @@ use crate::jobs::progress::Progress;
 use crate::jobs::{Job, JobFolder, engine, free_bytes};
 use crate::text_file::read_text;
 
-/// Divide a command among the machines of a cluster.
+/// Divide a command into shards, and submit them as tasks of a scheduler: Slurm, HyperQueue, or another.
 #[derive(Args)]
 #[command(after_help = help())]
 pub(super) struct Submit {
-    /// The engine, ENGINE or ENGINE:KEY=VALUE,…: slurm, hq or script. Default: as before.
-    #[arg(long, value_name = "ENGINE")]
+    /// The scheduler: slurm, hq (HyperQueue), or script, which prints the commands for another; settings follow as :KEY=VALUE,… Default: as before.
+    #[arg(long, value_name = "SCHEDULER")]
     on: Option<String>,
-    /// The number of shards. Choose it so that each takes 10 to 60 minutes.
+    /// The number of shards: parts of the work, each a task of a Slurm job array. Choose it so that each takes 10 to 60 minutes.
     #[arg(long, value_name = "N", conflicts_with = "each", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     shards: Option<u64>,
-    /// The job's folder.
+    /// The job's folder, which is made: it gets the program, logs, shards and result.
     #[arg(long, value_name = "DIR")]
     job: PathBuf,
     /// With train: a file with further arguments, a line per run; each is a shard.
@@ -75,7 +75,7 @@ The commands are collect, eval --manifest, sweep and train, without --out: resul
 see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals \
 that of the undivided command. `swm jobs` shows progress. `swm submit` does not wait; --wait does.
 
-Engines and their keys, --on ENGINE:KEY=VALUE,…:
+Schedulers and their settings, --on SCHEDULER:KEY=VALUE,…:
 {}",
         engines.collect::<String>()
     )
@@ -126,7 +126,8 @@ impl Submit {
         let on = on.ok_or_else(|| {
             let here = folder.command_for_the_rest();
             usage(format!(
-                "--on: the job was submitted to no engine yet; name one, slurm or hq, or run it here: {here}"
+                "--on is missing, and the job was not submitted before; name a scheduler (--on slurm, --on hq), let --on script print \
+                 the commands, or run it here: {here}"
             ))
         })?;
         let (engine, settings) = engine(&on).map_err(usage)?;
@@ -167,7 +168,11 @@ impl Submit {
                 return Err(usage("a training run is not divided; --each FILE submits several runs"));
             }
             (_, Some(shards)) => shards,
-            (_, None) => return Err(usage("--shards: into how many shards?")),
+            (_, None) => {
+                return Err(usage(
+                    "--shards is missing: into how many parts, each a task, is the work divided?",
+                ));
+            }
         };
         let program = Program::this(version::long(), !self.no_copy)?;
         let mut job = Job::new(self.command.clone(), each, (shards, 0), program, Vec::new())?;

@@ -134,6 +134,9 @@ impl Task {
                 }
             }
         }
+        if let Some(join) = Progress::of(&folder)?.join_command(&folder).filter(|_| self.all) {
+            output.note(format!("all shards are done; to join them to the result: {join}"));
+        }
         failed.map_or(Ok(()), Err)
     }
 

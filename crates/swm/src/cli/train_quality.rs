@@ -43,12 +43,12 @@ impl OnTheWay {
         if every == 0 {
             return Err(usage("--quality-every 0: use 1 or more"));
         }
-        if metadata.env.is_empty() {
+        let Some(env) = metadata.known_env() else {
             return Err(usage(
                 "--quality-every: the dataset does not say which environment it was recorded in",
             ));
-        }
-        let entry = registry.env(&metadata.env)?;
+        };
+        let entry = registry.env(env)?;
         let image = Some(ImageSize { height: input.image, width: input.image });
         let config = EnvConfig { image, settings: metadata.settings };
         let env = entry.make(&config)?;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use serde::Serialize;
+use swm_core::PolicyArgs;
 use swm_core::error::BoxError;
 use swm_core::evaluate::PairedRuns;
 use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
@@ -49,7 +50,21 @@ impl Side {
         };
         if let Some(other) = runs.iter().find(|run| run.candidate.policy != first.candidate.policy) {
             let (one, other) = (&first.candidate.policy, &other.candidate.policy);
-            return Err(format!("{name}: `{one}` and `{other}` are not runs of one policy").into());
+            let by_setting = |policy: &PolicyArgs| {
+                let mut policy = policy.clone();
+                policy.named.remove("seed");
+                policy
+            };
+            return Err(match by_setting(one) == by_setting(other) {
+                true => format!(
+                    "{name}: `{one}` and `{other}` are not runs of one policy: they differ in its setting `seed`; leave that out, and \
+                     evaluate the policy with --policy-seed 1, --policy-seed 2, …"
+                ),
+                false => format!(
+                    "{name}: `{one}` and `{other}` are not runs of one policy; commas join runs, and spaces separate results to compare"
+                ),
+            }
+            .into());
         }
         let seeds: BTreeSet<u64> = runs.iter().map(|run| run.candidate.seed).collect();
         if seeds.len() < runs.len() {

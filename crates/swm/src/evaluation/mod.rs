@@ -8,6 +8,7 @@ mod gate;
 mod hash;
 mod held;
 mod image_model;
+mod outdated;
 mod probe;
 mod probes;
 mod quality;
@@ -28,6 +29,7 @@ pub use held::held_receipt;
 #[cfg(feature = "cli")]
 pub(crate) use held::refusal;
 pub use image_model::ImageModel;
+pub(crate) use outdated::changed_model;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;

@@ -204,8 +204,12 @@ pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError
     let (name, rest) = text.split_once(':').unwrap_or((text, ""));
     let names = || ENGINES.iter().map(|engine| engine.name).collect::<Vec<_>>().join(", ");
     let engine = ENGINES.iter().find(|engine| engine.name == name);
-    let engine =
-        engine.ok_or_else(|| format!("--on: there is no engine `{name}`; there are: {}", names()))?;
+    let engine = engine.ok_or_else(|| {
+        format!(
+            "--on: `{name}` is unknown; there are: {}; script prints the commands for any other scheduler",
+            names()
+        )
+    })?;
     let mut settings = BTreeMap::new();
     let mut rest = rest;
     while !rest.is_empty() {

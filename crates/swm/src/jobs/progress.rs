@@ -86,6 +86,12 @@ impl Progress {
         Ok(progress)
     }
 
+    /// The command that makes the result, where all shards are done and nobody has joined them.
+    pub(crate) fn join_command(&self, folder: &JobFolder) -> Option<String> {
+        let awaits_join = !self.is_finished && self.done.len() as u64 == folder.job.shards;
+        awaits_join.then(|| format!("swm task {} --finish", folder.dir.display()))
+    }
+
     /// The shards that are not done.
     pub(crate) fn missing(&self, folder: &JobFolder) -> Vec<u64> {
         (1..=folder.job.shards).filter(|shard| !self.done.contains(shard)).collect()

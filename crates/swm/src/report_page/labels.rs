@@ -14,12 +14,14 @@ pub(super) struct Label {
     pub(super) name: String,
     /// The policy and its settings; empty where the folder says as much.
     pub(super) detail: String,
+    /// What keeps the result from being current, if anything does.
+    pub(super) warning: Option<String>,
 }
 
 impl Label {
-    /// For templates, which know `name` and `detail`.
+    /// For templates, which know `name`, `detail` and `warning`.
     pub(super) fn context(&self) -> Value {
-        context! { name => &self.name, detail => &self.detail }
+        context! { name => &self.name, detail => &self.detail, warning => self.warning.as_deref() }
     }
 }
 
@@ -38,7 +40,7 @@ pub(super) fn labels(results: &[(&Path, &Candidate)]) -> Vec<Label> {
             true => policy.clone(),
             false => format!("{policy}: {}", settings.join(", ")),
         };
-        Label { name, detail }
+        Label { name, detail, warning: None }
     };
     results.iter().enumerate().map(label).collect()
 }

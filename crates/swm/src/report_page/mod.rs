@@ -14,7 +14,9 @@ use minijinja::{Value, context};
 use swm_core::Registry;
 use swm_core::error::BoxError;
 
-use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, is_sweep, read_receipt};
+use crate::evaluation::{
+    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, is_sweep, read_receipt,
+};
 use crate::html;
 use crate::plan::PlanFigure;
 use crate::text_file::{json_error, read_text};
@@ -73,6 +75,25 @@ impl Item {
     }
 }
 
+/// What a page names as its maker, in its head.
+const GENERATOR: &str = "swm report";
+
+/// Whether the file at `path` is a page of [`write_page`], which may be written anew: it can be made again from the results that
+/// it shows, and nothing refers to it.
+///
+/// # Errors
+///
+/// The file cannot be read.
+pub fn is_page(path: &Path) -> std::io::Result<bool> {
+    use std::io::Read as _;
+
+    // The head is at the beginning; a page with videos is large.
+    let mut head = Vec::new();
+    std::fs::File::open(path)?.take(4096).read_to_end(&mut head)?;
+    let maker = format!("<meta name=\"generator\" content=\"{GENERATOR}\">");
+    Ok(String::from_utf8_lossy(&head).contains(&maker))
+}
+
 /// Writes the page of `items` to `path`; some episodes of each receipt are run again, for their videos. Returns notes for
 /// people: what could not be shown, and why.
 ///
@@ -88,7 +109,12 @@ pub fn write_page(
 ) -> Result<Vec<String>, BoxError> {
     let named: Vec<(&Path, &Candidate)> =
         items.iter().map(|item| (item.path.as_path(), item.candidate())).collect();
-    let labels = labels(&named);
+    let mut labels = labels(&named);
+    for (item, label) in items.iter().zip(&mut labels) {
+        if let Content::Receipt(receipt) = &item.content {
+            label.warning = changed_model(registry, receipt);
+        }
+    }
     let (mut receipts, mut sweeps, mut replayed, mut notes) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (item, label) in items.iter().zip(&labels) {
@@ -96,7 +122,14 @@ pub fn write_page(
             Content::Receipt(receipt) => {
                 each(&label.name);
                 receipts.push((&**receipt, label));
-                if options.videos > 0 {
+                if let Some(warning) = &label.warning {
+                    let shown = if options.videos > 0 {
+                        "; videos and plans, which it would make now, are left out"
+                    } else {
+                        ""
+                    };
+                    notes.push(format!("{}: {warning}{shown}", label.name));
+                } else if options.videos > 0 {
                     replayed.push((label, replay(registry, receipt, options, &mut notes)?));
                 }
             }
@@ -117,6 +150,7 @@ pub fn write_page(
         ("receipts", true),
     ];
     let page = context! {
+        generator => GENERATOR,
         title => format!("Evaluation: {envs}"),
         envs,
         lead => lead(&receipts, !sweeps.is_empty()),
@@ -180,4 +214,62 @@ fn replayed_context((label, replayed): &(&Label, Replayed)) -> Value {
     });
     let videos = replayed.videos.iter().map(VideoCard::context).collect::<Vec<_>>();
     context! { videos, plans => plans.collect::<Vec<_>>(), ..label.context() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use swm_core::evaluate::{EpisodeResult, ManifestOptions, make_manifest};
+    use swm_core::{EnvConfig, PolicyArgs, PolicyEntry, policies};
+
+    use super::*;
+    use crate::evaluation::fingerprints;
+
+    /// A policy whose model is the file that its argument names.
+    static MODELS: [PolicyEntry; 1] =
+        [PolicyEntry::new("of-file", "acts at random", |_, _| Ok(Box::new(policies::random())))];
+
+    #[test]
+    fn a_result_of_a_model_that_was_trained_since_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let (weights, page) = (folder.path().join("weights"), folder.path().join("page.html"));
+        std::fs::write(&weights, "100 steps").unwrap();
+        let registry = crate::registry().with(&MODELS);
+        let entry = registry.env("swm/TwoRoom-v2").unwrap();
+        let options = ManifestOptions { pairs: 1, budget: 2, ..ManifestOptions::default() };
+        let manifest = make_manifest(entry, &EnvConfig::default(), &options, None).unwrap();
+        let policy = PolicyArgs::new("of-file", serde_json::Map::new());
+        let candidate = Candidate::new(PolicyArgs { positional: vec![weights.to_str().into()], ..policy });
+        let files = candidate.files(&registry, entry).unwrap();
+        let prints = fingerprints(entry, &manifest, 0).unwrap();
+        let of = |files: &BTreeMap<String, String>| {
+            let receipt = Receipt::new(
+                manifest.clone(),
+                candidate.clone(),
+                "of-file".to_owned(),
+                files.clone(),
+                prints.clone(),
+                1,
+            )
+            .with_results(vec![EpisodeResult::default()], Vec::new(), 1.0);
+            Item { path: folder.path().to_owned(), content: Content::Receipt(Box::new(receipt)) }
+        };
+        let written = |item: Item| {
+            let options = PageOptions { videos: 1, plans: 0, format: swm_media::Format::Gif };
+            let notes = write_page(&registry, &page, &[item], options, |_| {}).unwrap();
+            (notes, std::fs::read_to_string(&page).unwrap())
+        };
+        assert_eq!(files.len(), 1);
+        let (notes, html) = written(of(&files));
+        assert!(!html.contains("since this result") && html.contains("data:image/gif"), "{notes:?}");
+        std::fs::write(&weights, "200 steps").unwrap();
+        let (notes, html) = written(of(&files));
+        let warning = "The model has changed since this result";
+        assert!(notes.len() == 1 && notes[0].contains(warning) && notes[0].contains("--again"), "{notes:?}");
+        assert!(html.contains(&format!("<strong>{warning}")), "the page says it too");
+        assert!(!html.contains("data:image/gif"), "a video would be of the newer model");
+        let (notes, html) = written(of(&BTreeMap::new()));
+        assert!(!html.contains("since this result"), "no model: {notes:?}");
+    }
 }

@@ -91,7 +91,7 @@ fn rows<'a>(group: &[(&'a Receipt, &Label)]) -> Vec<Row<'a>> {
             };
             if !rows.iter().any(|row| row.is_reference && row.label.name == name) {
                 rows.push(Row {
-                    label: Label { name, detail: String::new() },
+                    label: Label { name, detail: String::new(), warning: None },
                     summary: &reference.summary,
                     episodes: &reference.episodes,
                     is_reference: true,

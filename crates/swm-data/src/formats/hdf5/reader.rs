@@ -58,7 +58,13 @@ struct Span {
 impl Hdf5Dataset {
     /// Opens a file for reading.
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let unclean = superblock::ensure_readable(path)?.is_unclean();
+        let superblock = superblock::ensure_readable(path)?;
+        // The library's words for a file without its end depend on what it meets first.
+        Self::open_as(path, superblock.is_unclean())
+            .map_err(|error| superblock.missing_end(path).unwrap_or(error))
+    }
+
+    fn open_as(path: &Path, unclean: bool) -> Result<Self, DataError> {
         let library = open_library(path, unclean)?;
         let failed = |part: &str, error| DataError::damaged(path, library_error(error).at(part));
         let attributes = Attributes::read(&library).map_err(|error| DataError::damaged(path, error))?;

@@ -58,7 +58,7 @@ impl Superblock {
         let mut start = Vec::with_capacity(SIZE);
         let read = file.take(SIZE as u64).read_to_end(&mut start);
         read.map_err(|source| DataError::io(path, "read", source))?;
-        let cut = || DataError::damaged(path, "it ends within its first 48 bytes");
+        let cut = || cut_short(path, file_length, None);
         let bytes: [u8; SIZE] = start.try_into().map_err(|_| cut())?;
         let version = bytes[SIGNATURE.len()];
         if bytes.starts_with(&SIGNATURE) && version >= 2 {
@@ -81,12 +81,37 @@ impl Superblock {
         self.version >= 2 && self.bytes[FLAGS] & SWMR_WRITER == 0 && self.bytes[FLAGS] & WRITER != 0
     }
 
+    /// What is wrong with a file that cannot be read and ends before the end that its superblock knows; `None` where no byte is
+    /// missing. Of files of version 0, which other programs write, too.
+    pub(super) fn missing_end(&self, path: &Path) -> Option<DataError> {
+        // Version, and bytes of an address.
+        let is_first = self.bytes.starts_with(&SIGNATURE) && self.bytes[8] == 0 && self.bytes[13] == 8;
+        let end = match self.version {
+            0 if is_first => u64::from_le_bytes(self.bytes[40..48].try_into().ok()?),
+            0 => return None,
+            _ => self.end_of_file(),
+        };
+        (end > self.file_length).then(|| cut_short(path, self.file_length, Some(end)))
+    }
+
     /// Where the file ends according to the superblock.
     fn end_of_file(&self) -> u64 {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(&self.bytes[END_OF_FILE..END_OF_FILE + 8]);
         u64::from_le_bytes(bytes)
     }
+}
+
+/// The error of a file without its end.
+fn cut_short(path: &Path, there: u64, wanted: Option<u64>) -> DataError {
+    let of = wanted.map_or(String::new(), |wanted| format!(" of {wanted}"));
+    DataError::damaged(
+        path,
+        format!(
+            "it is cut short: {there}{of} bytes are there, as after a copy or a download that was interrupted, or on a full disk; \
+             copy or record it again, as no repair brings back what is missing"
+        ),
+    )
 }
 
 /// How long to wait for a writer that is entering SWMR mode, which takes it milliseconds.

@@ -10,10 +10,10 @@ use swm_core::{Dtype, Field, Schema};
 use swm_media::mp4::Mp4Reader;
 
 use super::episode_files::{EpisodeFiles, second, third};
-use super::episodes;
 use super::info::{Info, Version};
 use super::manifest::{Manifest, is_video};
 use super::table::Table;
+use super::{episodes, images};
 use crate::dataset::DatasetInfo;
 use crate::error::{At as _, Result, invalid, missing};
 use crate::formats::disk::open_regular;
@@ -26,15 +26,14 @@ pub(super) struct Shared {
     pub(super) episodes: Vec<EpisodeFiles>,
 }
 
-/// Why there is no column of images that LeRobot keeps outside of videos.
-const IMAGES_IN_TABLES: &str = "images are read from videos only, and these are in the tables; create the dataset with LeRobot's use_videos=True";
-
 /// Where the values of a column come from.
 pub(super) enum Source {
     /// A column of the tables.
     Table(String),
-    /// A camera.
+    /// A camera, in videos.
     Video(String),
+    /// A camera, in the tables.
+    Images(String),
     /// The episode's number, the row's number.
     Episode,
     Step,
@@ -68,9 +67,11 @@ impl Shared {
             fields.push(Field::step(name, dtype, shape));
             columns.push(source);
         };
+        let is_camera = |feature: &Json| feature["dtype"] == "video" || feature["dtype"] == "image";
+        let first_camera = info.features.iter().find(|(_, feature)| is_camera(feature)).map(|(name, _)| name);
         for (name, feature) in &info.features {
+            let known = if Some(name) == first_camera { "pixels" } else { name };
             if cameras.contains(name) {
-                let known = if *name == cameras[0] { "pixels" } else { name };
                 let size = first.videos.get(name).ok_or(missing("there is no video"));
                 match size.and_then(|(path, _)| video(path)).map(|video| video.size()) {
                     Ok((height, width)) => {
@@ -81,7 +82,12 @@ impl Shared {
                 continue;
             }
             if feature["dtype"] == "image" {
-                skipped.push((name.clone(), IMAGES_IN_TABLES.to_owned()));
+                let decoded = images::shape(feature)
+                    .and_then(|shape| images::check(&table, name, first.first, shape).map(|()| shape));
+                match decoded {
+                    Ok(shape) => add(known, Dtype::U8, &shape, Source::Images(name.clone())),
+                    Err(error) => skipped.push((name.clone(), error.to_string())),
+                }
                 continue;
             }
             let found = table.column(name).and_then(|values| {

@@ -6,11 +6,13 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use parquet::data_type::ByteArray;
 use swm_core::{Column, Dtype, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
 use super::contents::{Shared, Source, video};
 use super::episode_files::EpisodeFiles;
+use super::images;
 use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
@@ -22,12 +24,14 @@ pub(super) struct LeRobotDataset {
     /// The columns of the table that was read last.
     table: Option<(PathBuf, BTreeMap<String, Column>)>,
     videos: BTreeMap<usize, (PathBuf, Mp4Reader<BufReader<File>>)>,
+    /// By column: the episode whose encoded images were read last.
+    images: BTreeMap<usize, (usize, Vec<ByteArray>)>,
 }
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let shared = Shared::open(path).map_err(|error| DataError::damaged(path, error))?;
-        Ok(Self { shared: Arc::new(shared), table: None, videos: BTreeMap::new() })
+        Ok(Self { shared: Arc::new(shared), table: None, videos: BTreeMap::new(), images: BTreeMap::new() })
     }
 
     fn table_rows(
@@ -95,6 +99,31 @@ impl LeRobotDataset {
         let first = first.checked_add(steps.first).ok_or(invalid("it begins nowhere"))?;
         video.read(first, steps.stride, out).at(path.display())
     }
+
+    fn image_rows(
+        &mut self,
+        column: usize,
+        name: &str,
+        episode: usize,
+        steps: Steps,
+        out: &mut [u8],
+    ) -> Result<()> {
+        let shared = self.shared.clone();
+        let &[height, width, colors] = &shared.info.field(column).shape[..] else { return Ok(()) };
+        if self.images.get(&column).is_none_or(|&(read, _)| read != episode) {
+            let files = &shared.episodes[episode];
+            let end = files.first.checked_add(files.rows).ok_or(invalid("it ends nowhere"))?;
+            let images = Table::open(&files.data)?.images(name, files.first..end).at(files.data.display())?;
+            self.images.insert(column, (episode, images));
+        }
+        let Some((_, images)) = self.images.get(&column) else { return Ok(()) };
+        for (at, out) in out.chunks_exact_mut(height * width * colors).enumerate() {
+            let row = steps.first + at * steps.stride;
+            let image = images.get(row).ok_or(missing(format!("row {row} is not there")))?;
+            images::decode(image.data(), [height, width, colors], out).at(format_args!("row {row}"))?;
+        }
+        Ok(())
+    }
 }
 
 /// Compares a file of an episode with its checksum, if there is one.
@@ -126,6 +155,7 @@ impl Dataset for LeRobotDataset {
             (Source::Video(camera), SliceMut::U8(out)) => {
                 self.video_rows(column, camera, episode, steps, out)
             }
+            (Source::Images(name), SliceMut::U8(out)) => self.image_rows(column, name, episode, steps, out),
             (Source::Episode, SliceMut::I32(out)) => {
                 out.fill(i32::try_from(episode).unwrap_or(i32::MAX));
                 Ok(())
@@ -142,7 +172,12 @@ impl Dataset for LeRobotDataset {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { shared: self.shared.clone(), table: None, videos: BTreeMap::new() })
+        Box::new(Self {
+            shared: self.shared.clone(),
+            table: None,
+            videos: BTreeMap::new(),
+            images: BTreeMap::new(),
+        })
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::ops::Range;
 use std::path::Path;
 
 use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
-use parquet::data_type::DataType;
+use parquet::data_type::{ByteArray, DataType};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use swm_core::Column;
 
@@ -47,6 +48,42 @@ impl Table {
     pub(super) fn column(&self, name: &str) -> Result<Column> {
         let &leaf = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;
         guarded(|| self.read(leaf)).at(format_args!("column `{name}`"))
+    }
+
+    /// The encoded images of rows of a column of structs of `bytes` and `path`.
+    pub(super) fn images(&self, name: &str, rows: Range<usize>) -> Result<Vec<ByteArray>> {
+        guarded(|| self.read_images(name, rows)).at(format_args!("column `{name}`"))
+    }
+
+    fn read_images(&self, name: &str, rows: Range<usize>) -> Result<Vec<ByteArray>> {
+        let schema = self.reader.metadata().file_metadata().schema_descr();
+        let leaf = schema.columns().iter().position(|leaf| *leaf.path().parts() == [name, "bytes"]);
+        let leaf = leaf.ok_or(missing("it holds no encoded images"))?;
+        let (mut images, mut begin) = (Vec::new(), 0_usize);
+        for group in 0..self.reader.num_row_groups() {
+            let group = self.reader.get_row_group(group).map_err(FormatError::other)?;
+            let count = usize::try_from(group.metadata().num_rows())
+                .map_err(|_| invalid("a negative number of rows"))?;
+            let end = begin.checked_add(count).ok_or(invalid("too many rows"))?;
+            let wanted = rows.start.max(begin)..rows.end.min(end);
+            if !wanted.is_empty() {
+                let depth = group.metadata().column(leaf).column_descr().max_def_level() > 0;
+                let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
+                let ColumnReader::ByteArrayColumnReader(mut reader) = column else {
+                    return Err(unsupported("its images are no bytes"));
+                };
+                let skipped = reader.skip_records(wanted.start - begin).map_err(FormatError::other)?;
+                if skipped != wanted.start - begin {
+                    return Err(missing(format!("row {} is not there", wanted.start)));
+                }
+                images.extend(values(reader, wanted.len(), depth, false)?);
+            }
+            begin = end;
+        }
+        match images.len() == rows.len() {
+            true => Ok(images),
+            false => Err(missing(format!("{} of {} images are there", images.len(), rows.len()))),
+        }
     }
 
     fn read(&self, leaf: usize) -> Result<Column> {
