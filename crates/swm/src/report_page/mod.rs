@@ -239,8 +239,8 @@ mod tests {
         let entry = registry.env("swm/TwoRoom-v2").unwrap();
         let options = ManifestOptions { pairs: 1, budget: 2, ..ManifestOptions::default() };
         let manifest = make_manifest(entry, &EnvConfig::default(), &options, None).unwrap();
-        let policy = PolicyArgs::new("of-file", serde_json::Map::new());
-        let candidate = Candidate::new(PolicyArgs { positional: vec![weights.to_str().into()], ..policy });
+        let policy = PolicyArgs::parse(&format!("of-file:{}", weights.display())).unwrap();
+        let candidate = Candidate::new(policy);
         let files = candidate.files(&registry, entry).unwrap();
         let prints = fingerprints(entry, &manifest, 0).unwrap();
         let of = |files: &BTreeMap<String, String>| {
