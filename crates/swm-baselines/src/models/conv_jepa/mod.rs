@@ -6,6 +6,9 @@
 //! of s → 0. Here the variance along a unit direction d is dᵀ Cov d, which falls with s², and SIGReg (arXiv 2511.08544) asks for 1
 //! along every d: of a map that is 0 its value per clip is 2 ∫ (1 − w)² w dt over [0, 3] with w = exp(−t² / 2), 0.40.
 //! Directions cross all cells, so one cell need not be normal by itself: it may say the same in most images.
+//!
+//! Latents may also be places that an encoder finds, a map of one cell (`model.encoder.kind=keypoints`). They stand between -1 and 1,
+//! and are drawn from (`weights.drawing`), which keeps them apart in place of SIGReg.
 
 mod planner;
 #[cfg(test)]
@@ -159,6 +162,7 @@ impl ConvJepaConfig {
 
 /// An encoder of one of the kinds.
 #[derive(Module, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a network has one")]
 enum MapEncoder {
     Map(FeatureMapEncoder),
     Keypoints(Keypoints),

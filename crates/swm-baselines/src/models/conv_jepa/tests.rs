@@ -50,7 +50,7 @@ impl Dots {
 
 /// Trained for so many steps, with settings that differ from the tiny ones.
 fn trained(steps: u64, sigreg: &Json) -> Box<dyn Baseline> {
-    trained_with(steps, json!({ "sigreg": sigreg }))
+    trained_with(steps, &json!({ "sigreg": sigreg }))
 }
 
 /// Trained on places that it finds, of which SIGReg asks nothing.
@@ -59,11 +59,11 @@ fn trained_on_places(steps: u64, drawing: f64) -> Box<dyn Baseline> {
     let model = json!({ "image": 32, "encoder": encoder });
     trained_with(
         steps,
-        json!({ "model": model, "sigreg": { "weight": 0.0 }, "weights": { "drawing": drawing } }),
+        &json!({ "model": model, "sigreg": { "weight": 0.0 }, "weights": { "drawing": drawing } }),
     )
 }
 
-fn trained_with(steps: u64, changes: Json) -> Box<dyn Baseline> {
+fn trained_with(steps: u64, changes: &Json) -> Box<dyn Baseline> {
     let predictor = json!({ "depth": 2, "channels": 16, "action": 16 });
     let mut all = json!({
         "model": { "image": SIDE, "channels": [16], "projector": 32, "token_dim": 4, "predictor": predictor, "frameskip": 1 },
