@@ -88,7 +88,7 @@ const TASKS: &[Task] = &[
         trials: &[
             trial("lewm", "weak.h5", "3000"),
             trial("pldm", "weak.h5", "3000"),
-            Trial { baseline: "conv-jepa", data: "weak.h5", steps: "3000", train: MEASURED },
+            Trial { baseline: "conv-jepa", data: "weak.h5", steps: "2000", train: PLACES },
             trial("gcsl", "weak.h5", "1300"),
             Trial { baseline: "gcbc", data: "weak.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "weak.h5", steps: "1000", train: NEAR_TOO },
@@ -109,7 +109,7 @@ const TASKS: &[Task] = &[
         trials: &[
             trial("lewm", "slow.h5", "3000"),
             trial("pldm", "slow.h5", "3000"),
-            Trial { baseline: "conv-jepa", data: "slow.h5", steps: "1500", train: MEASURED },
+            Trial { baseline: "conv-jepa", data: "slow.h5", steps: "2000", train: PLACES },
             Trial { baseline: "gcsl", data: "slow.h5", steps: "5200", train: DRAWN },
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "slow.h5", steps: "1000", train: NEAR_TOO },
@@ -136,8 +136,27 @@ impl Task {
 /// An expert that corrects itself often and whose noise shows a model what other actions do.
 const SLOW: &str =
     "noisy-expert:0.15,max_step=8,replan=15,samples=40,refinements=1,beams=2,detours=2,beam_samples=10";
-/// Latents that tell which action was taken hold what a goal is about.
-const MEASURED: &[&str] = &["--set", "weights.inverse=1", "--set", "optim.ema=0.999"];
+/// Latents that say where things are, from which images are drawn and actions told: what a goal is about.
+const PLACES: &[&str] = &[
+    "--batch",
+    "24",
+    "--set",
+    "model.encoder.kind=keypoints",
+    "--set",
+    "model.image=64",
+    "--set",
+    "model.predictor.channels=256",
+    "--set",
+    "rollout_steps=5",
+    "--set",
+    "weights.drawing=1",
+    "--set",
+    "weights.inverse=1",
+    "--set",
+    "sigreg.weight=0",
+    "--set",
+    "optim.ema=0.999",
+];
 /// Goals as far ahead as those of the pairs, and frames that are seen as what sets them apart from the goal.
 const NEAR: &[&str] = &["--set", "model.goal_gamma=0.8", "--set", "model.predictor.compare=true"];
 /// Places that see the block, whatever the seed.

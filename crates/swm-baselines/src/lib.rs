@@ -48,7 +48,7 @@ pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
     AuxiliaryWeights, ConvJepaConfig, CountdownConfig, CountdownWeights, DinoWmConfig, EncoderConfig,
     FeatureMapConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig,
-    LaterGoals, LewmConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
+    LaterGoals, LewmConfig, MapEncoderConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
 };
 pub use nn::{
     CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,

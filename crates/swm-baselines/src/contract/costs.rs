@@ -1,17 +1,20 @@
 //! What costs of plans and additional losses are made of, against each other.
 
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use swm_solvers::{Aggregate, Candidates};
 
-use super::{CLIPS, Clips, joint, maps, options, step, tiny};
-use crate::{Images, MakeOptions, PlanningBatch, Vectors, make};
+use super::{CLIPS, Clips, joint, maps, options, places, step, tiny};
+use crate::{Images, Losses, MakeOptions, PlanningBatch, Vectors, make};
 
 #[test]
 fn additional_losses_are_what_they_say() {
     // Costs of LeWM and PLDM are sums over the 8 values of a latent, those of Conv-JEPA means.
-    for (name, settings, summed) in
-        [("conv-jepa", maps as fn() -> _, 1.0), ("lewm", joint, 8.0), ("pldm", joint, 8.0)]
-    {
+    for (name, settings, summed) in [
+        ("conv-jepa", maps as fn() -> _, 1.0),
+        ("conv-jepa", places, 1.0),
+        ("lewm", joint, 8.0),
+        ("pldm", joint, 8.0),
+    ] {
         let mut changes = settings();
         // More predictions on end than the model sees states: the window slides.
         changes["rollout_steps"] = json!(4);
@@ -69,6 +72,41 @@ fn additional_losses_are_what_they_say() {
     let none = json!({ "rollout_steps": 0, "weights": { "rollout": 1.0 } });
     let refused = make("lewm", &options("small", none)).err().unwrap().to_string();
     assert!(refused.contains("`rollout_steps` 0"), "{refused}");
+}
+
+#[test]
+fn drawings_are_a_term_of_models_that_find_places() {
+    let keypoints = json!({"kind": "keypoints", "channels": [4, 8], "count": 4});
+    for (name, settings, other) in [
+        ("conv-jepa", maps as fn() -> _, json!({"kind": "map"})),
+        ("lewm", joint, json!({"kind": "cnn"})),
+        ("pldm", joint, json!({"kind": "cnn"})),
+    ] {
+        let with = |encoder: &Json, drawing: f64| {
+            let mut changes = settings();
+            changes["model"]["encoder"] = encoder.clone();
+            changes["model"]["image"] = json!(32);
+            changes["weights"] = json!({ "drawing": drawing });
+            make(name, &MakeOptions { seed: 3, ..options("small", changes) })
+        };
+        let [mut drawn, mut other_weight, mut plain] =
+            [0.5, 2.0, 0.0].map(|drawing| with(&keypoints, drawing).unwrap());
+        let losses = [&mut drawn, &mut other_weight, &mut plain].map(|model| step(model.as_mut(), 0, 0));
+        let part =
+            |losses: &Losses| losses.parts.iter().find(|(part, _)| *part == "drawing").map(|part| part.1);
+        let found = part(&losses[0]).expect("a part");
+        // The same first weights, so that totals differ by the term alone. What is drawn from first weights explains hardly anything.
+        assert!(
+            found > 0.5 && part(&losses[1]) == Some(found) && part(&losses[2]).is_none(),
+            "{name}: {losses:?}"
+        );
+        for (drawn, weight) in losses.iter().zip([0.5, 2.0]) {
+            let wanted = losses[2].total + weight * found;
+            assert!((drawn.total - wanted).abs() < 1e-5 * wanted.abs(), "{name}: {losses:?}");
+        }
+        let refused = with(&other, 1.0).err().expect("a refusal").to_string();
+        assert!(refused.contains("take `keypoints`"), "{name}: {refused}");
+    }
 }
 
 #[test]

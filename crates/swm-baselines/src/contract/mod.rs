@@ -52,6 +52,13 @@ fn maps() -> Json {
     json!({"model": {"image": 16, "channels": [4, 8], "projector": 8, "token_dim": 2, "predictor": predictor}})
 }
 
+/// Places instead of maps.
+fn places() -> Json {
+    let mut changes = maps();
+    changes["model"]["encoder"] = json!({"kind": "keypoints", "channels": [4, 8], "count": 4});
+    changes
+}
+
 fn goal() -> Json {
     let predictor = json!({"depth": 2, "heads": 2, "head_dim": 4, "hidden": 8, "dropout": 0.2});
     let encoder = json!({"kind": "cnn", "channels": [4, 8]});
@@ -168,7 +175,7 @@ fn training_gives_finite_losses() {
 
 #[test]
 fn other_models_can_see_places() {
-    for name in ["gcbc", "gciql", "gcivl", "hilp", "lewm", "pldm"] {
+    for name in ["conv-jepa", "gcbc", "gciql", "gcivl", "hilp", "lewm", "pldm"] {
         let mut changes = TINY.iter().find(|(of, _)| *of == name).expect("a line in TINY").1();
         changes["model"]["encoder"] = json!({"kind": "keypoints", "channels": [4, 8], "count": 4});
         let mut model = make(name, &options("small", changes)).unwrap();

@@ -1,12 +1,12 @@
-//! Losses that a joint-embedding model can have in addition to its own: inverse dynamics, straightening, and predictions
-//! on end. A term of weight 0 is not computed.
+//! Losses that a joint-embedding model can have in addition to its own: inverse dynamics, straightening, predictions on end, and
+//! drawings of what was seen. A term of weight 0 is not computed.
 
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::data::Inputs;
 use crate::losses::{Terms, mean_squared_error, straightening};
-use crate::nn::InverseDynamics;
+use crate::nn::{Drawing, InverseDynamics};
 
 /// Weights of additional terms. A term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -19,6 +19,8 @@ pub struct AuxiliaryWeights {
     pub straightening: f64,
     /// Predictions on end, from the first state of a clip.
     pub rollout: f64,
+    /// The share of the variance of images that drawings from their places do not explain; of keypoints only.
+    pub drawing: f64,
 }
 
 /// What they are worth, and over how many steps.
@@ -32,17 +34,20 @@ pub(crate) struct Auxiliary {
     pub(crate) rollout: f64,
     /// How many.
     pub(crate) rollout_steps: usize,
+    /// Drawings: the share of the variance of images that they do not explain.
+    pub(crate) drawing: f64,
 }
 
 impl Auxiliary {
     /// Of these weights.
     pub(crate) fn new(weights: &AuxiliaryWeights, rollout_steps: usize) -> Self {
-        let &AuxiliaryWeights { inverse, straightening, rollout } = weights;
-        Self { inverse, straightening, rollout, rollout_steps }
+        let &AuxiliaryWeights { inverse, straightening, rollout, drawing } = weights;
+        Self { inverse, straightening, rollout, rollout_steps, drawing }
     }
 
-    /// What is wrong with it, if anything is.
-    pub(crate) fn check(&self) -> Result<(), String> {
+    /// What is wrong with it, if anything is, for an encoder of images of this side that finds so many places.
+    pub(crate) fn check(&self, places: Option<usize>, image: usize) -> Result<(), String> {
+        Drawing::check(self.drawing, places.is_some(), image)?;
         match (self.rollout, self.rollout_steps) {
             (weight, 0) if weight != 0.0 => {
                 Err(format!("`weights.rollout` is {weight} and `rollout_steps` 0; it must be at least 1"))
@@ -65,6 +70,24 @@ impl Auxiliary {
         device: &Device,
     ) -> Option<InverseDynamics> {
         (self.inverse != 0.0).then(|| InverseDynamics::new(dim, hidden, actions, device))
+    }
+
+    /// What draws images of this side from so many places, if it has a weight.
+    pub(crate) fn drawing(&self, places: Option<usize>, image: usize, device: &Device) -> Option<Drawing> {
+        places.filter(|_| self.drawing != 0.0).map(|places| Drawing::new(places, image, device))
+    }
+
+    /// Adds the share of the images' variance that drawings from their places `[B, T, 2 K]` do not explain, if it has a weight.
+    pub(crate) fn add_drawing(
+        &self,
+        terms: &mut Terms,
+        drawing: Option<&Drawing>,
+        inputs: &Inputs,
+        places: Option<&Tensor<3>>,
+    ) {
+        if let (Some(drawing), Some(places)) = (drawing, places) {
+            terms.add("drawing", self.drawing, drawing.unexplained_in_clips(&inputs.pixels, places));
+        }
     }
 
     /// Adds the terms that have a weight. `states` are those of the batch, `[B, T, W]`; `roll_out` predicts `[B, R, W]` on end

@@ -37,6 +37,14 @@ impl EncoderConfig {
         }
     }
 
+    /// How many places it finds, if it finds any.
+    pub(crate) fn places(&self) -> Option<usize> {
+        match self {
+            Self::Keypoints(config) => Some(config.count),
+            Self::Vit(_) | Self::Cnn(_) => None,
+        }
+    }
+
     /// P and W: tokens of an image, and dim of each.
     pub(crate) fn tokens(&self, image: usize) -> [usize; 2] {
         match self {
@@ -83,15 +91,26 @@ impl Encoder {
 
     /// `[B, T, 3, S, S]` → `[B, T, W]`.
     pub(crate) fn summaries(&self, images: Tensor<5>) -> Tensor<3> {
+        self.summaries_and_places(images).0
+    }
+
+    /// `[B, T, 3, S, S]` → `[B, T, W]`, and the K places that they are made of, `[B, T, 2 K]`, if this finds any.
+    pub(crate) fn summaries_and_places(&self, images: Tensor<5>) -> (Tensor<3>, Option<Tensor<3>>) {
         let [batch, steps, ..] = images.dims();
         let frames = images.flatten::<4>(0, 1);
-        let summaries: Tensor<2> = match self {
-            Self::Vit(vit) => vit.summaries(frames),
-            Self::Cnn(cnn) => cnn.forward(frames),
-            Self::Keypoints(keypoints) => keypoints.forward(frames),
+        let (summaries, places): (Tensor<2>, _) = match self {
+            Self::Vit(vit) => (vit.summaries(frames), None),
+            Self::Cnn(cnn) => (cnn.forward(frames), None),
+            Self::Keypoints(keypoints) => {
+                let places = keypoints.places(frames);
+                (keypoints.summary(places.clone()), Some(places))
+            }
         };
-        let dim = summaries.dims()[1];
-        summaries.reshape([batch, steps, dim])
+        let of_clips = |values: Tensor<2>| {
+            let dim = values.dims()[1];
+            values.reshape([batch, steps, dim])
+        };
+        (of_clips(summaries), places.map(of_clips))
     }
 
     /// `[B, T, 3, S, S]` → `[B, T, P, W]`.

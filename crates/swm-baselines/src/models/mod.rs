@@ -21,7 +21,7 @@ pub(crate) mod settings;
 pub(crate) mod table;
 
 pub use auxiliary::AuxiliaryWeights;
-pub use conv_jepa::{ConvJepaConfig, FeatureMapConfig};
+pub use conv_jepa::{ConvJepaConfig, FeatureMapConfig, MapEncoderConfig};
 pub use dino_wm::DinoWmConfig;
 pub use encoder::EncoderConfig;
 pub use gcbc::{GcbcConfig, LaterGoals};

@@ -11,7 +11,7 @@ use super::background::Background;
 use super::layers::Linear;
 
 /// Cells along each side of the grid.
-pub(crate) const CELLS: usize = 32;
+const CELLS: usize = 32;
 /// The std of a blob, where the image is 2 wide: two cells.
 const BLOB: f64 = 0.125;
 /// Dim of what decodes a cell.
@@ -35,6 +35,34 @@ impl Drawing {
             up: Linear::new(places, HIDDEN, device),
             down: Linear::new(HIDDEN, 3, device),
         }
+    }
+
+    /// What is wrong with a weight of drawings of such images, if anything is; `has_places` of an encoder that gives some.
+    pub(crate) fn check(weight: f64, has_places: bool, image: usize) -> Result<(), String> {
+        if !(weight.is_finite() && weight >= 0.0) {
+            return Err(format!("`weights.drawing` is {weight}; it must be a number of at least 0"));
+        }
+        match (weight == 0.0, has_places, image.is_multiple_of(CELLS)) {
+            (true, ..) | (_, true, true) => Ok(()),
+            (_, true, false) => Err(format!(
+                "`model.image` is {image}; `weights.drawing` needs a multiple of {CELLS}, or must be 0"
+            )),
+            (_, false, _) => Err("`weights.drawing` draws from places, and `model.encoder.kind` gives none; take `keypoints`, or \
+                                  a weight of 0"
+                .to_owned()),
+        }
+    }
+
+    /// As [`Drawing::unexplained`], of the first and the last image of each clip, as those between differ little: images
+    /// `[B, T, 3, S, S]`, places `[B, T, 2 K]`.
+    pub(crate) fn unexplained_in_clips(&self, images: &Tensor<5>, places: &Tensor<3>) -> Tensor<1> {
+        let last = images.dims()[1] - 1;
+        let images = |step| images.clone().narrow(1, step, 1).squeeze_dim::<4>(1);
+        let places = |step| places.clone().narrow(1, step, 1).squeeze_dim::<2>(1);
+        self.unexplained(
+            Tensor::cat(vec![images(0), images(last)], 0),
+            Tensor::cat(vec![places(0), places(last)], 0),
+        )
     }
 
     /// The share of the variance of images that drawings from their places do not explain: of images `[N, 3, S, S]` without

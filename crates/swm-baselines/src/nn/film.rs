@@ -45,13 +45,14 @@ struct FilmBlock {
 }
 
 impl FilmPredictor {
-    /// For maps of `token_dim` channels.
-    pub(crate) fn new(config: &FilmPredictorConfig, token_dim: usize, device: &Device) -> Self {
+    /// For maps of `grid` × `grid` cells of `token_dim` channels. A single cell has no neighbors, and kernels of one cell.
+    pub(crate) fn new(config: &FilmPredictorConfig, [grid, token_dim]: [usize; 2], device: &Device) -> Self {
         let &FilmPredictorConfig { depth, channels, action } = config;
+        let kernel = if grid == 1 { 1 } else { 3 };
         let block = || FilmBlock {
             norm: LayerNorm::plain(1e-6),
             film: Linear::new(action, 2 * channels, device),
-            conv: Conv::new([channels; 2], 3, device),
+            conv: Conv::new([channels; 2], kernel, device),
             output: Linear::new(channels, channels, device),
         };
         Self {
@@ -96,7 +97,7 @@ mod tests {
     /// One block over two channels whose kernel takes each cell's own value.
     fn simple(device: &Device) -> FilmPredictor {
         let config = FilmPredictorConfig { depth: 1, channels: 2, action: 1 };
-        params::map(FilmPredictor::new(&config, 2, device), |spec, zeros| {
+        params::map(FilmPredictor::new(&config, [2, 2], device), |spec, zeros| {
             let values = match spec.name.as_str() {
                 "input.weight" | "blocks.0.output.weight" | "output.weight" => vec![1.0, 0.0, 0.0, 1.0],
                 // Scales by 1 + 2 a and 1 - a; shifts by 0.5 a and 0.

@@ -83,9 +83,8 @@ impl Keypoints {
         mean_places(maps * SHARPNESS, [rows, columns])
     }
 
-    /// `[N, 3, H, W]` → `[N, W]`: the places, or what the head makes of them.
-    pub(crate) fn forward(&self, images: Tensor<4>) -> Tensor<2> {
-        let places = self.places(images);
+    /// Places `[N, 2 × count]` → `[N, W]`: what the head makes of them, or themselves.
+    pub(crate) fn summary(&self, places: Tensor<2>) -> Tensor<2> {
         match &self.head {
             Some(head) => head.forward(places),
             None => places,

@@ -30,7 +30,7 @@ pub(crate) use background::Background;
 pub(crate) use cnn::Cnn;
 pub use cnn::CnnConfig;
 pub(crate) use countdown::{CountdownPredictor, CountdownSizes, Looks};
-pub(crate) use drawing::{CELLS as DRAWING_CELLS, Drawing};
+pub(crate) use drawing::Drawing;
 pub(crate) use embed::{ActionEmbedder, StateEmbedder};
 pub(crate) use feature_map::FeatureMapEncoder;
 pub(crate) use film::FilmPredictor;

@@ -87,7 +87,7 @@ fn states_and_predictions_are_the_references() {
     let (fixture, model) = trained();
     let inputs = inputs(&fixture, &config().form(&DIMS));
     for (prefix, mut pass) in [("eval_", Pass::evaluate()), ("", Pass::train(0, 0))] {
-        let Predicted { states, predicted } = model.predict_batch(&inputs, &mut pass);
+        let Predicted { states, predicted, .. } = model.predict_batch(&inputs, &mut pass);
         fixture.check(&format!("outputs.{prefix}states"), states);
         fixture.check(&format!("outputs.{prefix}predicted"), predicted);
     }

@@ -6,6 +6,9 @@
 //! of s → 0. Here the variance along a unit direction d is dᵀ Cov d, which falls with s², and SIGReg (arXiv 2511.08544) asks for 1
 //! along every d: of a map that is 0 its value per clip is 2 ∫ (1 − w)² w dt over [0, 3] with w = exp(−t² / 2), 0.40.
 //! Directions cross all cells, so one cell need not be normal by itself: it may say the same in most images.
+//!
+//! Latents may also be places that an encoder finds, a map of one cell (`model.encoder.kind=keypoints`). They stand between -1 and 1,
+//! and are drawn from (`weights.drawing`), which keeps them apart in place of SIGReg.
 
 mod planner;
 #[cfg(test)]
@@ -22,7 +25,10 @@ use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
 use crate::models::auxiliary::{Auxiliary, AuxiliaryWeights};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{ActionEmbedder, FeatureMapEncoder, FilmPredictor, FilmPredictorConfig, InverseDynamics};
+use crate::nn::{
+    ActionEmbedder, Drawing, FeatureMapEncoder, FilmPredictor, FilmPredictorConfig, InverseDynamics,
+    KeypointConfig, Keypoints,
+};
 use crate::optim::OptimConfig;
 use crate::pass::Pass;
 use crate::plan::Planner;
@@ -56,6 +62,9 @@ pub struct ConvJepaConfig {
 pub struct FeatureMapConfig {
     /// The side of images.
     pub image: usize,
+    /// What looks at them.
+    #[serde(default)]
+    pub encoder: MapEncoderConfig,
     /// Channels of the encoder's layers: the first leaves a fourth of the side, each other half of what is left.
     pub channels: Vec<usize>,
     /// Hidden dim of the MLP over the last channels of a cell.
@@ -72,6 +81,38 @@ pub struct FeatureMapConfig {
     pub batch: usize,
 }
 
+/// What latents are.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum MapEncoderConfig {
+    /// Feature maps that keep the image's grid.
+    #[default]
+    Map,
+    /// The places that a convolutional encoder finds: a map of one cell. `channels`, `projector` and `token_dim` say nothing then.
+    Keypoints(KeypointConfig),
+}
+
+impl MapEncoderConfig {
+    /// How many places it finds, if it finds any.
+    fn places(&self) -> Option<usize> {
+        match self {
+            Self::Map => None,
+            Self::Keypoints(config) => Some(config.count),
+        }
+    }
+}
+
+impl FeatureMapConfig {
+    /// G and C: side and channels of a latent map.
+    fn map(&self) -> [usize; 2] {
+        match self.encoder.places() {
+            None => [FeatureMapEncoder::grid(self.image, &self.channels), self.token_dim],
+            Some(places) => [1, 2 * places],
+        }
+    }
+}
+
 impl ConvJepaConfig {
     /// Settings for a CPU: images of 96 pixels, tokens of 16 values on a grid of 6 × 6. SIGReg's weight is that of LeWM's *small*
     /// preset, which has batches of the same size; maps are predicted on end, as plans are.
@@ -80,6 +121,7 @@ impl ConvJepaConfig {
         Self {
             model: FeatureMapConfig {
                 image: 96,
+                encoder: MapEncoderConfig::Map,
                 channels: vec![32, 64, 128],
                 projector: 128,
                 token_dim: 16,
@@ -98,8 +140,12 @@ impl ConvJepaConfig {
 
     fn check(&self, auxiliary: &Auxiliary) -> Result<(), String> {
         let model = &self.model;
-        FeatureMapEncoder::check(model.image, &model.channels)?;
+        match &model.encoder {
+            MapEncoderConfig::Map => FeatureMapEncoder::check(model.image, &model.channels)?,
+            MapEncoderConfig::Keypoints(config) => Keypoints::check(config)?,
+        }
         let positive = [
+            ("model.image", model.image),
             ("model.projector", model.projector),
             ("model.token_dim", model.token_dim),
             ("model.frameskip", model.frameskip),
@@ -110,17 +156,49 @@ impl ConvJepaConfig {
         ];
         check_sizes(&positive, 0.0)?;
         self.sigreg.check()?;
-        auxiliary.check()
+        auxiliary.check(model.encoder.places(), model.image)
+    }
+}
+
+/// An encoder of one of the kinds.
+#[derive(Module, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a network has one")]
+enum MapEncoder {
+    Map(FeatureMapEncoder),
+    Keypoints(Keypoints),
+}
+
+impl MapEncoder {
+    fn new(config: &FeatureMapConfig, device: &Device) -> Self {
+        let &FeatureMapConfig { image, projector, token_dim, .. } = config;
+        match &config.encoder {
+            MapEncoderConfig::Map => {
+                Self::Map(FeatureMapEncoder::new(image, &config.channels, projector, token_dim, device))
+            }
+            MapEncoderConfig::Keypoints(places) => {
+                Self::Keypoints(Keypoints::new(places, [image; 2], None, device))
+            }
+        }
+    }
+
+    /// `[N, 3, S, S]` → `[N, Z]`.
+    fn forward(&self, images: Tensor<4>, pass: &mut Pass) -> Tensor<2> {
+        match self {
+            Self::Map(maps) => maps.forward(images, pass).flatten(1, 3),
+            Self::Keypoints(keypoints) => keypoints.places(images),
+        }
     }
 }
 
 #[derive(Module, Debug)]
 struct ConvJepa {
-    encoder: FeatureMapEncoder,
+    encoder: MapEncoder,
     action_encoder: ActionEmbedder,
     predictor: FilmPredictor,
     /// Only where it has a weight: others' weights have none.
     inverse: Option<InverseDynamics>,
+    /// The same.
+    drawing: Option<Drawing>,
     #[module(skip)]
     form: Form,
     /// G and C: side and channels of a map.
@@ -140,15 +218,15 @@ pub(crate) fn make(
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let auxiliary = Auxiliary::new(&config.weights, config.rollout_steps);
     config.check(&auxiliary).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let FeatureMapConfig { image, channels, projector, token_dim, predictor, frameskip, smoothed, batch } =
-        &config.model;
+    let FeatureMapConfig { image, encoder, predictor, frameskip, smoothed, batch, .. } = &config.model;
     let form = Form { image: *image, action: frameskip * dims.action_dim, proprio: 0 };
-    let map = [FeatureMapEncoder::grid(*image, channels), *token_dim];
+    let map = config.model.map();
     let network = ConvJepa {
-        encoder: FeatureMapEncoder::new(*image, channels, *projector, *token_dim, device),
+        encoder: MapEncoder::new(&config.model, device),
         action_encoder: ActionEmbedder::new(form.action, *smoothed, predictor.action, device),
-        predictor: FilmPredictor::new(predictor, *token_dim, device),
+        predictor: FilmPredictor::new(predictor, map, device),
         inverse: auxiliary.inverse(map[0] * map[0] * map[1], config.inverse_hidden, form.action, device),
+        drawing: auxiliary.drawing(encoder.places(), *image, device),
         form,
         map,
         sigreg: config.sigreg,
@@ -196,6 +274,7 @@ impl ConvJepa {
 impl Network for ConvJepa {
     fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
         let states = self.encode(inputs.pixels.clone(), pass);
+        let places = matches!(self.encoder, MapEncoder::Keypoints(_)).then_some(&states);
         let [batch, steps, dim] = states.dims();
         let seen = steps - 1;
         let actions = self.action_encoder.forward(inputs.action.clone().narrow(1, 0, seen));
@@ -206,6 +285,7 @@ impl Network for ConvJepa {
         let prediction = mean_squared_error(predicted, targets);
         let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
         terms.add("sigreg", self.sigreg.weight, sigreg(states.clone(), &self.sigreg, pass));
+        self.auxiliary.add_drawing(&mut terms, self.drawing.as_ref(), inputs, places);
         self.auxiliary.add_to(&mut terms, self.inverse.as_ref(), &states, inputs, |first, actions| {
             self.roll_out(first, actions)
         });

@@ -21,7 +21,7 @@ use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CountdownPredictor, CountdownSizes, DRAWING_CELLS, Drawing, KeypointConfig, Looks};
+use crate::nn::{CountdownPredictor, CountdownSizes, Drawing, KeypointConfig, Looks};
 use crate::optim::OptimConfig;
 use crate::params::{device_of, host};
 use crate::pass::Pass;
@@ -105,20 +105,7 @@ impl GcslConfig {
         ];
         check_sizes(&positive, 0.0)?;
         encoder.check(*image)?;
-        let weight = self.weights.drawing;
-        if !(weight.is_finite() && weight >= 0.0) {
-            return Err(format!("`weights.drawing` is {weight}; it must be a number of at least 0"));
-        }
-        match encoder {
-            _ if weight == 0.0 => Ok(()),
-            EncoderConfig::Keypoints(_) if image.is_multiple_of(DRAWING_CELLS) => Ok(()),
-            EncoderConfig::Keypoints(_) => Err(format!(
-                "`model.image` is {image}; `weights.drawing` needs a multiple of {DRAWING_CELLS}, or must be 0"
-            )),
-            _ => Err("`weights.drawing` draws from places, and `model.encoder.kind` gives none; take `keypoints`, or a \
-                      weight of 0"
-                .to_owned()),
-        }
+        Drawing::check(self.weights.drawing, encoder.places().is_some(), *image)
     }
 }
 
@@ -194,12 +181,8 @@ impl Network for Gcsl {
         if let Some(drawing) = &self.drawing {
             // What it imitates stays comparable with other weights.
             terms.parts.push(("actions", total));
-            // The first and the last image of each clip: those between differ little.
-            let images = |step| inputs.pixels.clone().narrow(1, step, 1).squeeze_dim::<4>(1);
-            let places = |step| tokens.clone().narrow(1, step, 1).flatten::<2>(1, 3);
-            let images = Tensor::cat(vec![images(0), images(horizon)], 0);
-            let places = Tensor::cat(vec![places(0), places(horizon)], 0);
-            terms.add("drawing", self.weights.drawing, drawing.unexplained(images, places));
+            let drawing = drawing.unexplained_in_clips(&inputs.pixels, &tokens.flatten::<3>(2, 3));
+            terms.add("drawing", self.weights.drawing, drawing);
         }
         Ok(terms)
     }

@@ -123,6 +123,8 @@ pub(crate) struct Predicted {
     pub(crate) states: Tensor<3>,
     /// `[B, P, W]`: predicted for the P after the first, at most as many as the model sees states.
     pub(crate) predicted: Tensor<3>,
+    /// `[B, T, 2 K]`: the places that states are made of, if the encoder finds any.
+    pub(crate) places: Option<Tensor<3>>,
 }
 
 impl Joint {
@@ -159,11 +161,12 @@ impl Joint {
 
     /// Encodes a batch, and predicts each of its states from the true ones before it.
     pub(crate) fn predict_batch(&self, inputs: &Inputs, pass: &mut Pass) -> Predicted {
-        let states = self.encode(inputs.pixels.clone(), pass);
+        let (summaries, places) = self.encoder.summaries_and_places(inputs.pixels.clone());
+        let states = self.projector.forward_frames(summaries, pass);
         let actions = self.action_encoder.forward(inputs.action.clone());
         let seen = (states.dims()[1] - 1).min(self.config.history);
         let predicted = self.predict(states.clone().narrow(1, 0, seen), actions.narrow(1, 0, seen), pass);
-        Predicted { states, predicted }
+        Predicted { states, predicted, places }
     }
 
     /// Predicts `[B, R, W]` on end from states `[B, 1, W]` under actions `[B, R, D]`, as plans are predicted from one frame.

@@ -14,7 +14,7 @@ use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
 use crate::models::auxiliary::{Auxiliary, AuxiliaryWeights};
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
-use crate::nn::InverseDynamics;
+use crate::nn::{Drawing, InverseDynamics};
 use crate::optim::OptimConfig;
 use crate::pass::Pass;
 
@@ -86,6 +86,8 @@ struct Lewm {
     model: Joint,
     /// Only where it has a weight: others' weights have none.
     inverse: Option<InverseDynamics>,
+    /// The same.
+    drawing: Option<Drawing>,
     #[module(skip)]
     sigreg: SigregConfig,
     #[module(skip)]
@@ -99,14 +101,16 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let auxiliary = config.auxiliary();
-    let checked = config.sigreg.check().and_then(|()| auxiliary.check());
+    let (image, places) = (config.model.image, config.model.encoder.places());
+    let checked = config.sigreg.check().and_then(|()| auxiliary.check(places, image));
     checked.map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
     let inverse = auxiliary.inverse(config.model.latent_dim, config.inverse_hidden, form.action, device);
+    let drawing = auxiliary.drawing(places, image, device);
     let phase = Phase::only(&config.optim, &[""]);
     Ok(Parts {
-        network: Lewm { model, inverse, sigreg: config.sigreg, auxiliary },
+        network: Lewm { model, inverse, drawing, sigreg: config.sigreg, auxiliary },
         input_spec: config.model.input_spec(&auxiliary),
         form,
         phases: vec![phase],
@@ -115,12 +119,13 @@ pub(crate) fn make(
 
 impl Network for Lewm {
     fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
-        let Predicted { states, predicted } = self.model.predict_batch(inputs, pass);
+        let Predicted { states, predicted, places } = self.model.predict_batch(inputs, pass);
         let targets = states.clone().narrow(1, 1, predicted.dims()[1]);
         let prediction = mean_squared_error(predicted, targets);
         let normality = sigreg(states.clone(), &self.sigreg, pass);
         let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
         terms.add("sigreg", self.sigreg.weight, normality);
+        self.auxiliary.add_drawing(&mut terms, self.drawing.as_ref(), inputs, places.as_ref());
         self.auxiliary.add_to(&mut terms, self.inverse.as_ref(), &states, inputs, |first, actions| {
             self.model.roll_out(first, actions, pass)
         });

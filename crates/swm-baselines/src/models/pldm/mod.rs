@@ -12,7 +12,7 @@ use crate::losses::{Terms, Vicreg, mean_squared_error, vicreg};
 use crate::models::auxiliary::Auxiliary;
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
-use crate::nn::InverseDynamics;
+use crate::nn::{Drawing, InverseDynamics};
 use crate::optim::OptimConfig;
 use crate::pass::Pass;
 
@@ -58,6 +58,9 @@ pub struct PldmWeights {
     pub straightening: f64,
     /// Predictions on end, from the first state of a clip; not in the reference.
     pub rollout: f64,
+    /// The share of the variance of images that drawings from their places do not explain; of keypoints only, and not in the
+    /// reference.
+    pub drawing: f64,
 }
 
 fn rollout_steps() -> usize {
@@ -76,6 +79,7 @@ impl Default for PldmWeights {
             inverse: 0.0,
             straightening: 0.0,
             rollout: 0.0,
+            drawing: 0.0,
         }
     }
 }
@@ -102,8 +106,8 @@ impl PldmConfig {
     }
 
     fn auxiliary(&self) -> Auxiliary {
-        let PldmWeights { inverse, straightening, rollout, .. } = self.weights;
-        Auxiliary { inverse, straightening, rollout, rollout_steps: self.rollout_steps }
+        let PldmWeights { inverse, straightening, rollout, drawing, .. } = self.weights;
+        Auxiliary { inverse, straightening, rollout, rollout_steps: self.rollout_steps, drawing }
     }
 }
 
@@ -111,6 +115,8 @@ impl PldmConfig {
 struct Pldm {
     model: Joint,
     inverse: InverseDynamics,
+    /// Only where it has a weight: others' weights have none.
+    drawing: Option<Drawing>,
     #[module(skip)]
     weights: PldmWeights,
     #[module(skip)]
@@ -124,13 +130,15 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let auxiliary = config.auxiliary();
-    auxiliary.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
+    let (image, places) = (config.model.image, config.model.encoder.places());
+    auxiliary.check(places, image).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
     let phase = Phase::only(&config.optim, &[""]);
+    let drawing = auxiliary.drawing(places, image, device);
     let inverse = InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
     Ok(Parts {
-        network: Pldm { model, inverse, weights: config.weights, auxiliary },
+        network: Pldm { model, inverse, drawing, weights: config.weights, auxiliary },
         input_spec: config.model.input_spec(&auxiliary),
         form,
         phases: vec![phase],
@@ -139,7 +147,7 @@ pub(crate) fn make(
 
 impl Network for Pldm {
     fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
-        let Predicted { states, predicted } = self.model.predict_batch(inputs, pass);
+        let Predicted { states, predicted, places } = self.model.predict_batch(inputs, pass);
         let seen = predicted.dims()[1];
         let (before, after) = (states.clone().narrow(1, 0, seen), states.clone().narrow(1, 1, seen));
         let prediction = mean_squared_error(predicted, after.clone());
@@ -156,6 +164,7 @@ impl Network for Pldm {
         add("cov", weights.cov, &|| cov.clone());
         add("cov_t", weights.cov_t, &|| cov_t.clone());
         add("alignment", weights.alignment, &|| mean_squared_error(before.clone(), after.clone()));
+        self.auxiliary.add_drawing(&mut terms, self.drawing.as_ref(), inputs, places.as_ref());
         self.auxiliary.add_to(&mut terms, Some(&self.inverse), &states, inputs, |first, actions| {
             self.model.roll_out(first, actions, pass)
         });
