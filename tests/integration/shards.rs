@@ -44,6 +44,10 @@ fn merge_refuses_what_is_not_the_whole() {
     assert!(!std::path::Path::new(&merged).exists());
     swm_ok(&["merge", &first, &third, "--partial", "--out", &folder.path("some.h5"), "--quiet"]);
     let message = swm_fails(2, &["merge", &first, &first, &third, "--out", &merged]);
+    assert!(message.contains("1.h5 is named twice"), "{message}");
+    let again = folder.path("again.h5");
+    std::fs::copy(&first, &again).expect("a copy");
+    let message = swm_fails(2, &["merge", &first, &again, &third, "--out", &merged]);
     assert!(message.contains("give each part once"), "{message}");
     let inspected = swm_ok(&["inspect", &first]);
     assert!(inspected.contains("part 1/3 of 7 episodes: 2 of its 2"), "{inspected}");
@@ -246,8 +250,11 @@ fn a_stopped_merge_goes_on_to_the_same_dataset() {
     ];
     swm_ok(&[&collect[..], &["--out", &one]].concat());
     let (whole, stopped) = (folder.path("whole.h5"), folder.path("stopped.h5"));
-    // Many times the same: much longer than a command has to stop by itself.
-    let merge = [&["merge"][..], &[one.as_str(); 24], &["--quiet", "--out"]].concat();
+    // Many copies: much longer than a command has to stop by itself.
+    let copies: Vec<String> = (0..24).map(|index| folder.path(&format!("copy{index}.h5"))).collect();
+    copies.iter().for_each(|copy| assert!(std::fs::copy(&one, copy).is_ok()));
+    let sources: Vec<&str> = copies.iter().map(String::as_str).collect();
+    let merge = [&["merge"][..], &sources, &["--quiet", "--out"]].concat();
     let child = swm(&[&merge[..], &[&stopped]].concat()).stderr(Stdio::piped()).spawn().expect("it starts");
     while !std::path::Path::new(&stopped).exists() {
         std::thread::sleep(std::time::Duration::from_millis(1));

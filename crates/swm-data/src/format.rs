@@ -219,7 +219,8 @@ fn built_without(name: &str) -> String {
         .map(|feature| {
             format!(
                 "; this program was built without the feature `{feature}`, which brings `{name}`: in a checkout, cargo install \
-                 --locked --path crates/swm --features {feature}"
+                 --locked --path crates/swm --features {feature} (and those that you use already, with commas){}",
+                if *feature == "lerobot" { ", or the command `swm-rs` of the Python package, which has it" } else { "" }
             )
         })
         .unwrap_or_default()

@@ -23,7 +23,7 @@ fn files_that_are_no_datasets() {
     fs::write(&path, "").unwrap();
     assert!(message(&path).contains("data.h5") && message(&path).contains("empty"));
     fs::write(&path, "episode,reward\n0,1.0\n").unwrap();
-    assert!(message(&path).contains("no known format (hdf5"));
+    assert!(message(&path).contains("its name is that of the format hdf5, but its content is not"));
     assert!(message(folder.path()).contains("no known format"));
 
     let file = hdf5_metno::File::create(&path).unwrap();

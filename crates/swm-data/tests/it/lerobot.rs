@@ -9,7 +9,7 @@ use swm_data::tools::copy::{all, copy};
 use swm_data::{DataError, FORMATS, Steps, WriteMode, WriteOptions, create, create_in, open};
 
 use crate::support::{assert_alike, bits, contents, episode, metadata, record, rows_of, schema};
-use swm_data::testing::mutations::mutate;
+use swm_data::testing::mutations::{files, mutate};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets").join(name)
@@ -250,6 +250,64 @@ fn repair_counts_again_and_bit_flips_are_found() {
         bytes[middle] ^= 4;
         fs::write(&file, bytes).unwrap();
     }
+}
+
+/// Nothing is deleted that `meta/info.json` counts: a list that is gone was not interrupted, but lost.
+#[test]
+fn episodes_that_the_list_lost_are_found_again_and_never_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.lerobot");
+    record(&path, WriteMode::Error, 0..3).unwrap();
+    let (whole, before) = (contents(&path), files(&path));
+    let format = FORMATS.iter().find(|format| format.name == "lerobot").unwrap();
+    let list = path.join("meta/episodes/chunk-000/file-000.parquet");
+    let bytes = fs::read(&list).unwrap();
+    let lose = || fs::remove_dir_all(path.join("meta/episodes")).unwrap();
+
+    lose();
+    let said = open(&path).err().unwrap().to_string();
+    assert!(said.contains("lists 0 of the 3 episodes") && said.contains("--fix"), "{said}");
+    let continued = create(&path, WriteMode::Append, None).err().unwrap().to_string();
+    assert!(continued.contains("lists 0 of the 3 episodes"), "{continued}");
+    assert_eq!(
+        format.repair(&path, false).unwrap(),
+        ["list 3 of 3 episodes again, which `meta/episodes` lacks"]
+    );
+    assert!(!list.exists());
+    assert_eq!(format.repair(&path, true).unwrap().len(), 1);
+    contents(&path).iter().zip(&whole).for_each(|(found, whole)| assert_alike(found, whole));
+    assert_eq!(files(&path), before);
+    assert_eq!(fs::read(&list).unwrap(), bytes);
+    let mut dataset = open(&path).unwrap();
+    (0..3).for_each(|episode| dataset.check_episode(episode).unwrap());
+
+    // What is damaged too stays as it is.
+    let table = path.join("data/chunk-000/file-001.parquet");
+    let cut = fs::read(&table).unwrap().split_off(100);
+    fs::write(&table, &cut).unwrap();
+    lose();
+    let before = files(&path);
+    let said = format.repair(&path, true).unwrap_err().to_string();
+    assert!(
+        said.contains("episode 1, which `meta/episodes` does not list, cannot be listed again"),
+        "{said}"
+    );
+    assert_eq!(files(&path), before);
+}
+
+/// As another program leaves it that rewrites a folder of ours.
+#[test]
+fn columns_that_are_made_up_for_others_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.lerobot");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    fs::remove_file(path.join("meta/swm.json")).unwrap();
+    let mut dataset = open(&path).unwrap();
+    let skipped: Vec<&str> = dataset.info().skipped.iter().map(|(name, _)| name.as_str()).collect();
+    let has = |name: &str| dataset.schema().fields().iter().any(|field| field.name == name);
+    assert!(has("step_idx") && has("ep_idx") && has("action"), "{skipped:?}");
+    assert_eq!(dataset.num_episodes(), 2);
+    (0..2).for_each(|episode| dataset.check_episode(episode).unwrap());
 }
 
 fn fps(folder: &Path) -> serde_json::Value {

@@ -140,9 +140,10 @@ impl TargetArgs {
             )),
             error => error.into(),
         })?;
-        if resumed > 0 && episodes == 0 && (self.quality.is_some() || self.key_frames.is_some()) {
+        let is_changed = self.quality.is_some() || self.key_frames.is_some() || self.fps.is_some();
+        if resumed > 0 && episodes == 0 && is_changed {
             output.note(format!(
-                "note: {} was complete, and its images keep the quality that they have; --overwrite writes them anew",
+                "note: {} was complete, and keeps the rate and the quality of images that it has; --overwrite writes it anew",
                 to.display()
             ));
         } else if resumed > 0 {

@@ -26,6 +26,10 @@ pub(super) struct Shared {
     pub(super) episodes: Vec<EpisodeFiles>,
 }
 
+/// Columns that are made up for folders of other programs, and what they hold.
+const MADE_UP: [(&str, &str); 2] =
+    [("ep_idx", "the number of the episode"), ("step_idx", "the number of the row in its episode")];
+
 /// Where the values of a column come from.
 pub(super) enum Source {
     /// A column of the tables.
@@ -70,6 +74,11 @@ impl Shared {
         let is_camera = |feature: &Json| feature["dtype"] == "video" || feature["dtype"] == "image";
         let first_camera = info.features.iter().find(|(_, feature)| is_camera(feature)).map(|(name, _)| name);
         for (name, feature) in &info.features {
+            if let Some((_, meaning)) = MADE_UP.iter().find(|(made_up, _)| made_up == name) {
+                let reason = format!("`{name}` is {meaning} here; rename the feature to read it");
+                skipped.push((name.clone(), reason));
+                continue;
+            }
             let known = if Some(name) == first_camera { "pixels" } else { name };
             if cameras.contains(name) {
                 let size = first.videos.get(name).ok_or(missing("there is no video"));
@@ -119,7 +128,7 @@ impl Shared {
     fn ours(path: &Path, manifest: Manifest) -> Result<Self> {
         let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
         let mut episodes = Vec::new();
-        for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
+        for (episode, entry) in episodes::read_all(path, &manifest)?.into_iter().enumerate() {
             let data = path.join(episodes::data_path(episode));
             let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));

@@ -6,11 +6,13 @@ use std::path::Path;
 
 use swm_core::{Column, Slice};
 
-use super::manifest::Manifest;
+use super::contents::video;
+use super::info::{INFO, Info};
+use super::manifest::{Manifest, OWN};
 use super::parquet_file::{self, ColumnOut};
 use super::table::Table;
-use crate::error::{At as _, DataError, Result, invalid, wrong_type};
-use crate::formats::disk::replace;
+use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
+use crate::formats::disk::{read_regular, replace};
 
 /// Files in a folder, as LeRobot divides them.
 pub(super) const CHUNK: usize = 1000;
@@ -45,7 +47,49 @@ fn list_path(file: usize) -> String {
     format!("meta/episodes/chunk-{:03}/file-{:03}.parquet", file / CHUNK, file % CHUNK)
 }
 
-/// All episodes that were committed.
+/// All episodes that were committed. `meta/info.json` follows the list, so that a count above what is listed means that a part
+/// of the list is gone.
+pub(super) fn read_all(folder: &Path, manifest: &Manifest) -> Result<Vec<Entry>> {
+    let entries = read(folder, manifest.cameras().count())?;
+    let counted = if folder.join(INFO).is_file() { Info::read(folder)?.total_episodes } else { 0 };
+    match counted > entries.len() {
+        true => Err(missing(format!(
+            "`meta/episodes` lists {} of the {counted} episodes that `{INFO}` counts, as after an incomplete copy; copy `meta/episodes` \
+             again, or list them again from their tables and videos: swm verify {} --fix",
+            entries.len(),
+            folder.display()
+        ))),
+        false => Ok(entries),
+    }
+}
+
+/// The episodes behind those that are listed, up to `counted`, as their files have them. All of these must be whole.
+pub(super) fn unlisted(
+    folder: &Path,
+    manifest: &Manifest,
+    listed: usize,
+    counted: usize,
+) -> Result<Vec<Entry>> {
+    let whole = |episode| -> Result<Entry> {
+        let data = folder.join(data_path(episode));
+        let table = Table::open(&data)?;
+        for (name, _) in OWN {
+            table.column(name).at(data.display())?;
+        }
+        let mut checksums = vec![crc32fast::hash(&read_regular(&data)?)];
+        for (_, camera) in manifest.cameras() {
+            let path = folder.join(video_path(&camera, episode));
+            video(&path)?;
+            checksums.push(crc32fast::hash(&read_regular(&path)?));
+        }
+        Ok(Entry { rows: table.rows(), checksums })
+    };
+    let place =
+        |episode| format!("episode {episode}, which `meta/episodes` does not list, cannot be listed again");
+    (listed..counted).map(|episode| whole(episode).at(place(episode))).collect()
+}
+
+/// The episodes that the list names.
 pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
     for file in 0.. {

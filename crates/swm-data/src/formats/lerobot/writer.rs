@@ -77,6 +77,10 @@ impl Backend for LeRobotBackend {
     fn start(&self, start: &SessionStart<'_>) -> Result<LeRobotSession, DataError> {
         let &SessionStart { path, options, fields, metadata, .. } = start;
         // LeRobot takes whole numbers.
+        if let Some(rate) = options.frames_per_second.filter(|rate| rate.fract() != 0.0) {
+            let reason = format!("{rate} frames per second; LeRobot takes whole numbers");
+            return Err(DataError::record(path, reason));
+        }
         let of_rows = metadata.rows_per_second.map(|rate| rate.round().max(1.0));
         let rate = options.frames_per_second.or(of_rows).unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
@@ -167,7 +171,7 @@ impl LeRobotSession {
         encoding: Mp4Options,
     ) -> Result<Self, DataError> {
         let damaged = |error| DataError::damaged(path, error);
-        let entries = episodes::read(path, manifest.cameras().count()).map_err(damaged)?;
+        let entries = episodes::read_all(path, &manifest).map_err(damaged)?;
         let rows = entries.iter().map(|entry| entry.rows).sum();
         for file in leftovers(path, &manifest, entries.len()) {
             fs::remove_file(&file).map_err(|source| DataError::io(&file, "remove", source))?;
@@ -198,13 +202,20 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let _lock = WriterLock::take(path)?;
     let damaged = |error| DataError::damaged(path, error);
     let Some(manifest) = Manifest::read(path).map_err(damaged)? else { return Ok(Vec::new()) };
-    let entries = episodes::read(path, manifest.cameras().count()).map_err(damaged)?;
-    let rows = entries.iter().map(|entry| entry.rows).sum();
+    let mut entries = episodes::read(path, manifest.cameras().count()).map_err(damaged)?;
     let mut steps = Vec::new();
-    let counted = info::Info::read(path).map_err(damaged)?.total_episodes;
-    if counted != entries.len() {
-        steps.push(format!("set `{INFO}` from {counted} to {} episodes", entries.len()));
+    let (listed, counted) = (entries.len(), info::Info::read(path).map_err(damaged)?.total_episodes);
+    if counted < listed {
+        steps.push(format!("set `{INFO}` from {counted} to {listed} episodes"));
+    } else if counted > listed {
+        entries.extend(episodes::unlisted(path, &manifest, listed, counted).map_err(damaged)?);
+        let count = counted - listed;
+        steps.push(format!("list {count} of {counted} episodes again, which `meta/episodes` lacks"));
+        for so_far in listed + 1..=if apply { counted } else { listed } {
+            episodes::commit(path, &manifest, &entries[..so_far])?;
+        }
     }
+    let rows = entries.iter().map(|entry| entry.rows).sum();
     if rows > 0 && Statistics::read(path, &manifest, rows).is_none() {
         steps.push("compute `meta/stats.json` anew".to_owned());
     }
