@@ -363,6 +363,7 @@ fn a_thousand_shards_are_listed_at_once() {
         let done = format!(
             "{{\"shard\":{shard},\"range\":[0,1000],\"episodes\":1000,\"bytes\":1,\"sha256\":\"\",\"attempt\":1,\"node\":\"n\",\"seconds\":9.5}}"
         );
+        fs::write(cluster.path(&format!("job/parts/{shard:04}-of-1000.h5")), "").unwrap();
         fs::write(cluster.path(&format!("job/done/{shard:04}.json")), done).unwrap();
     }
     let started = Instant::now();

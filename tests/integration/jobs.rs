@@ -365,6 +365,45 @@ fn a_shard_has_one_task_at_a_time() {
 }
 
 #[test]
+fn parts_that_are_lost_or_damaged_are_made_again() {
+    let cluster = Cluster::new();
+    let whole = whole(&cluster.folder, "6");
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "3", &collect("6")));
+    swm_ok(&["task", &job, "--all"]);
+    let part = cluster.path("job/parts/0002-of-0003.h5");
+    let to_run = format!("swm task {job} --all");
+
+    let bytes = fs::read(&part).unwrap();
+    fs::write(&part, &bytes[..bytes.len() / 2]).unwrap();
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains(&format!("what shard 2 wrote has changed since: remove {part}")), "{message}");
+    assert!(message.contains(&to_run), "{message}");
+
+    fs::remove_file(&part).unwrap();
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains("1 of 3 shards") && message.contains(&part), "{message}");
+    assert!(message.contains("parts are missing: 2;") && message.contains(&to_run), "{message}");
+    let status = swm_json(&["jobs", &job]);
+    assert_eq!((&status["done"], &status["missing"]), (&2.into(), &serde_json::json!([2])));
+    assert_eq!((&status["episodes"], &status["each"][1]["episodes"]), (&4.into(), &0.into()));
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains("2 done, 1 lost") && page.contains(&to_run), "{page}");
+    let again = ok(&cluster.submit(&["--on", "script"], "3", &collect("6")));
+    assert!(again.contains("--index 2") && !again.contains("--index 1"), "{again}");
+
+    swm_ok(&["task", &job, "--index", "2"]);
+    assert!(fs::read(&part).unwrap() == bytes);
+    fs::remove_file(&part).unwrap();
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::read(cluster.path("job/result.h5")).unwrap() == whole);
+    // Once they are joined, nobody needs the parts.
+    fs::remove_file(&part).unwrap();
+    assert_eq!(swm_json(&["jobs", &job])["done"], 3);
+}
+
+#[test]
 fn a_disk_that_is_too_small_is_found_out_before() {
     let cluster = Cluster::new();
     cluster.program("df", "echo Filesystem; echo '/dev/a 100 90 10 90% /'");

@@ -1,6 +1,6 @@
 //! What is done of a job, and how it is told: for `swm jobs` and the page of `swm ui`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
@@ -49,6 +49,8 @@ pub(super) struct Status<'a> {
     begun: BTreeMap<u64, u64>,
     /// Who runs shards without an engine, on this machine.
     by_hand: BTreeMap<u64, String>,
+    /// Shards that were done, and whose parts are gone.
+    lost: BTreeSet<u64>,
     /// The node of the last start of other shards that have neither ended nor are with an engine: lost, or at work on another machine.
     started: BTreeMap<u64, String>,
     /// What shards are called that nobody began, and those of `started`.
@@ -66,14 +68,17 @@ impl<'a> Status<'a> {
         }
         let left = progress.missing(folder);
         let begun = left.iter().map(|&shard| (shard, episodes_of(registry, folder, shard)));
-        let begun = begun.filter(|&(_, episodes)| episodes > 0).collect();
+        // The log of a shard whose part is gone tells of episodes that are gone, too.
+        let mut lost = progress.lost.clone();
+        let begun = begun.filter(|(shard, episodes)| *episodes > 0 && !lost.contains(shard)).collect();
         let held: BTreeMap<u64, Queued> =
             left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
         let mut missing: Vec<u64> = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
         let at_work = |&shard: &u64| Some((shard, WriterLock::holder_here(&folder.shard_lock(shard))?));
         let by_hand: BTreeMap<u64, String> = missing.iter().filter_map(at_work).collect();
         missing.retain(|shard| !by_hand.contains_key(shard));
-        let unexplained = missing.iter().filter(|shard| !failed.contains_key(shard));
+        lost.retain(|shard| missing.contains(shard) && !failed.contains_key(shard));
+        let unexplained = missing.iter().filter(|shard| !failed.contains_key(shard) && !lost.contains(shard));
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
@@ -82,7 +87,7 @@ impl<'a> Status<'a> {
             true => ["not submitted", "started, not queued"],
             false => ["not started", "interrupted"],
         };
-        Ok(Self { folder, done, failed, held, missing, begun, by_hand, started, words, finished })
+        Ok(Self { folder, done, failed, held, missing, begun, by_hand, lost, started, words, finished })
     }
 
     fn episodes(&self) -> u64 {
@@ -117,7 +122,7 @@ impl<'a> Status<'a> {
         })
     }
 
-    /// The state of one shard: `done`, what its engine says, who runs it by hand, `failed`, or one of `words`.
+    /// The state of one shard: `done`, what its engine says, who runs it by hand, `failed`, `lost`, or one of `words`.
     fn shard(&self, shard: u64) -> Json {
         let job = &self.folder.job;
         let of = job.range(shard).count();
@@ -144,6 +149,7 @@ impl<'a> Status<'a> {
         match (self.held.get(&shard), self.failed.get(&shard)) {
             (Some(task), _) => task.state.clone(),
             (None, Some(failed)) => format!("failed on {}", failed.node),
+            (None, None) if self.lost.contains(&shard) => "lost: its part is missing".to_owned(),
             (None, None) => match self.started.get(&shard) {
                 Some(node) => format!("{begun}: last on {node}"),
                 None => untouched.to_owned(),
@@ -158,13 +164,17 @@ impl<'a> Status<'a> {
 
     /// One line: how far it is.
     fn line(&self) -> String {
-        let untouched = |shard: &&u64| !self.failed.contains_key(shard) && !self.started.contains_key(shard);
+        let untouched = |shard: &&u64| {
+            let Self { failed, started, lost, .. } = self;
+            !failed.contains_key(shard) && !started.contains_key(shard) && !lost.contains(shard)
+        };
         let [untouched_name, begun] = self.words;
         let counts = [
             (self.done.len(), "done"),
             (self.running(), "running"),
             (self.waiting(), "waiting"),
             (self.failed.len(), "failed"),
+            (self.lost.len(), "lost"),
             (self.started.len(), begun),
             (self.missing.iter().filter(untouched).count(), untouched_name),
         ];
@@ -213,6 +223,7 @@ impl<'a> Status<'a> {
             .chain(self.held.keys())
             .chain(self.by_hand.keys())
             .chain(self.started.keys())
+            .chain(&self.lost)
             .copied()
             .collect();
         open.sort_unstable();

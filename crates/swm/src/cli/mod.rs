@@ -10,6 +10,7 @@ mod collect;
 mod compare;
 mod conflicts;
 mod convert;
+mod damage;
 mod doctor;
 mod envs;
 mod eval;

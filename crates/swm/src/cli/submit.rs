@@ -8,8 +8,9 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
 
+use super::damage::bytes;
 use super::output::counted;
-use super::task::{Redirected, bytes};
+use super::task::Redirected;
 use super::work::{self, Kind};
 use super::{Failure, Output, usage, version};
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};

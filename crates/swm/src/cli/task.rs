@@ -9,6 +9,7 @@ use serde_json::json;
 use swm_core::Registry;
 use swm_data::recording::WriterLock;
 
+use super::damage::{self, bytes};
 use super::output::{Postponed, counted};
 use super::work::{self, Kind};
 use super::{Failure, Output, interrupt, usage, version};
@@ -182,7 +183,8 @@ impl Run<'_> {
         let done = folder.done(shard);
         let of = folder.job.shards;
         let lock = WriterLock::take(&folder.shard_lock(shard))?;
-        if done.is_file() {
+        // A part that was lost is made again, unless the result is there.
+        if done.is_file() && (folder.written(shard).exists() || folder.finished().is_file()) {
             output.note(format!("shard {shard} of {of} was done already"));
             return Ok(());
         }
@@ -281,8 +283,9 @@ impl Run<'_> {
                     format!(" (failed: {}; `swm jobs --logs {dir} {}` shows why)", ranges(&failed), failed[0])
                 }
             };
+            let lost = damage::lost(folder, &progress);
             return Err(format!(
-                "{} of {} shards of {dir} are not done: {}{failed}; to run them: {}",
+                "{} of {} shards of {dir} are not done: {}{failed}{lost}; to run them: {}",
                 missing.len(),
                 folder.job.shards,
                 ranges(&missing),
@@ -293,6 +296,7 @@ impl Run<'_> {
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;
             let joined = work::join(registry, folder, kind, &Output::new(false, false));
+            let joined = joined.map_err(|failure| damage::explained(failure, folder, kind, &progress));
             if let Err(failure) = &joined {
                 eprintln!("{failure}");
             }
@@ -305,20 +309,6 @@ impl Run<'_> {
         output
             .result(&told, || format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")))
     }
-}
-
-/// The size of a file, or of what is in a folder.
-pub(super) fn bytes(path: &Path) -> Result<u64, Failure> {
-    let failed = |error| Failure::from(cannot("read", path, error));
-    let metadata = std::fs::metadata(path).map_err(failed)?;
-    if !metadata.is_dir() {
-        return Ok(metadata.len());
-    }
-    let mut sum = 0;
-    for entry in std::fs::read_dir(path).map_err(failed)? {
-        sum += bytes(&entry.map_err(failed)?.path())?;
-    }
-    Ok(sum)
 }
 
 /// Runs something, once more if the file system failed: over networks that passes.

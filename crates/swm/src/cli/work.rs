@@ -9,7 +9,7 @@ use swm_core::Registry;
 
 use super::{Cli, Command, Failure, Output, run_command, usage};
 use crate::jobs::JobFolder;
-use crate::jobs::files::cannot;
+use crate::jobs::files::{cannot, extension};
 use crate::text_file::read_text;
 
 /// What a command needs, found out before anything is queued.
@@ -81,16 +81,6 @@ impl Kind {
     }
 }
 
-/// The extension of the parts of a recording: that of `--format`.
-fn extension(command: &[String]) -> &str {
-    let given = command.iter().zip(command.iter().skip(1)).find(|(name, _)| *name == "--format");
-    let given = given.map(|(_, value)| value.as_str());
-    match given.or_else(|| command.iter().find_map(|word| word.strip_prefix("--format="))) {
-        None | Some("hdf5") => "h5",
-        Some(format) => format,
-    }
-}
-
 /// Parses a command line and finds out what it needs: environment and policy are made, manifests read.
 pub(super) fn plan(registry: &Registry, line: &[String], output: &Output) -> Result<Plan, Failure> {
     match parse(line)? {
@@ -131,7 +121,7 @@ pub(super) fn shard_line(folder: &JobFolder, kind: Kind, shard: u64) -> Vec<Stri
     let mut line = job.command.clone();
     match kind {
         Kind::Collect => {
-            let part = out(&folder.part(shard, extension(&job.command)));
+            let part = out(&folder.written(shard));
             line.extend(["--shard", &of, "--mode", "append", "--out", &part].map(str::to_owned));
         }
         Kind::Eval | Kind::Sweep => {
@@ -174,11 +164,8 @@ pub(super) fn pilot_line(folder: &JobFolder, episodes: u64) -> (Vec<String>, Pat
 
 /// What shard `shard` writes: a file, or the file of a training run that tells how far it is.
 pub(super) fn shard_output(folder: &JobFolder, kind: Kind, shard: u64) -> PathBuf {
-    match kind {
-        Kind::Collect => folder.part(shard, extension(&folder.job.command)),
-        Kind::Eval | Kind::Sweep => folder.part(shard, "jsonl"),
-        Kind::Train => folder.run(shard).join("metrics.jsonl"),
-    }
+    let written = folder.written(shard);
+    if kind == Kind::Train { written.join("metrics.jsonl") } else { written }
 }
 
 /// How far a shard is: committed episodes, or the size of a training run's metrics.
@@ -266,15 +253,6 @@ mod tests {
         {
             assert_eq!(Kind::of(&words(wrong)).err().map(|failure| failure.exit_code()), Some(2), "{wrong}");
         }
-    }
-
-    #[test]
-    fn the_format_gives_the_extension() {
-        let of = |text: &str| extension(&words(text)).to_owned();
-        assert_eq!(of("collect E --episodes 3"), "h5");
-        assert_eq!(of("collect E --format hdf5"), "h5");
-        assert_eq!(of("collect E --format video"), "video");
-        assert_eq!(of("collect E --format=mcap"), "mcap");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
-use swm_core::{PolicyArgs, Registry};
+use swm_core::{EnvEntry, PolicyArgs, Registry};
 
 use super::hash::file_hash;
 use super::probe::fingerprints;
@@ -72,6 +72,7 @@ pub fn verify(
     let Receipt { manifest, candidate, .. } = receipt;
     manifest.check()?;
     let entry = registry.env(&manifest.env)?;
+    can_be_made(registry, entry, candidate)?;
     let mut differences = BTreeMap::new();
     let mut differ = |part: Part, recorded: &str, now: &str, what: &str| {
         if recorded != now {
@@ -189,6 +190,23 @@ pub fn verify(
         summary,
         recorded: receipt.summary.clone(),
     })
+}
+
+/// Checks that this program knows the policy by its name. Programs also evaluate objects of their own, of which a receipt has no
+/// more than what they are called.
+fn can_be_made(registry: &Registry, entry: &EnvEntry, candidate: &Candidate) -> Result<(), BoxError> {
+    let Err(unknown) = registry.policy_entry(entry, &candidate.policy.name) else { return Ok(()) };
+    match unknown.fix {
+        // Other builds have it.
+        Some(_) => Err(unknown.into()),
+        None => Err(format!(
+            "the policy `{}` was an object of the program that evaluated it: a receipt holds its name, but neither its code nor its \
+             weights, so it cannot be made again here; evaluate it again there (in Python: `swm.evaluate`) and compare the receipts \
+             (`swm compare`, in Python: `swm.compare`)",
+            unknown.name
+        )
+        .into()),
+    }
 }
 
 /// What a receipt derives from its episodes, where it is not what follows from them: rates, intervals, tests, regrets. And

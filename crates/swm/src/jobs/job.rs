@@ -10,7 +10,7 @@ use swm_core::evaluate::sha256;
 use swm_data::recording::WriterLock;
 use swm_data::tools::parts;
 
-use super::files::{cannot, read_json, seconds, write_json};
+use super::files::{cannot, extension, read_json, seconds, write_json};
 use crate::evaluation::file_hash;
 
 /// The version of [`Job`] that is written.
@@ -288,6 +288,15 @@ impl JobFolder {
     /// `DIR/parts/0003-of-0064.h5`: what shard `shard` writes.
     pub(crate) fn part(&self, shard: u64, extension: &str) -> PathBuf {
         self.dir.join("parts").join(format!("{shard:04}-of-{:04}.{extension}", self.job.shards))
+    }
+
+    /// What shard `shard` leaves behind: its part, or the folder of a training run.
+    pub(crate) fn written(&self, shard: u64) -> PathBuf {
+        match self.job.command.first().map(String::as_str) {
+            Some("train") => self.run(shard),
+            Some("collect") => self.part(shard, extension(&self.job.command)),
+            _ => self.part(shard, "jsonl"),
+        }
     }
 
     /// `DIR/runs/0003`: the folder of a training run.

@@ -1,7 +1,9 @@
 //! What is done of a job, from its files alone.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
 use std::fs;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
@@ -46,10 +48,12 @@ pub(crate) struct Finished {
     pub(crate) episodes: u64,
 }
 
-/// What `done/` lists.
+/// What `done/` lists, without the shards whose parts are gone.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Progress {
     pub(crate) done: BTreeSet<u64>,
+    /// Shards that were done, and what they wrote is not there any more: they are to be run again.
+    pub(crate) lost: BTreeSet<u64>,
     pub(crate) failed: BTreeSet<u64>,
     /// Whether the result is there.
     pub(crate) is_finished: bool,
@@ -81,6 +85,16 @@ impl Progress {
                 _ => false,
             };
         }
+        // Once they are joined, nobody needs the parts.
+        if !progress.is_finished && !progress.done.is_empty() {
+            let there = names_beside(&folder.written(1))?;
+            // Listings of shared file systems can be older than a look at the file itself.
+            let is_there = |shard: &u64| {
+                let written = folder.written(*shard);
+                written.file_name().is_some_and(|name| there.contains(name)) || written.exists()
+            };
+            (progress.done, progress.lost) = progress.done.iter().partition(|&shard| is_there(shard));
+        }
         let done = &progress.done;
         progress.failed.retain(|shard| !done.contains(shard));
         Ok(progress)
@@ -95,6 +109,17 @@ impl Progress {
     /// The shards that are not done.
     pub(crate) fn missing(&self, folder: &JobFolder) -> Vec<u64> {
         (1..=folder.job.shards).filter(|shard| !self.done.contains(shard)).collect()
+    }
+}
+
+/// What the folder that holds `path` lists: one look, whatever the number of shards.
+fn names_beside(path: &Path) -> Result<BTreeSet<OsString>, BoxError> {
+    let dir = path.parent().unwrap_or(path);
+    let failed = |error| cannot("read the folder", dir, error);
+    match fs::read_dir(dir) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeSet::new()),
+        Err(error) => Err(failed(error).into()),
+        Ok(entries) => entries.map(|entry| Ok(entry.map_err(failed)?.file_name())).collect(),
     }
 }
 
