@@ -118,7 +118,7 @@ fn names_beside(path: &Path) -> Result<BTreeSet<OsString>, BoxError> {
     let failed = |error| cannot("read the folder", dir, error);
     match fs::read_dir(dir) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeSet::new()),
-        Err(error) => Err(failed(error).into()),
+        Err(error) => Err(failed(error)),
         Ok(entries) => entries.map(|entry| Ok(entry.map_err(failed)?.file_name())).collect(),
     }
 }
