@@ -154,6 +154,13 @@ fn old_receipts_verify_and_old_flags_work() {
     std::fs::write(&changed, receipt.to_string()).unwrap();
     assert!(swm_fails(1, &["verify-result", &changed, "--quiet"]).contains("not equal"));
 
+    // An object of Python, of which the receipt has the name alone.
+    receipt["candidate"]["policy"]["name"] = "WorldModelPolicy(CEMSolver, Cost, horizon 5)".into();
+    std::fs::write(&changed, receipt.to_string()).unwrap();
+    let message = swm_fails(1, &["verify-result", &changed, "--quiet"]);
+    assert!(message.contains("`WorldModelPolicy(CEMSolver, Cost, horizon 5)` was an object of"), "{message}");
+    assert!(message.contains("`swm.evaluate`") && !message.contains("unknown policy"), "{message}");
+
     let task = folder.path("task.json");
     std::fs::write(&task, receipt["manifest"].to_string()).unwrap();
     let args = ["eval", "--manifest", &task, "--policy", "random", "--ceiling", QUICK, "--quiet"];

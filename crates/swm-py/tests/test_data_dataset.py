@@ -393,3 +393,12 @@ def test_processes_are_told_apart(path: Path) -> None:
     assert dataset.reader is before
     dataset._pid = os.getpid() + 1
     assert dataset.reader is not before
+
+
+def test_wrong_distances_and_columns_are_refused(path: Path) -> None:
+    for wrong in (0, 2.5):
+        with pytest.raises(ValueError, match=f"frameskip={wrong} must be a whole number, 1 or more"):
+            swm.data.load_dataset(path, frameskip=wrong)  # type: ignore[arg-type]
+    assert swm.data.load_dataset(path, frameskip=2.0).frameskip == 2  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"keys_to_load='pixels' is a text; give a list: \['pixels'\]"):
+        swm.data.load_dataset(path, keys_to_load="pixels")

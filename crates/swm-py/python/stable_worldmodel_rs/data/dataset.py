@@ -108,8 +108,9 @@ class Dataset:
         num_steps: int = 1,
         transform: Transform | None = None,
     ) -> None:
-        if frameskip < 1 or num_steps < 1:
-            raise ValueError(f"frameskip {frameskip} and num_steps {num_steps} must be 1 or more")
+        for name, value in (("frameskip", frameskip), ("num_steps", num_steps)):
+            if value < 1 or value != int(value):
+                raise ValueError(f"{name}={value} must be a whole number, 1 or more")
         self.lengths = lengths
         self.offsets = offsets
         self.frameskip: int = int(frameskip)

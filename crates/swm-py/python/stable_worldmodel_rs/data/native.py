@@ -112,6 +112,9 @@ class NativeDataset(Dataset):
         render: tuple[int, int] | None = None,
         episodes: Sequence[int] | None = None,
     ) -> None:
+        for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
+            if isinstance(keys, str):
+                raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
         self.path: Any = Path(path)
         self.image = image
         self._render = render
