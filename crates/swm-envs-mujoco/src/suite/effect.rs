@@ -51,8 +51,9 @@ pub enum Effect {
     Spec(fn(&mut Spec, &[f64]) -> Result<(), MujocoError>),
 }
 
-/// Contacts without friction make simulations diverge within an episode: cheetah, humanoid, quadruped, walker, hopper.
-const LEAST_FRICTION: f64 = 1e-3;
+/// Contacts without friction make simulations diverge within an episode: cheetah, humanoid, quadruped, walker, hopper. With
+/// 0.005, the hopper still does in one of 900 episodes of random actions, with 0.01 in none.
+const LEAST_FRICTION: f64 = 1e-2;
 
 /// Damping, or rotor inertia, of a joint that is held.
 const LOCK: f64 = 1e6;

@@ -36,7 +36,7 @@ pub fn light_intensity(light: &'static str, default: f64) -> Control {
 
 /// `floor.friction`, `[1]`, f32; see [`Effect::FloorFriction`].
 pub fn floor_friction(floor: &'static str, default: f32) -> Control {
-    let doc = "sliding friction of contacts with the floor, as a share of the friction at 1; at least 0.001";
+    let doc = "sliding friction of contacts with the floor, as a share of the friction at 1; at least 0.01";
     scalar("floor.friction", [0.0, 1.0], default, doc, Effect::FloorFriction(floor))
 }
 
