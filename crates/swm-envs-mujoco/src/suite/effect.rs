@@ -230,7 +230,7 @@ mod tests {
             (0.5, [0.5, 0.4]),
             (0.1, [0.1, 0.1]),
             (f64::from(0.4f32), [0.4, 0.4]),
-            (0.0, [1e-3; 2]),
+            (0.0, [LEAST_FRICTION; 2]),
         ] {
             let mut edited = model.clone();
             Effect::FloorFriction("ground").edit_model(&mut edited, &[value]).unwrap();
