@@ -220,7 +220,7 @@ mod tests {
         assert_eq!((of("gcivl", "value"), of("gciql", "value")), (value(3.0), value(10.0)));
         assert_eq!((of("hilp", "value"), of("hilp", "embed_dim")), (value(3.0), json!(64)));
         let weights = json!({ "std": 18.0, "std_t": 0.7, "cov": 12.0, "cov_t": 0.0, "alignment": 0.2, "inverse": 0.0,
-            "straightening": 0.0, "rollout": 0.0 });
+            "straightening": 0.0, "rollout": 0.0, "drawing": 0.0 });
         assert_eq!(of("pldm", "weights"), weights);
         assert_eq!((of("dino-wm", "proprio"), of("dino-wm", "action")), (json!(10), json!(10)));
     }
