@@ -7,10 +7,9 @@
 //! the pixel centers, normalized in f64, and rounded half away from zero to 22-bit fixed point. A sum of products is
 //! rounded to the nearest byte.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
 
+use super::Viewers;
 use crate::error::{RenderError, check_len, check_size};
 use crate::rect::Rect;
 use crate::region::Region;
@@ -154,9 +153,7 @@ struct Axis {
     windows: Vec<Window>,
     /// All windows' weights, one after the other.
     weights: Vec<u32>,
-    /// The first target whose window ends after this source, and how many windows begin before it.
-    starts: Vec<u32>,
-    ends: Vec<u32>,
+    viewers: Viewers,
 }
 
 /// Where one target pixel looks.
@@ -171,8 +168,8 @@ impl Axis {
     fn new(source: usize, target: usize) -> Self {
         let scale = source as f64 / target as f64;
         let stretch = scale.max(1.0);
-        let (windows, weights) = (Vec::with_capacity(target), Vec::new());
-        let mut axis = Self { windows, weights, starts: Vec::new(), ends: Vec::new() };
+        let mut windows: Vec<Window> = Vec::with_capacity(target);
+        let mut weights = Vec::new();
         let mut triangle = Vec::new();
         for d in 0..target {
             let center = (d as f64 + 0.5) * scale;
@@ -185,23 +182,14 @@ impl Axis {
                 if distance < 1.0 { 1.0 - distance } else { 0.0 }
             }));
             let sum: f64 = triangle.iter().sum();
-            axis.windows.push(Window { source: low, weights: axis.weights.len(), count: high - low });
+            windows.push(Window { source: low, weights: weights.len(), count: high - low });
             let fixed = |weight: f64| (0.5 + weight / sum * f64::from(1 << PRECISION_BITS)) as u32;
-            axis.weights.extend(triangle.iter().map(|&weight| fixed(weight)));
+            weights.extend(triangle.iter().map(|&weight| fixed(weight)));
         }
-        let count = |is_before: &dyn Fn(&Window) -> bool| axis.windows.partition_point(is_before) as u32;
-        let starts = (0..=source).map(|s| count(&|window| window.source + window.count <= s)).collect();
-        let ends = (0..=source).map(|s| count(&|window| window.source < s)).collect();
-        Self { starts, ends, ..axis }
-    }
-
-    /// The targets whose windows meet the sources `range`.
-    fn targets_of(&self, range: Range<usize>) -> Range<usize> {
-        if range.is_empty() {
-            return 0..0;
-        }
-        let start = self.starts[range.start] as usize;
-        start..(self.ends[range.end] as usize).max(start)
+        let start = |s| windows.partition_point(|window| window.source + window.count <= s);
+        let end = |s| windows.partition_point(|window| window.source < s);
+        let viewers = Viewers::new(source, start, end);
+        Self { windows, weights, viewers }
     }
 
     fn taps(&self, target: usize) -> (usize, &[u32]) {
@@ -213,7 +201,7 @@ impl Axis {
 /// Resizes an image along x; `changed` becomes the pixels of `out` that were written.
 #[multiversion(targets("x86_64+avx2"))]
 fn along_rows(axis: &Axis, from: Stage<'_>, out: &mut [u8], stride: usize, changed: &mut Region) {
-    changed.set_rows(from.region.rows(), |y| axis.targets_of(from.region.columns(y)));
+    changed.set_rows(from.region.rows(), |y| axis.viewers.of(from.region.columns(y)));
     for y in changed.rows() {
         let targets = changed.columns(y);
         let row = &from.image[y * from.stride..];
@@ -247,7 +235,7 @@ fn weighted<const CHANNELS: usize>(weights: &[u32], window: &[u8]) -> [u8; CHANN
 fn across_rows(axis: &Axis, from: Stage<'_>, out: &mut [u8], changed: &mut Region) {
     const LANES: usize = 16;
     let Stage { image, region, stride } = from;
-    changed.set_rows(axis.targets_of(region.rows()), |target| {
+    changed.set_rows(axis.viewers.of(region.rows()), |target| {
         let (source, weights) = axis.taps(target);
         region.columns_of(source..source + weights.len())
     });

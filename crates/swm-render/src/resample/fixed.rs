@@ -11,6 +11,7 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
+use super::Viewers;
 use crate::canvas::Canvas;
 use crate::error::{RenderError, check_len, check_size};
 use crate::region::Region;
@@ -49,9 +50,7 @@ pub struct FixedBilinear {
     source: usize,
     target: usize,
     taps: Vec<Tap>,
-    /// The first target that looks at this source coordinate or a later one, and how many targets look at one before it.
-    starts: Vec<u32>,
-    ends: Vec<u32>,
+    viewers: Viewers,
     /// `far_weight` of each tap, three times over: one for each channel.
     far_weights: Vec<i16>,
     /// Gathered pixels of one row, `[target, 3]`, and a byte more because pixels are written as four.
@@ -72,15 +71,17 @@ impl FixedBilinear {
         let ratio = source as f64 / target as f64;
         let taps: Vec<_> = (0..target).map(|d| Tap::new(d, ratio, source)).collect();
         // Beyond the first edge the edge pixel stands for coordinate -1 too, beyond the last one for that after it.
-        let start = |low: i32| taps.partition_point(|tap| tap.first + 1 < if low == 0 { -1 } else { low });
-        let end = |high: i32| {
-            if high == source as i32 { target } else { taps.partition_point(|tap| tap.first < high) }
+        let start = |low: usize| {
+            let low = if low == 0 { -1 } else { low as i32 };
+            taps.partition_point(|tap| tap.first + 1 < low)
+        };
+        let end = |high: usize| {
+            if high == source { target } else { taps.partition_point(|tap| tap.first < high as i32) }
         };
         Ok(Self {
             source,
             target,
-            starts: (0..=source as i32).map(|low| start(low) as u32).collect(),
-            ends: (0..=source as i32).map(|high| end(high) as u32).collect(),
+            viewers: Viewers::new(source, start, end),
             far_weights: taps.iter().flat_map(|tap| [tap.far_weight; 3]).collect(),
             taps,
             near: vec![0; target * 3 + 1],
@@ -112,9 +113,9 @@ impl FixedBilinear {
         image: &mut [u8],
         changed: &mut Region,
     ) {
-        changed.set_rows(self.targets_of(dirty.rows()), |y| {
+        changed.set_rows(self.viewers.of(dirty.rows()), |y| {
             let [first, second] = self.sources_of(y);
-            self.targets_of(dirty.columns_of(first..second + 1))
+            self.viewers.of(dirty.columns_of(first..second + 1))
         });
         // Source row and columns that each of `rows` holds. When enlarging, neighbors share rows.
         let mut held = [None, None];
@@ -148,14 +149,6 @@ impl FixedBilinear {
     fn sources_of(&self, target: usize) -> [usize; 2] {
         let first = self.taps[target].first;
         [first, first + 1].map(|source| source.clamp(0, self.source as i32 - 1) as usize)
-    }
-
-    /// The targets that look at these sources.
-    fn targets_of(&self, sources: Range<usize>) -> Range<usize> {
-        if sources.is_empty() {
-            return 0..0;
-        }
-        self.starts[sources.start] as usize..self.ends[sources.end] as usize
     }
 
     /// R >> 4 of a source row into `rows[slot]`, for these columns.

@@ -47,7 +47,7 @@ impl Shared {
     pub(super) fn open(path: &Path) -> Result<Self> {
         let info = Info::read(path)?;
         if let Some(manifest) = Manifest::read(path)? {
-            return Self::ours(path, manifest);
+            return Self::ours(path, manifest, info.total_episodes);
         }
         let cameras: Vec<String> = info
             .features
@@ -124,11 +124,11 @@ impl Shared {
         Ok(Self { info: found, columns, episodes })
     }
 
-    /// A folder that this program wrote.
-    fn ours(path: &Path, manifest: Manifest) -> Result<Self> {
+    /// A folder that this program wrote, and in which it counted so many episodes.
+    fn ours(path: &Path, manifest: Manifest, counted: usize) -> Result<Self> {
         let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
         let mut episodes = Vec::new();
-        for (episode, entry) in episodes::read_all(path, &manifest)?.into_iter().enumerate() {
+        for (episode, entry) in episodes::read_all(path, &manifest, counted)?.into_iter().enumerate() {
             let data = path.join(episodes::data_path(episode));
             let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));

@@ -7,7 +7,7 @@ use std::path::Path;
 use swm_core::{Column, Slice};
 
 use super::contents::video;
-use super::info::{INFO, Info};
+use super::info::INFO;
 use super::manifest::{Manifest, OWN};
 use super::parquet_file::{self, ColumnOut};
 use super::table::Table;
@@ -47,11 +47,10 @@ fn list_path(file: usize) -> String {
     format!("meta/episodes/chunk-{:03}/file-{:03}.parquet", file / CHUNK, file % CHUNK)
 }
 
-/// All episodes that were committed. `meta/info.json` follows the list, so that a count above what is listed means that a part
-/// of the list is gone.
-pub(super) fn read_all(folder: &Path, manifest: &Manifest) -> Result<Vec<Entry>> {
+/// All episodes that were committed, of which `meta/info.json` counts so many. It follows the list, so that a count above what is
+/// listed means that a part of the list is gone.
+pub(super) fn read_all(folder: &Path, manifest: &Manifest, counted: usize) -> Result<Vec<Entry>> {
     let entries = read(folder, manifest.cameras().count())?;
-    let counted = if folder.join(INFO).is_file() { Info::read(folder)?.total_episodes } else { 0 };
     match counted > entries.len() {
         true => Err(missing(format!(
             "`meta/episodes` lists {} of the {counted} episodes that `{INFO}` counts, as after an incomplete copy; copy `meta/episodes` \
@@ -131,6 +130,19 @@ pub(super) fn commit(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> R
         None => replace(&path, &bytes),
     };
     written.map_err(|source| DataError::io(&path, "write", source))
+}
+
+/// Commits all of `entries` behind the first `listed`: a file of the list at a time.
+pub(super) fn commit_from(
+    folder: &Path,
+    manifest: &Manifest,
+    entries: &[Entry],
+    listed: usize,
+) -> Result<(), DataError> {
+    let ends_file = |count: &usize| count.is_multiple_of(PER_FILE) || *count == entries.len();
+    (listed + 1..=entries.len())
+        .filter(ends_file)
+        .try_for_each(|count| commit(folder, manifest, &entries[..count]))
 }
 
 /// The bytes of a file of the list.

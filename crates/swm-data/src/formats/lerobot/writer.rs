@@ -171,7 +171,11 @@ impl LeRobotSession {
         encoding: Mp4Options,
     ) -> Result<Self, DataError> {
         let damaged = |error| DataError::damaged(path, error);
-        let entries = episodes::read_all(path, &manifest).map_err(damaged)?;
+        let counted = match path.join(INFO).is_file() {
+            true => info::Info::read(path).map_err(damaged)?.total_episodes,
+            false => 0,
+        };
+        let entries = episodes::read_all(path, &manifest, counted).map_err(damaged)?;
         let rows = entries.iter().map(|entry| entry.rows).sum();
         for file in leftovers(path, &manifest, entries.len()) {
             fs::remove_file(&file).map_err(|source| DataError::io(&file, "remove", source))?;
@@ -211,8 +215,8 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
         entries.extend(episodes::unlisted(path, &manifest, listed, counted).map_err(damaged)?);
         let count = counted - listed;
         steps.push(format!("list {count} of {counted} episodes again, which `meta/episodes` lacks"));
-        for so_far in listed + 1..=if apply { counted } else { listed } {
-            episodes::commit(path, &manifest, &entries[..so_far])?;
+        if apply {
+            episodes::commit_from(path, &manifest, &entries, listed)?;
         }
     }
     let rows = entries.iter().map(|entry| entry.rows).sum();
