@@ -87,6 +87,14 @@ impl Backend for LanceBackend {
         name.is_empty().then_some("no empty name")
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        let beside = videos::folder(path);
+        let removed = Table::remove(path).and_then(|()| Table::remove(&beside));
+        // Where it holds nothing else.
+        let _ = fs::remove_dir(beside);
+        removed.map_err(|source| DataError::io(path, "remove", source))
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<LanceSession, DataError> {
         let &SessionStart { path, options, fields, metadata, .. } = start;
         let failed = |source| DataError::io(path, "clear", source);

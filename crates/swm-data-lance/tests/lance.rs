@@ -13,7 +13,8 @@ use swm_core::{Batch, BoxError, Dtype, Registry};
 use swm_data::testing::kills::{kill_in, record_until_stopped_in};
 use swm_data::testing::mutations::{mutate_for, play_in, seed_in};
 use swm_data::testing::{
-    assert_alike, assert_same, contents_in, episode, metadata, record_in, rows_of, schema,
+    assert_alike, assert_same, contents_in, episode, fail_before_the_first_episode, metadata, record_in,
+    rows_of, schema,
 };
 use swm_data::tools::copy::{all, copy_in};
 use swm_data::tools::verify::verify;
@@ -47,6 +48,14 @@ fn folder() -> tempfile::TempDir {
 
 fn path_in(folder: &tempfile::TempDir, name: &str, format: &Format) -> PathBuf {
     folder.path().join(name).with_extension(format.extensions[0])
+}
+
+#[test]
+fn nothing_is_left_of_a_recording_without_an_episode() {
+    for format in FORMATS {
+        let folder = folder();
+        fail_before_the_first_episode(&REGISTRY, &path_in(&folder, "data", format));
+    }
 }
 
 #[test]

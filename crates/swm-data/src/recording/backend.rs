@@ -38,6 +38,19 @@ pub trait Backend: Send + 'static {
     /// Why it cannot hold a column of this name, to complete "`name` cannot name a column: …".
     fn refuses(&self, name: &str) -> Option<&'static str>;
 
+    /// Removes a dataset that a recording made and that holds no episode, so that nothing is left of a recording that failed before its
+    /// first one. What else is in its folder stays. Default: a file is removed, a folder stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be removed.
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        match self.is_folder() {
+            true => Ok(()),
+            false => std::fs::remove_file(path).map_err(|source| DataError::io(path, "remove", source)),
+        }
+    }
+
     /// Makes, continues or replaces a dataset.
     ///
     /// # Errors

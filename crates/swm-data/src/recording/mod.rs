@@ -3,8 +3,8 @@
 //! [`Session`] that writes them; [`BackendWriter`] makes a [`DatasetWriter`] of them.
 //!
 //! What no format may do otherwise: nothing changes before `begin`; an episode whose end was committed survives a kill at
-//! any later moment, and a loss of power once it was synced; of one that was not committed nothing is seen; and nothing is
-//! recorded into a dataset that is no longer at its path.
+//! any later moment, and a loss of power once it was synced; of one that was not committed nothing is seen; nothing is
+//! recorded into a dataset that is no longer at its path; and nothing is left of a new one that failed before its first episode.
 
 mod backend;
 mod fit;
@@ -39,6 +39,10 @@ pub struct BackendWriter<S: Backend> {
     episodes: u64,
     /// Rows of the open episode; 0: none is open.
     open: usize,
+    /// What there was at the path before, if this recording made the dataset.
+    made: Option<Before>,
+    /// Whether [`EpisodeSink::finish`] ended it: then it may hold no episode.
+    is_finished: bool,
     /// Tells the file or folder that is recorded into from any other at its path.
     identity: Option<(u64, u64)>,
     /// When committed episodes were synced last, and how long that took.
@@ -55,6 +59,14 @@ const SYNC_SHARE: u32 = 10;
 /// Tells what is at a path from anything else.
 fn identity(path: &Path) -> Option<(u64, u64)> {
     disk::identity(&std::fs::metadata(path).ok()?)
+}
+
+/// What a recording that makes a dataset finds at its path.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Before {
+    Nothing,
+    /// An empty folder, or a dataset that is replaced.
+    Something,
 }
 
 enum State<R> {
@@ -114,13 +126,15 @@ impl<S: Backend> BackendWriter<S> {
             state: State::Waiting,
             episodes,
             open: 0,
+            made: None,
+            is_finished: false,
             identity: None,
             synced,
             _lock: lock,
         })
     }
 
-    fn start(&self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Session, DataError> {
+    fn start(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Session, DataError> {
         let path = &self.path;
         let fields: Vec<Field> =
             schema.fields().iter().filter(|field| field.name != EP_IDX).cloned().collect();
@@ -141,8 +155,42 @@ impl<S: Backend> BackendWriter<S> {
             WriteMode::Append => Existing::Continued,
             _ => Existing::Replaced,
         };
+        let is_empty = || std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+        let made = match existing {
+            Existing::None if !path.exists() => Some(Before::Nothing),
+            Existing::None if is_empty() => Some(Before::Something),
+            // Until the dataset is replaced, it is not this recording's.
+            Existing::None | Existing::Continued | Existing::Replaced => None,
+        };
+        self.made = made;
         let (options, fields, episodes) = (&self.options, &fields[..], self.episodes);
-        self.backend.start(&SessionStart { path, options, existing, schema, fields, metadata, episodes })
+        let session = self.backend.start(&SessionStart {
+            path,
+            options,
+            existing,
+            schema,
+            fields,
+            metadata,
+            episodes,
+        })?;
+        if existing == Existing::Replaced {
+            self.made = Some(Before::Something);
+        }
+        Ok(session)
+    }
+
+    /// Removes what this recording made, if it failed before its first episode.
+    fn remove_if_failed(&self) {
+        let is_there = self.identity.is_none() || identity(&self.path) == self.identity;
+        if self.is_finished || self.episodes > 0 || !is_there {
+            return;
+        }
+        // What cannot be removed stays: the error that counts is the first one.
+        let Some(before) = self.made else { return };
+        let removed = self.backend.remove(&self.path);
+        if removed.is_ok() && before == Before::Nothing && self.backend.is_folder() {
+            let _ = std::fs::remove_dir(&self.path);
+        }
     }
 
     /// Does something with the recording. After an error nothing more is written.
@@ -269,7 +317,9 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
     }
 
     fn finish(&mut self) -> Result<(), BoxError> {
-        Ok(self.close()?)
+        self.close()?;
+        self.is_finished = true;
+        Ok(())
     }
 }
 
@@ -318,6 +368,7 @@ impl<S: Backend> Drop for BackendWriter<S> {
     fn drop(&mut self) {
         // A caller who wants to know calls `finish`.
         let _ = self.close();
+        self.remove_if_failed();
     }
 }
 

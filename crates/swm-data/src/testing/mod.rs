@@ -7,6 +7,7 @@
 pub mod kills;
 pub mod mutations;
 
+use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -107,6 +108,39 @@ pub fn record_in(
     }
     writer.finish()?;
     Ok(there)
+}
+
+/// Fails before the first episode of a new dataset at `path`, and of one that it replaces: nothing is left in the folder around it, and
+/// another recording begins as if nothing had been. One that was continued keeps its episodes.
+pub fn fail_before_the_first_episode(registry: &Registry, path: &Path) {
+    let around = path.parent().unwrap();
+    let fail = |mode: WriteMode, rows: usize| {
+        let schema = schema();
+        let mut writer = create_in(registry, path, &mode.into(), None).unwrap();
+        writer.begin(&schema, &metadata()).unwrap();
+        if rows > 0 {
+            writer.write_rows(&episode(&schema, 0, rows)).unwrap();
+        }
+    };
+    let left =
+        || -> Vec<_> { fs::read_dir(around).unwrap().map(|entry| entry.unwrap().file_name()).collect() };
+    assert!(left().is_empty());
+    for mode in WriteMode::ALL {
+        fail(mode, 0);
+        assert_eq!(left(), [] as [&str; 0], "{}", mode.name());
+        fail(mode, 3);
+        assert_eq!(left(), [] as [&str; 0], "{}", mode.name());
+    }
+    record_in(registry, path, WriteMode::Error, 0..2).unwrap();
+    fail(WriteMode::Append, 3);
+    assert_eq!(contents_in(registry, path).len(), 2);
+    fail(WriteMode::Overwrite, 3);
+    assert!(open_in(registry, path).is_err());
+    record_in(registry, path, WriteMode::Append, 0..1).unwrap();
+    assert_eq!(contents_in(registry, path).len(), 1);
+    // That it holds none was meant.
+    record_in(registry, path, WriteMode::Overwrite, 0..0).unwrap();
+    assert_eq!(contents_in(registry, path).len(), 0);
 }
 
 /// Every column of every episode.

@@ -5,7 +5,9 @@ use std::fs;
 use swm_core::{Batch, Dtype, Field, FieldKind, Metadata, Schema};
 use swm_data::{WriteMode, create, open};
 
-use crate::support::{assert_same, contents, episode, metadata, record, schema};
+use crate::support::{
+    assert_same, contents, episode, fail_before_the_first_episode, metadata, record, schema,
+};
 
 #[test]
 fn appending_equals_recording_at_once() {
@@ -80,6 +82,27 @@ fn in_every_format_the_second_writer_learns_who_the_first_is() {
         assert!(!lock.exists());
         record(&path, WriteMode::Append, 0..1).unwrap();
     }
+}
+
+#[test]
+fn in_every_format_nothing_is_left_of_a_recording_without_an_episode() {
+    for format in swm_data::FORMATS {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data").with_extension(format.extensions[0]);
+        fail_before_the_first_episode(swm_data::format::built_in(), &path);
+    }
+    // A folder that was there stays, with what is not the recording's.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.folder");
+    fs::create_dir(&path).unwrap();
+    let fail = |mode| {
+        create(&path, mode, Some("folder")).unwrap().begin(&schema(), &metadata()).unwrap();
+        fs::read_dir(&path).unwrap().count()
+    };
+    assert_eq!(fail(WriteMode::Append), 0);
+    record(&path, WriteMode::Append, 0..1).unwrap();
+    fs::write(path.join("letter.txt"), "dear").unwrap();
+    assert_eq!(fail(WriteMode::Overwrite), 1);
 }
 
 /// How a lock names this process; where locked files cannot be read, it does not.

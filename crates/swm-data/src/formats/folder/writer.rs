@@ -81,6 +81,13 @@ impl Backend for FolderBackend {
         (!is_plain_name(name)).then_some("no empty name, no `/`, `\\` or `:`")
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        let dataset = FolderDataset::open(path, self.format, self.store)?;
+        let names: Vec<String> = dataset.schema().fields().iter().map(|field| field.name.clone()).collect();
+        drop(dataset);
+        layout::clear(path, &names)
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<FolderSession, DataError> {
         let &SessionStart { path, fields, metadata, .. } = start;
         let mut columns = fields.to_vec();
@@ -97,10 +104,7 @@ impl Backend for FolderBackend {
             manifest = there.clone();
             known = old.known();
         } else if start.existing == Existing::Replaced {
-            let old = FolderDataset::open(path, self.format, self.store)?;
-            let names: Vec<String> = old.schema().fields().iter().map(|field| field.name.clone()).collect();
-            drop(old);
-            layout::clear(path, &names)?;
+            self.remove(path)?;
         }
         fs::create_dir_all(path).map_err(|source| DataError::io(path, "create", source))?;
         let runs = recording::with_run(&manifest.runs, start.episodes, metadata);

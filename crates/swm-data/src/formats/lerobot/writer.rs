@@ -74,6 +74,10 @@ impl Backend for LeRobotBackend {
         (!is_plain_name(name)).then_some("no empty name, no `/`, `\\` or `:`")
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        clear(path)
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<LeRobotSession, DataError> {
         let &SessionStart { path, options, fields, metadata, .. } = start;
         // LeRobot takes whole numbers.
@@ -246,7 +250,10 @@ fn leftovers(path: &Path, manifest: &Manifest, episode: usize) -> Vec<PathBuf> {
 /// Removes a dataset from its folder; first the file by which it is one.
 fn clear(path: &Path) -> Result<(), DataError> {
     let failed = |source| DataError::io(path, "clear", source);
-    fs::remove_file(path.join(INFO)).map_err(failed)?;
+    match fs::remove_file(path.join(INFO)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(failed(error)),
+        _ => {}
+    }
     for folder in ["data", "videos", "meta"].map(|name| path.join(name)) {
         if folder.is_dir() {
             fs::remove_dir_all(&folder).map_err(failed)?;
