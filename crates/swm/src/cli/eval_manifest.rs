@@ -11,11 +11,12 @@ use swm_core::{EnvEntry, Manifest, Registry};
 use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
+use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints, identity,
-    read_manifest, roles, run_pairs, write_receipt,
+    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints,
+    identity, read_manifest, roles, run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -34,6 +35,9 @@ pub(super) enum ReferenceArg {
     /// None of them.
     None,
 }
+
+/// Planners take many times as long as the random and the no-op policy.
+const DIVISION: Division = Division::ByPair;
 
 /// What is asked for.
 pub(super) struct EvalManifest<'a> {
@@ -60,6 +64,7 @@ impl EvalManifest<'_> {
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
         note_images(self.policy, model_image(registry, entry, self.policy), manifest.image, output);
+        training_note::of_policy_on(registry, entry, &manifest, &candidate.policy, output);
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
@@ -115,7 +120,9 @@ impl EvalManifest<'_> {
             return self.part.done(dir, shard, shard.of(cells * pairs), output);
         }
         let joined = match self.out {
-            Some(dir) if self.part.join => Some(CellLedger::join(dir, &whole, cells, pairs).map_err(usage)?),
+            Some(dir) if self.part.join => {
+                Some(CellLedger::join(dir, DIVISION, &whole, cells, pairs).map_err(usage)?)
+            }
             _ => None,
         };
         let identity =
@@ -219,7 +226,7 @@ impl Run<'_> {
     ) -> Result<(), Failure> {
         let Self { registry, manifest, output, options, .. } = *self;
         let (cells, pairs) = (policies.len() as u64, manifest.pairs.len() as u64);
-        let mut ledger = CellLedger::open_part(dir, shard.numbers(), identity, cells, pairs)?;
+        let mut ledger = CellLedger::open_part(dir, shard.numbers(), DIVISION, identity, cells, pairs)?;
         let resets = manifest.resets()?;
         let episodes = shard.of(cells * pairs);
         let bar = output.bar(episodes.end - episodes.start, "episodes");

@@ -9,10 +9,11 @@ use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::eval_manifest::{at_reset, p_value, rate};
 use super::manifest::note_rewards_only;
 use super::output::{create_folder, table};
+use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Change, RunOptions, Sweep, SweepRun, Values, changes, read_manifest,
+    Candidate, CellLedger, Change, Division, RunOptions, Sweep, SweepRun, Values, changes, read_manifest,
 };
 use crate::report_page::sweep_figure;
 
@@ -70,6 +71,9 @@ enum ValuesArg {
     Grid,
 }
 
+/// One policy in all cells; each cell's changes are tried once in a part that has some of its pairs.
+const DIVISION: Division = Division::ByCell;
+
 /// Points of a grid, and the most values of a choice that are all taken unless a number is given.
 const POINTS: usize = 5;
 const MOST_CHOICES: usize = 16;
@@ -77,7 +81,9 @@ const MOST_CHOICES: usize = 16;
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
-        note_rewards_only(registry.env(&manifest.env)?, &manifest.success, output);
+        let entry = registry.env(&manifest.env)?;
+        note_rewards_only(entry, &manifest.success, output);
+        training_note::of_policy_on(registry, entry, &manifest, &candidate.policy, output);
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
         let (cells, pairs) = (run.cells(), run.pairs());
@@ -111,7 +117,8 @@ impl SweepCommand {
         let mut ledger = match (&self.out, self.part.shard) {
             (None, _) => CellLedger::in_memory(cells, pairs),
             (Some(dir), Some(shard)) => {
-                let mut ledger = CellLedger::open_part(dir, shard.numbers(), &run.identity()?, cells, pairs)?;
+                let mut ledger =
+                    CellLedger::open_part(dir, shard.numbers(), DIVISION, &run.identity()?, cells, pairs)?;
                 let done = run.run_part(&mut ledger, told);
                 bar.finish_and_clear();
                 done?;
@@ -119,7 +126,7 @@ impl SweepCommand {
                 return self.part.done(dir, shard, shard.of(cells * pairs), output);
             }
             (Some(dir), None) if self.part.join => {
-                CellLedger::join(dir, &run.identity()?, cells, pairs).map_err(usage)?
+                CellLedger::join(dir, DIVISION, &run.identity()?, cells, pairs).map_err(usage)?
             }
             (Some(dir), None) => CellLedger::open(&dir.join("sweep.jsonl"), &run.identity()?, cells, pairs)?,
         };

@@ -7,22 +7,36 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::EpisodeResult;
 use swm_data::tools::parts;
 
-use super::resume::Ledger;
+use super::resume::{Ledger, identity as described};
 
 /// The folder of parts, in the folder of the result.
 const PARTS: &str = "parts";
 /// Parts are listed up to this number.
 const MAX_LISTED: usize = 8;
 
+/// In which order the episodes of all cells are divided among parts: each part runs a stretch of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Division {
+    /// Cell by cell: for cells that cost about the same. A part has few cells, and makes their environments once.
+    #[default]
+    ByCell,
+    /// Pair by pair: every part gets its share of each cell. For cells of policies of which some cost much more than others.
+    ByPair,
+}
+
 /// Finished episodes, cell by cell.
 pub struct CellLedger {
+    cells: u64,
     pairs: u64,
-    /// The episodes that are to be run here.
+    /// The episodes that are to be run here, counted in the order of `division`.
     range: Range<u64>,
+    division: Division,
     known: BTreeMap<u64, EpisodeResult>,
     /// Seconds that the known episodes took, by cell.
     seconds: BTreeMap<u64, f64>,
@@ -34,8 +48,17 @@ pub struct CellLedger {
 impl CellLedger {
     /// A ledger of `cells` cells of `pairs` pairs in memory.
     pub fn in_memory(cells: u64, pairs: u64) -> Self {
-        let (known, seconds) = (BTreeMap::new(), BTreeMap::new());
-        Self { pairs, range: 0..cells * pairs, known, seconds, ledger: None, parts: Vec::new() }
+        let (known, seconds, division) = (BTreeMap::new(), BTreeMap::new(), Division::default());
+        Self {
+            cells,
+            pairs,
+            range: 0..cells * pairs,
+            division,
+            known,
+            seconds,
+            ledger: None,
+            parts: Vec::new(),
+        }
     }
 
     /// The same in the file `path`, which an interrupted run of the evaluations that `identity` describes may have begun.
@@ -51,7 +74,8 @@ impl CellLedger {
         Ok(opened)
     }
 
-    /// Part `shard` (counted from 1) of `of` parts, in a file below the folder `dir`.
+    /// Part `shard` (counted from 1) of `of` parts, in a file below the folder `dir`. Where an earlier version of this program, which
+    /// divided by cell, began parts, this one is divided as they are.
     ///
     /// # Errors
     ///
@@ -59,6 +83,7 @@ impl CellLedger {
     pub fn open_part(
         dir: &Path,
         (shard, of): (u64, u64),
+        division: Division,
         identity: &impl Serialize,
         cells: u64,
         pairs: u64,
@@ -68,7 +93,15 @@ impl CellLedger {
         fs::create_dir_all(&parts)
             .map_err(|error| format!("cannot write to the folder {}: {error}", parts.display()))?;
         let range = parts::range(shard, of, cells * pairs);
-        Ok(Self { range, ..Self::open(&path, identity, cells, pairs)? })
+        let by_cell = Division::ByCell.identity(identity)?;
+        let is_older =
+            |(&(_, other), path): (&(u64, u64), &PathBuf)| other == of && Ledger::is_of(path, &by_cell);
+        let division = match division {
+            Division::ByPair if cells > 1 && !parts_in(&parts)?.iter().any(is_older) => Division::ByPair,
+            _ => Division::ByCell,
+        };
+        let opened = Self::open(&path, &division.identity(identity)?, cells, pairs)?;
+        Ok(Self { range, division, ..opened })
     }
 
     /// Joins the parts below `dir`. Nothing is left to be run.
@@ -77,7 +110,13 @@ impl CellLedger {
     ///
     /// No part is there, parts of several divisions are there, one is of another evaluation, or some are missing or not
     /// finished, which the message names.
-    pub fn join(dir: &Path, identity: &impl Serialize, cells: u64, pairs: u64) -> Result<Self, BoxError> {
+    pub fn join(
+        dir: &Path,
+        division: Division,
+        identity: &impl Serialize,
+        cells: u64,
+        pairs: u64,
+    ) -> Result<Self, BoxError> {
         let mut joined = Self { range: 0..0, ..Self::in_memory(cells, pairs) };
         let there = parts_in(&dir.join(PARTS))?;
         let Some(&(_, of)) = there.keys().next() else {
@@ -91,6 +130,19 @@ impl CellLedger {
             )
             .into());
         }
+        let (by_cell, by_pair) = (Division::ByCell.identity(identity)?, Division::ByPair.identity(identity)?);
+        let first_of = |identity: &[Json]| there.values().find(|path| Ledger::is_of(path, &identity));
+        let is_by_pair = division == Division::ByPair && cells > 1;
+        let older = first_of(&by_cell).filter(|_| is_by_pair);
+        if let (Some(older), Some(newer)) = (older, first_of(&by_pair)) {
+            let (older, newer) = (older.display(), newer.display());
+            return Err(format!(
+                "{older} is a part by an earlier version of swm, which divided the episodes in another order than {newer} has them; \
+                 remove the parts of one of the two, and run those shards again"
+            )
+            .into());
+        }
+        let identity = if is_by_pair && older.is_none() { by_pair } else { by_cell };
         let mut missing = Vec::new();
         for shard in 1..=of {
             match there.get(&(shard, of)) {
@@ -98,7 +150,7 @@ impl CellLedger {
                 None if parts::range(shard, of, cells * pairs).is_empty() => {}
                 None => missing.push(format!("{shard}/{of} is missing")),
                 Some(path) => {
-                    let part = Ledger::read(path, identity)?;
+                    let part = Ledger::read(path, &identity)?;
                     if !part.is_finished() {
                         missing.push(format!("{shard}/{of} is not finished"));
                     }
@@ -139,8 +191,12 @@ impl CellLedger {
     /// The pairs of a cell that are to be run here, whether or not they are known.
     pub fn wanted(&self, cell: u64) -> Range<u64> {
         let first = cell * self.pairs;
-        let clamp = |episode: u64| episode.clamp(first, first + self.pairs) - first;
-        clamp(self.range.start)..clamp(self.range.end)
+        // How many pairs of the cell come before an episode.
+        let before = |episode: u64| match self.division {
+            Division::ByCell => episode.clamp(first, first + self.pairs) - first,
+            Division::ByPair => episode.saturating_sub(cell).div_ceil(self.cells),
+        };
+        before(self.range.start)..before(self.range.end)
     }
 
     /// Adds the finished episode of a pair in a cell.
@@ -186,6 +242,15 @@ impl CellLedger {
     }
 }
 
+impl Division {
+    /// What episodes of a part belong to. Another version of this program must not take a part of one division for one of the other.
+    fn identity(self, identity: &impl Serialize) -> Result<Vec<Json>, BoxError> {
+        let mut all = described(identity, &BTreeMap::new())?;
+        all.extend((self == Self::ByPair).then(|| "divided by pair".into()));
+        Ok(all)
+    }
+}
+
 /// `parts/0003-of-0064.jsonl`.
 fn part_path(dir: &Path, shard: u64, of: u64) -> PathBuf {
     dir.join(PARTS).join(format!("{shard:04}-of-{of:04}.jsonl"))
@@ -208,4 +273,78 @@ fn parts_in(folder: &Path) -> Result<BTreeMap<(u64, u64), PathBuf>, BoxError> {
         }
     }
     Ok(parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDENTITY: [&str; 2] = ["manifest", "policies"];
+
+    /// The pairs of each cell that each part gets, of 3 cells of 10 pairs.
+    fn divided(folder: &Path, of: u64, division: Division) -> Vec<[Range<u64>; 3]> {
+        let part = |shard| CellLedger::open_part(folder, (shard, of), division, &IDENTITY, 3, 10).unwrap();
+        (1..=of).map(|shard| [0, 1, 2].map(|cell| part(shard).wanted(cell))).collect()
+    }
+
+    #[test]
+    fn every_part_gets_its_share_of_each_cell() {
+        for of in [1, 4, 7, 30, 64] {
+            let folder = tempfile::tempdir().unwrap();
+            let parts = divided(folder.path(), of, Division::ByPair);
+            for cell in 0..3 {
+                let pairs: Vec<u64> = parts.iter().flat_map(|part| part[cell].clone()).collect();
+                assert_eq!(pairs, (0..10).collect::<Vec<u64>>(), "{of} parts");
+            }
+            for (shard, part) in (1..).zip(&parts) {
+                let counts = part.each_ref().map(|pairs| pairs.end - pairs.start);
+                assert_eq!(counts.iter().sum::<u64>(), parts::range(shard, of, 30).count() as u64);
+                let [most, least] = [counts.iter().max(), counts.iter().min()].map(|count| count.unwrap());
+                assert!(most - least <= 1, "part {shard}/{of}: {counts:?}");
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(divided(folder.path(), 2, Division::ByCell), [[0..10, 0..5, 0..0], [0..0, 5..10, 0..10]]);
+    }
+
+    /// Runs part `shard` of 2, as the version does that divides so, up to its end.
+    fn run(folder: &Path, shard: u64, division: Division) {
+        let mut part = CellLedger::open_part(folder, (shard, 2), division, &IDENTITY, 3, 10).unwrap();
+        for cell in 0..3 {
+            let known = part.known(cell);
+            for pair in part.wanted(cell).filter(|pair| !known.contains_key(pair)) {
+                part.push(cell, pair, &EpisodeResult::default()).unwrap();
+            }
+        }
+        part.finish_part().unwrap();
+    }
+
+    fn join(folder: &Path) -> Result<CellLedger, String> {
+        CellLedger::join(folder, Division::ByPair, &IDENTITY, 3, 10).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn parts_of_an_earlier_version_are_continued_as_they_were_divided() {
+        let folder = tempfile::tempdir().unwrap();
+        run(folder.path(), 1, Division::ByCell);
+        assert!(join(folder.path()).err().unwrap().contains("2/2 is missing"));
+        run(folder.path(), 2, Division::ByPair);
+        let joined = join(folder.path()).unwrap();
+        assert_eq!([0, 1, 2].map(|cell| joined.known(cell).len()), [10; 3]);
+    }
+
+    #[test]
+    fn parts_of_two_divisions_are_not_joined() {
+        let [folder, other] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        run(folder.path(), 1, Division::ByPair);
+        run(other.path(), 2, Division::ByCell);
+        let part = part_path(folder.path(), 2, 2);
+        fs::copy(part_path(other.path(), 2, 2), &part).unwrap();
+        let message = join(folder.path()).err().unwrap();
+        assert!(message.contains("0002-of-0002.jsonl is a part by an earlier version of swm"), "{message}");
+        assert!(message.contains("0001-of-0002.jsonl"), "{message}");
+        fs::remove_file(part).unwrap();
+        run(folder.path(), 2, Division::ByPair);
+        assert_eq!(join(folder.path()).unwrap().known(2).len(), 10);
+    }
 }

@@ -20,7 +20,7 @@ mod sweep;
 mod tiers;
 mod verify;
 
-pub use cells::CellLedger;
+pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
 pub use files::{holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};

@@ -138,6 +138,13 @@ impl Ledger {
         Ok(ledger)
     }
 
+    /// Whether a ledger is there that belongs to the evaluation.
+    pub(super) fn is_of(path: &Path, identity: &impl Serialize) -> bool {
+        let Ok(text) = read_text(path) else { return false };
+        let head = text.lines().next().and_then(|line| serde_json::from_str::<Head>(line).ok());
+        head.zip(Head::of(identity).ok()).is_some_and(|(found, head)| found == head)
+    }
+
     fn empty(path: &Path) -> Self {
         let (known, seconds) = (BTreeMap::new(), BTreeMap::new());
         Self { path: path.to_owned(), file: None, known, seconds, is_finished: false, last: Instant::now() }
