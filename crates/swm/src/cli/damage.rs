@@ -1,12 +1,10 @@
 //! Parts of a job that are gone or are not what their shards wrote: which shards they are of, and what to do.
 
-use std::path::Path;
-
 use super::Failure;
 use super::work::{self, Kind};
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
-use crate::jobs::files::{cannot, ranges};
+use crate::jobs::files::{bytes, ranges};
 use crate::jobs::progress::{Done, Progress};
 
 /// Words for the shards whose parts are gone, to be put behind those that are not done; nothing if there are none.
@@ -50,18 +48,4 @@ pub(super) fn explained(failure: Failure, folder: &JobFolder, kind: Kind, progre
         folder.command_for_the_rest()
     )
     .into()
-}
-
-/// The size of a file, or of what is in a folder.
-pub(super) fn bytes(path: &Path) -> Result<u64, Failure> {
-    let failed = |error| Failure::from(cannot("read", path, error));
-    let metadata = std::fs::metadata(path).map_err(failed)?;
-    if !metadata.is_dir() {
-        return Ok(metadata.len());
-    }
-    let mut sum = 0;
-    for entry in std::fs::read_dir(path).map_err(failed)? {
-        sum += bytes(&entry.map_err(failed)?.path())?;
-    }
-    Ok(sum)
 }

@@ -8,13 +8,12 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
 
-use super::damage::bytes;
 use super::output::counted;
 use super::task::Redirected;
 use super::work::{self, Kind};
 use super::{Failure, Output, usage, version};
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
-use crate::jobs::files::{now, ranges};
+use crate::jobs::files::{bytes, now, ranges};
 use crate::jobs::held::{held_shards, queued};
 use crate::jobs::job::{Input, Program};
 use crate::jobs::progress::Progress;

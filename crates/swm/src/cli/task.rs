@@ -9,13 +9,13 @@ use serde_json::json;
 use swm_core::Registry;
 use swm_data::recording::WriterLock;
 
-use super::damage::{self, bytes};
+use super::damage;
 use super::output::{Postponed, counted};
 use super::work::{self, Kind};
 use super::{Failure, Output, interrupt, usage, version};
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
-use crate::jobs::files::{cannot, node, ranges, write_json};
+use crate::jobs::files::{bytes, cannot, node, ranges, write_json};
 use crate::jobs::log::{self, Attempt, attempts};
 use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
 

@@ -43,6 +43,24 @@ pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {
     io::Error::new(error.kind(), format!("cannot {what} {}: {error}", path.display())).into()
 }
 
+/// The size of a file, or of all files below a folder.
+///
+/// # Errors
+///
+/// It is not there, or cannot be read.
+pub(crate) fn bytes(path: &Path) -> Result<u64, BoxError> {
+    let failed = |error| cannot("read", path, error);
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_dir() {
+        return Ok(metadata.len());
+    }
+    let mut sum = 0;
+    for entry in fs::read_dir(path).map_err(failed)? {
+        sum += bytes(&entry.map_err(failed)?.path())?;
+    }
+    Ok(sum)
+}
+
 /// The extension of the parts of a recording: that of `--format`.
 pub(crate) fn extension(command: &[String]) -> &str {
     let given = command.iter().zip(command.iter().skip(1)).find(|(name, _)| *name == "--format");
@@ -108,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_written_as_a_whole() {
+    fn files_are_written_as_a_whole_and_their_sizes_are_known() {
         let folder = tempfile_folder();
         let path = folder.join("a.json");
         assert_eq!(read_json::<u64>(&path).unwrap(), None);
@@ -119,6 +137,10 @@ mod tests {
         assert!(message.contains("cannot write") && message.contains("none"), "{message}");
         fs::write(&path, "{").unwrap();
         assert!(read_json::<u64>(&path).unwrap_err().to_string().contains("cannot read"));
+        fs::create_dir(folder.join("below")).unwrap();
+        fs::write(folder.join("below/b"), "four").unwrap();
+        assert_eq!((bytes(&path).unwrap(), bytes(&folder).unwrap()), (1, 5));
+        assert!(bytes(&folder.join("none")).unwrap_err().to_string().contains("cannot read"));
         fs::remove_dir_all(folder).unwrap();
     }
 
