@@ -103,7 +103,8 @@ impl Collect {
             swm_data::format::by_name(registry, format)?;
         }
         if self.mode == WriteMode::Error && self.out.exists() {
-            return Err(usage(self.exists()));
+            let held = swm_data::open_in(registry, &self.out);
+            return Err(usage(self.exists(held.map(|dataset| dataset.num_episodes() as u64))));
         }
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         // What the file holds of factors that this run does not vary is recorded, too.
@@ -192,18 +193,39 @@ impl Collect {
         self.episodes.or(self.total).unwrap_or(0)
     }
 
-    /// How to go on with a file that is there.
-    fn exists(&self) -> String {
+    /// How to go on with a file that is there, and holds so many episodes, or is no dataset.
+    fn exists(&self, held: Result<u64, DataError>) -> String {
+        let out = self.out.display();
+        let held = match held {
+            Ok(held) => held,
+            Err(error) => {
+                return format!(
+                    "{out} exists, and no episode can be added to it; give another --out ({error})"
+                );
+            }
+        };
         let wanted = self.wanted();
         let rest = match (self.shard, self.episodes) {
-            (None, Some(_)) => format!(
-                "to complete it to {}, add `--mode append --total {wanted}` in place of --episodes; to record {wanted} more, `--mode \
-                 append`",
-                counted(wanted, "episode")
+            (None, Some(more)) if held >= wanted => format!(
+                "to record {more} more, add `--mode append`, or, for the next ones of the same recording, `--mode append --total {}` in \
+                 place of --episodes",
+                held.saturating_add(more)
             ),
+            (None, Some(more)) => format!(
+                "to complete it to {more}, add `--mode append --total {more}` in place of --episodes; to record {more} more, `--mode \
+                 append`"
+            ),
+            (None, None) if held >= wanted => {
+                format!(
+                    "--total {wanted} is reached; for more, add `--mode append` and give a greater --total"
+                )
+            }
             _ => "to complete it, add `--mode append`".to_owned(),
         };
-        format!("{} exists: {rest}; to replace it, `--mode overwrite`", self.out.display())
+        format!(
+            "{out} exists and holds {}: {rest}; to replace it, `--mode overwrite`",
+            counted(held, "episode")
+        )
     }
 
     /// The world with its policy.
