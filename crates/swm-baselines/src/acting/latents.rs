@@ -9,7 +9,7 @@ use swm_core::evaluate::quality::WorldModel;
 use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
 
 use super::planning::{bytes, scaled, size_of, vector};
-use super::policies::{Given, image_size};
+use super::policies::{Given, image_size, trained_in};
 use crate::baseline::{Baseline, InputSpec, PlanModel};
 use crate::data::{Images, Observations, Vectors};
 use crate::train::{ACTION, DataConfig, PROPRIO, Scale, TrainedModel};
@@ -26,6 +26,7 @@ pub const MODELS: &[ModelEntry] = &[
 const fn model(name: &'static str, summary: &'static str) -> ModelEntry {
     ModelEntry::new(name, summary, |context, args| Ok(Box::new(LatentModel::new(args, context.env.id)?)))
         .image(image_size)
+        .trained(trained_in)
         .planned_by("mpc:RUN")
 }
 

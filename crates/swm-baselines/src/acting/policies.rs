@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
-use swm_core::registry::{MakePolicy, Setting};
+use swm_core::registry::{MakePolicy, Setting, TrainedIn};
 use swm_core::settings::{Table, WrongSetting};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
@@ -38,6 +38,7 @@ pub const POLICIES: &[PolicyEntry] = &[
     )
     .settings(&[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, SOLVER_SETTING])
     .image(image_size)
+    .trained(trained_in)
     .files(model_files)
     .oracle(|context, args| on_true_dynamics(context, Given::of(args).ok()?.rest)),
     acting("policy", "acts as a trained goal-conditioned policy says (`policy:RUN`)", |context, args| {
@@ -88,6 +89,7 @@ const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> 
     PolicyEntry::new(name, summary, make)
         .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
         .image(image_size)
+        .trained(trained_in)
         .files(model_files)
 }
 
@@ -99,6 +101,7 @@ const fn agent(name: &'static str, summary: &'static str, settings: &'static [Se
     })
     .settings(settings)
     .image(agent_image)
+    .trained(agent_trained_in)
     .files(|args| {
         let given = Given::of(args)?;
         TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
@@ -136,6 +139,26 @@ fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
     let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
     let side = OnlineConfig::read(&run).ok()?.interface.image?;
     Some(ImageSize { height: side, width: side })
+}
+
+/// The environment that the model of these arguments was trained in; `None` also for runs that are not there, and for datasets that
+/// do not say how they were recorded.
+pub(super) fn trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
+    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let data = RunConfig::read(&run).ok()?.data;
+    let trained = TrainedIn::new(data.env?).frame_skip(data.frame_skip);
+    Some(match data.env_settings {
+        Some(settings) => trained.settings(settings),
+        None => trained,
+    })
+}
+
+/// The same of an agent. Online, agents act at every step of the environment.
+fn agent_trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
+    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let config = OnlineConfig::read(&run).ok()?;
+    let frame_skip = config.data.map_or(Some(1), |data| data.frame_skip);
+    Some(TrainedIn::new(config.env).settings(config.env_settings).frame_skip(frame_skip))
 }
 
 /// Of a run, the files that a policy depends on: the others change as training goes on.

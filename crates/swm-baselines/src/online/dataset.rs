@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
-use swm_core::{Batch, Dtype, Field, Slice};
+use swm_core::{Batch, Dtype, Field, Metadata, Slice};
 use swm_data::Dataset;
 
 use super::agent::OnlineAgent;
@@ -29,13 +29,18 @@ pub struct LearnedData {
     pub episodes: usize,
     /// Steps of all episodes.
     pub rows: usize,
+    /// Environment steps per row; `None` where the environment is unknown, and in runs of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_skip: Option<u32>,
 }
 
 impl LearnedData {
     pub(super) fn of(dataset: &dyn Dataset) -> Self {
         let episodes = dataset.num_episodes();
         let rows = (0..episodes).map(|episode| dataset.episode_len(episode)).sum();
-        Self { path: dataset.path().to_owned(), episodes, rows }
+        let frame_skip =
+            dataset.metadata().and_then(Metadata::of_known_env).map(|recorded| recorded.frame_skip);
+        Self { path: dataset.path().to_owned(), episodes, rows, frame_skip }
     }
 }
 

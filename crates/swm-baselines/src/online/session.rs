@@ -98,12 +98,13 @@ impl OnlineTraining {
         }
         new.fit.check()?;
         let metadata = dataset.metadata().cloned().unwrap_or_default();
-        let task = Task { from_dataset: true, ..Task::online(&metadata.env, new.fit.max_episode_steps) };
+        let env = metadata.known_env().unwrap_or_default();
+        let task = Task { from_dataset: true, ..Task::online(env, new.fit.max_episode_steps) };
         let settings = entry.settings(new.preset, &new.changes, &task)?;
         let image = image(new.observe, entry, &settings)?;
         let interface = dataset::interface(dataset, entry.name, new.observe, image)?;
         let agent = new.agent(settings, &interface)?;
-        let mut config = new.config(&metadata.env, &metadata.settings, interface, agent.as_ref());
+        let mut config = new.config(env, &metadata.settings, interface, agent.as_ref());
         config.data = Some(LearnedData::of(dataset));
         dataset::check_length(dataset, agent.as_ref())?;
         let run = RunFolder::create(folder, &config)?;
@@ -302,7 +303,9 @@ fn reopened(
             "its dataset is not there: {error}; bring it back, or name its place with --dataset"
         ))
     })?;
-    let found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref()) };
+    let mut found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref()) };
+    // Earlier versions did not record it.
+    found.frame_skip = found.frame_skip.filter(|_| data.frame_skip.is_some());
     let seen = || dataset::interface(dataset.as_ref(), agent, &interface.observed(), interface.image);
     match found == *data && seen()? == *interface {
         true => Ok(dataset),

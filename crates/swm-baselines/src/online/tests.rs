@@ -271,6 +271,16 @@ fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
             "{blind:?}"
         );
     }
+    // What it was trained in is compared with what it acts in.
+    let trained = registry.policy_entry(&TOY, agent).unwrap().trained_in(&args).unwrap();
+    assert_eq!(trained.differences(&PolicyContext::new(&TOY, &config)), []);
+    let settings = [("task".to_owned(), "run".into())].into_iter().collect();
+    let other = EnvConfig { settings, ..EnvConfig::default() };
+    let found = trained.differences(&PolicyContext::new(&TOY, &other).frame_skip(2));
+    let found: Vec<_> =
+        found.iter().map(|one| [&one.name, &one.trained, &one.used].map(String::as_str)).collect();
+    assert_eq!(found, [["task", "its default", "run"], ["frame skip", "1", "2"]]);
+
     assert!(made(format!("{agent}:{run},checkpoint=best"), &TOY).is_ok());
     let fails = |text: String, env: &EnvEntry| made(text, env).err().unwrap();
     assert!(fails(format!("{agent}:{run}"), &DISCRETE_TOY).contains("transfer=true"));

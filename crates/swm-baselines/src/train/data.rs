@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
 use swm_core::env::PIXELS;
 use swm_core::evaluate::is_held_out;
 use swm_core::{ImageSize, Metadata, Registry};
@@ -50,6 +51,12 @@ pub struct DataConfig {
     pub path: PathBuf,
     /// The environment that it was recorded in, if it says so.
     pub env: Option<String>,
+    /// The environment's settings that were given; `None` where the environment is unknown, and in runs of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub env_settings: Option<Map<String, Json>>,
+    /// Environment steps per row; `None` as for `env_settings`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_skip: Option<u32>,
     /// Its number of episodes.
     pub episodes: usize,
     /// Steps of all episodes.
@@ -205,9 +212,12 @@ impl TrainData {
         };
         let phases = phases.iter().map(clips).collect::<Result<_, _>>()?;
         let episodes = dataset.num_episodes();
+        let recorded = dataset.metadata().and_then(Metadata::of_known_env);
         let config = DataConfig {
             path: dataset.path().to_owned(),
-            env: dataset.metadata().and_then(Metadata::known_env).map(str::to_owned),
+            env: recorded.map(|recorded| recorded.env.clone()),
+            env_settings: recorded.map(|recorded| recorded.settings.clone()),
+            frame_skip: recorded.map(|recorded| recorded.frame_skip),
             episodes,
             rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
             split,

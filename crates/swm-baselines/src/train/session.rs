@@ -173,6 +173,11 @@ impl Training {
             config.data.split,
             seed,
         )?;
+        // Earlier versions did not record them.
+        if config.data.env_settings.is_none() {
+            config.data.env_settings.clone_from(&data.config.env_settings);
+            config.data.frame_skip = data.config.frame_skip;
+        }
         if data.config != config.data {
             let path = config.data.path.display();
             return Err(

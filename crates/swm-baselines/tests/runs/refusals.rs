@@ -5,13 +5,13 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
-use swm_baselines::acting::LatentModel;
+use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{NewRun, RunFolder, Training};
 use swm_baselines::{BaselineError, Device};
-use swm_core::{ImageSize, PolicyArgs};
+use swm_core::{EnvConfig, ImageSize, PolicyArgs, PolicyContext};
 use swm_data::format::built_in;
 
-use super::dot::{IMAGE, TWIN, WIDE};
+use super::dot::{DOT, IMAGE, TWIN, WIDE};
 use super::{made, made_for, new_run, paths_in, record, record_as, trained};
 
 /// Why a training cannot be made.
@@ -55,6 +55,37 @@ fn a_run_of_another_environment_is_taken_where_that_is_asked_for() {
         let error = paths_in(&WIDE, &format!("{name},transfer=true"), 1, Some(IMAGE)).err().unwrap();
         says(&error, &["2", "3", "action"]);
     }
+}
+
+#[test]
+fn a_run_tells_with_which_settings_it_was_trained() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = folder.path().join("run");
+    let config = EnvConfig::default();
+    let told = |name: &str, frame_skip: u32| {
+        let args = PolicyArgs::parse(&format!("{name}:{}", run.display())).unwrap();
+        let policy = POLICIES.iter().find(|entry| entry.name == name).map(|entry| entry.trained_in(&args));
+        let model = || MODELS.iter().find(|entry| entry.name == name).unwrap().trained_in(&args);
+        let trained = policy.unwrap_or_else(model).expect("the run says so");
+        trained.differences(&PolicyContext::new(&DOT, &config).frame_skip(frame_skip))
+    };
+    for name in ["mpc", "lewm"] {
+        assert_eq!(told(name, 1), []);
+        let [skip] = &told(name, 3)[..] else { panic!("one difference") };
+        assert_eq!([&skip.name, &skip.trained, &skip.used], ["frame skip", "1", "3"]);
+    }
+
+    // A run of an earlier version does not say, and does once it is resumed.
+    let path = run.join("config.json");
+    let mut json: Json = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    let data = json["data"].as_object_mut().unwrap();
+    assert!(data.remove("env_settings").is_some() && data.remove("frame_skip").is_some());
+    fs::write(&path, json.to_string()).unwrap();
+    assert_eq!(told("mpc", 3), []);
+    resumed(&run).unwrap();
+    assert_eq!(told("mpc", 3).len(), 1);
 }
 
 #[test]

@@ -106,6 +106,20 @@ impl Metadata {
         Some(self.env.as_str()).filter(|&env| env != UNKNOWN && !env.is_empty())
     }
 
+    /// This record, if it names the environment. Of episodes of other programs, and of their copies, nothing else that it says is
+    /// known either.
+    ///
+    /// ```
+    /// use swm_core::Metadata;
+    ///
+    /// let recorded = Metadata { env: "swm/PushT-v1".to_owned(), ..Metadata::default() };
+    /// assert_eq!(recorded.of_known_env(), Some(&recorded));
+    /// assert_eq!(Metadata::unknown().of_known_env(), None);
+    /// ```
+    pub fn of_known_env(&self) -> Option<&Self> {
+        self.known_env().map(|_| self)
+    }
+
     /// Whether the run sampled or set a factor, as far as its record says.
     pub fn varies(&self, factor: &FactorSpec) -> bool {
         let is_sampled = match &self.variation {

@@ -8,7 +8,7 @@ use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
-use crate::dataset::{Dataset, read_known, recorded_state};
+use crate::dataset::{Dataset, Metadata, read_known, recorded_state};
 use crate::env::{EnvSpec, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
@@ -84,14 +84,14 @@ impl World {
             });
         }
         // What other programs recorded, and its copies, may fit.
-        let known = source.metadata().and_then(|metadata| Some((metadata, metadata.known_env()?)));
-        if let Some((_, env)) = known
-            && env != self.spec.id
+        let known = source.metadata().and_then(Metadata::of_known_env);
+        if let Some(Metadata { env, .. }) = known
+            && *env != self.spec.id
         {
             let reason = format!("was recorded in `{env}`, this world is `{}`", self.spec.id);
             return Err(WorldError::Dataset(reason.into()));
         }
-        if let Some((metadata, _)) = known
+        if let Some(metadata) = known
             && metadata.frame_skip != self.options().frame_skip
         {
             let reason = format!(

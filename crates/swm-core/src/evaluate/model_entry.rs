@@ -3,7 +3,7 @@
 use super::quality::WorldModel;
 use crate::env::ImageSize;
 use crate::error::PolicyError;
-use crate::registry::{Entry, ImageOf, PolicyArgs, PolicyContext};
+use crate::registry::{Entry, ImageOf, PolicyArgs, PolicyContext, TrainedIn, TrainedOf};
 
 /// Makes a world model for an environment from its arguments.
 pub type MakeModel = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn WorldModel>, PolicyError>;
@@ -20,18 +20,26 @@ pub struct ModelEntry {
     pub planned_by: Option<&'static str>,
     make: MakeModel,
     image: ImageOf,
+    trained: TrainedOf,
 }
 
 impl ModelEntry {
     /// A model that sees no images.
     pub const fn new(name: &'static str, summary: &'static str, make: MakeModel) -> Self {
-        Self { name, summary, planned_by: None, make, image: |_| None }
+        Self { name, summary, planned_by: None, make, image: |_| None, trained: |_| None }
     }
 
     /// What images it was trained on.
     #[must_use]
     pub const fn image(mut self, image: ImageOf) -> Self {
         self.image = image;
+        self
+    }
+
+    /// What environment it was trained in.
+    #[must_use]
+    pub const fn trained(mut self, trained: TrainedOf) -> Self {
+        self.trained = trained;
         self
     }
 
@@ -58,6 +66,11 @@ impl ModelEntry {
     /// The image size that the model of these arguments was trained on.
     pub fn image_size(&self, args: &PolicyArgs) -> Option<ImageSize> {
         (self.image)(args)
+    }
+
+    /// The environment that the model of these arguments was trained in, if its run says so.
+    pub fn trained_in(&self, args: &PolicyArgs) -> Option<TrainedIn> {
+        (self.trained)(args)
     }
 }
 

@@ -13,7 +13,7 @@ use super::from_dataset::choose_starts;
 use super::hash::witness;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
 use crate::batch::{Batch, Schema, Value};
-use crate::dataset::{Dataset, read_known, recorded_state};
+use crate::dataset::{Dataset, Metadata, read_known, recorded_state};
 use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
@@ -185,10 +185,10 @@ impl<'a> Sample<'a> {
         let (options, id) = (self.options, &self.env.spec().id);
         let refuse = |reason: String| Err(WorldError::Dataset(reason.into()));
         // What other programs recorded, and its copies, may fit.
-        let known = recorded.source.metadata().and_then(|metadata| Some((metadata, metadata.known_env()?)));
-        let Some((metadata, env)) = known else { return Ok(()) };
-        if env != *id {
-            return refuse(format!("was recorded in `{env}`, the manifest is for `{id}`"));
+        let known = recorded.source.metadata().and_then(Metadata::of_known_env);
+        let Some(metadata) = known else { return Ok(()) };
+        if metadata.env != *id {
+            return refuse(format!("was recorded in `{}`, the manifest is for `{id}`", metadata.env));
         }
         if metadata.frame_skip != options.frame_skip {
             let (found, wanted) = (metadata.frame_skip, options.frame_skip);

@@ -9,6 +9,7 @@
 //! | `arguments` | `name:key=value,…` |
 //! | `context` | what a policy is made for |
 //! | `store` | tables of several crates, merged |
+//! | `trained` | the environment that a model was trained in, compared with another |
 //! | `basic` | policies that fit every environment |
 
 mod absent;
@@ -18,6 +19,7 @@ mod context;
 mod entry;
 mod policy;
 mod store;
+mod trained;
 
 pub use crate::settings::Setting;
 pub use absent::Absent;
@@ -26,5 +28,6 @@ pub use arguments::{NoArgs, PolicyArgs};
 pub use basic::BASIC_POLICIES;
 pub use context::PolicyContext;
 pub use entry::{Entry, EnvEntry, EnvTask, MakeEnv};
-pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry};
+pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry, TrainedOf};
 pub use store::Registry;
+pub use trained::{FRAME_SKIP, TrainedIn, TrainingDifference};

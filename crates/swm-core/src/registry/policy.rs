@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 
-use super::{Entry, EnvEntry, PolicyArgs, PolicyContext, Setting};
+use super::{Entry, EnvEntry, PolicyArgs, PolicyContext, Setting, TrainedIn};
 use crate::env::{Env, ImageSize};
 use crate::error::PolicyError;
 use crate::policy::Policy;
@@ -13,6 +13,8 @@ use crate::policy::Policy;
 pub type MakePolicy = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError>;
 /// The image size that the model of these arguments was trained on, if it sees images.
 pub type ImageOf = fn(&PolicyArgs) -> Option<ImageSize>;
+/// The environment that the model of these arguments was trained in, if its run says so.
+pub type TrainedOf = fn(&PolicyArgs) -> Option<TrainedIn>;
 /// The files that a policy with these arguments depends on.
 pub type FilesOf = fn(&PolicyArgs) -> Result<Vec<PathBuf>, PolicyError>;
 /// The planner on the true dynamics that a policy with these arguments is compared with.
@@ -49,6 +51,7 @@ pub struct PolicyEntry {
     suits: fn(&dyn Env) -> bool,
     make: MakePolicy,
     image: ImageOf,
+    trained: TrainedOf,
     files: FilesOf,
     oracle: OracleOf,
     pub(super) fits: Option<fn(&EnvEntry) -> bool>,
@@ -65,6 +68,7 @@ impl PolicyEntry {
             suits: |_| true,
             make,
             image: |_| None,
+            trained: |_| None,
             files: named_files,
             oracle: |_, _| None,
             fits: None,
@@ -111,6 +115,13 @@ impl PolicyEntry {
         self
     }
 
+    /// What environment its model was trained in.
+    #[must_use]
+    pub const fn trained(mut self, trained: TrainedOf) -> Self {
+        self.trained = trained;
+        self
+    }
+
     /// Which files its model is made of. Default: those that its arguments name.
     #[must_use]
     pub const fn files(mut self, files: FilesOf) -> Self {
@@ -145,6 +156,11 @@ impl PolicyEntry {
     /// The image size that the model of these arguments was trained on. `None`: it sees no images, or is not there.
     pub fn image_size(&self, args: &PolicyArgs) -> Option<ImageSize> {
         (self.image)(args)
+    }
+
+    /// The environment that the model of these arguments was trained in. `None`: it has no model, or its run does not say.
+    pub fn trained_in(&self, args: &PolicyArgs) -> Option<TrainedIn> {
+        (self.trained)(args)
     }
 
     /// The files that a policy with these arguments depends on, to be hashed into the receipt of an evaluation.

@@ -113,8 +113,7 @@ impl Rendered {
         options: &RenderOptions,
     ) -> Result<Self, DataError> {
         let refuse = |reason: BoxError| DataError::request(dataset.path(), reason);
-        let known = dataset.metadata().and_then(|metadata| Some((metadata, metadata.known_env()?)));
-        let Some((metadata, env)) = known else {
+        let Some(metadata) = dataset.metadata().and_then(Metadata::of_known_env) else {
             return Err(refuse(
                 "images cannot be drawn: it does not say how it was recorded (by another program)".into(),
             ));
@@ -123,7 +122,7 @@ impl Rendered {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
             return Err(refuse(reason.into()));
         }
-        let entry = *registry.env(env).map_err(|error| refuse(error.into()))?;
+        let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.into()))?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };

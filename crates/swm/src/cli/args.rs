@@ -11,6 +11,7 @@ use swm_data::tools::parts;
 
 use super::output::counted;
 use super::threads::ThreadsArg;
+use super::training_note::{self, Ask};
 use super::{Failure, Output, usage};
 use crate::evaluation::RunOptions;
 use crate::text_file::{json_error, read_text, toml_error};
@@ -199,7 +200,8 @@ impl PartArgs {
     }
 }
 
-/// The policy of `--policy NAME:ARGS` for a world; a note tells of settings with which it can hardly search.
+/// The policy of `--policy NAME:ARGS` for a world; notes tell of settings with which it can hardly search, and of those that its model was
+/// trained with.
 pub(super) fn policy(
     registry: &Registry,
     text: &str,
@@ -209,6 +211,7 @@ pub(super) fn policy(
     let args = policy_args(text)?;
     let policy = registry.policy_from(&args, world)?;
     note_elites(registry, world.entry(), &args, output);
+    training_note::of_policy(registry, &args, &world.into(), Ask::Here, output);
     Ok(policy)
 }
 

@@ -4,7 +4,7 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use swm_core::{EnvEntry, Registry};
+use swm_core::{EnvEntry, Metadata, Registry};
 use swm_data::tools::copy::is_same;
 use swm_data::{DataError, Dataset};
 
@@ -32,9 +32,8 @@ pub(super) fn check_env(
     entry: &EnvEntry,
     frame_skip: Option<u32>,
 ) -> Result<(), Failure> {
-    let known = dataset.metadata().and_then(|recorded| Some((recorded, recorded.known_env()?)));
-    let Some((recorded, env)) = known else { return Ok(()) };
-    let path = dataset.path().display();
+    let Some(recorded) = dataset.metadata().and_then(Metadata::of_known_env) else { return Ok(()) };
+    let (path, env) = (dataset.path().display(), &recorded.env);
     if env != entry.id {
         return Err(usage(format!(
             "the dataset {path} was recorded in {env}, not in {0}; give a dataset of {0}, or name {env} as the environment",

@@ -46,6 +46,7 @@ mod threads;
 mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
+mod training_note;
 #[cfg(feature = "ui")]
 mod ui;
 mod verify;

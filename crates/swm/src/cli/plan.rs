@@ -16,6 +16,7 @@ use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, note_images, policy
 use super::output::{counted, table};
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
+use super::training_note::{self, Ask};
 use super::{Failure, Output, usage};
 use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
 use crate::video::Video;
@@ -107,7 +108,7 @@ impl Plan {
         let budget = if self.plan_only { 1 } else { self.budget };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), budget))?;
-        let mut policy = self.planner(registry, &world)?;
+        let mut policy = self.planner(registry, &world, output)?;
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
@@ -173,11 +174,18 @@ impl Plan {
     }
 
     /// The policy, or why there is none that plans.
-    fn planner(&self, registry: &Registry, world: &World) -> Result<Box<dyn Policy>, Failure> {
+    fn planner(
+        &self,
+        registry: &Registry,
+        world: &World,
+        output: &Output,
+    ) -> Result<Box<dyn Policy>, Failure> {
         let args = policy_args(&self.policy)?;
         let name = &args.name;
         if registry.policy_entry(world.entry(), name).is_ok() {
-            return Ok(registry.policy_from(&args, world)?);
+            let policy = registry.policy_from(&args, world)?;
+            training_note::of_policy(registry, &args, &world.into(), Ask::Here, output);
+            return Ok(policy);
         }
         if registry.find::<SolverEntry>(name).is_ok() {
             let reason = format!(

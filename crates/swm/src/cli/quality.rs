@@ -12,6 +12,7 @@ use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
 use super::quality_checks::{check_horizon, check_lengths, check_probe, check_violation};
 use super::threads::ThreadsArg;
+use super::training_note::{self, Ask};
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
     GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality,
@@ -124,7 +125,11 @@ impl QualityCommand {
         let mut env = entry.make(&config)?;
         let learned = match &trained {
             Some((model, args)) => {
-                Some(model.make(&PolicyContext::new(entry, &config).within(registry), args)?)
+                let context = PolicyContext::new(entry, &config).within(registry);
+                // The steps of a dataset are as far apart as they are.
+                let settings = model.trained_in(args).map(|trained| trained.frame_skip(None));
+                training_note::of_model(args, settings.as_ref(), &context, Ask::Here, output);
+                Some(model.make(&context, args)?)
             }
             None => None,
         };
