@@ -91,6 +91,36 @@ fn an_appended_run_is_told_apart() {
 }
 
 #[test]
+fn what_to_do_about_a_dataset_depends_on_what_it_holds() {
+    let folder = Folder::new();
+    let size = "--max-steps 2 --image-size none";
+    let out = record(&folder, "five.h5", &format!("{size} --episodes 5"));
+    let told = |how: &str| swm_fails(2, &collecting(&out, &format!("{size} {how}")));
+    let message = told("--episodes 2");
+    assert!(
+        message.contains("five.h5 exists and holds 5 episodes: to record 2 more, add `--mode append`"),
+        "{message}"
+    );
+    assert!(message.contains("`--mode append --total 7` in place of --episodes"), "{message}");
+    swm_ok(&collecting(&out, &format!("{size} --mode append --total 7")));
+    let message = told("--episodes 10");
+    assert!(
+        message.contains("holds 7 episodes: to complete it to 10, add `--mode append --total 10`"),
+        "{message}"
+    );
+    let message = told("--total 3");
+    assert!(message.contains("--total 3 is reached; for more, add `--mode append`"), "{message}");
+    assert!(told("--total 30").contains("holds 7 episodes: to complete it, add `--mode append`"));
+    let letter = folder.path("letter.h5");
+    std::fs::write(&letter, "dear").unwrap();
+    let message = swm_fails(2, &collecting(&letter, &format!("{size} --episodes 2")));
+    assert!(
+        message.contains("letter.h5 exists, and no episode can be added to it; give another --out ("),
+        "{message}"
+    );
+}
+
+#[test]
 fn columns_can_be_left_out() {
     let folder = Folder::new();
     let size = "--episodes 1 --max-steps 3 --image-size 16x16";

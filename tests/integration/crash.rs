@@ -97,6 +97,40 @@ fn an_interrupt_keeps_what_was_committed_and_says_how_to_continue() {
 
 #[cfg(unix)]
 #[test]
+fn nothing_is_left_of_a_recording_without_an_episode() {
+    let folder = Folder::new();
+    for name in ["data.h5", "data.folder", "data.video", "data.mcap"] {
+        let out = folder.path(name);
+        let base =
+            ["collect", PUSHT, "--image-size", "16x16", "--num-envs", "1", "--out", &out, "--episodes", "1"];
+        let args = [&base[..], &["--max-steps", "1000000000"]].concat();
+        let child = swm(&args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
+        while !std::path::Path::new(&out).exists() {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+        assert!(kill.expect("kill is there").success());
+        let ended = child.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(130), "{said}");
+        assert!(
+            said.contains("interrupted: no episode was recorded; to continue, repeat the command"),
+            "{said}"
+        );
+        let left = std::fs::read_dir(folder.path("")).expect("the folder is ours").count();
+        assert_eq!(left, 0, "{name}");
+        swm_ok(&[&base[..], &["--max-steps", "3", "--quiet"]].concat());
+        assert_eq!(swm::data::open(out.as_ref()).expect("it opens").num_episodes(), 1);
+        let path = std::path::Path::new(&out);
+        match path.is_dir() {
+            true => std::fs::remove_dir_all(path).expect("the folder is ours"),
+            false => std::fs::remove_file(path).expect("the folder is ours"),
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
 fn an_interrupted_evaluation_ends_with_its_own_status() {
     let args = ["eval", PUSHT, "--policy", "weak", "--episodes", "1000000"];
     let mut child = swm(&args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");

@@ -16,17 +16,17 @@ use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, from_json, to_json};
 use crate::world::registry;
 
-/// Compares sides of receipts (JSON each; several runs of one policy are one side), pair by pair, with the first side.
+/// Compares sides of receipts, pair by pair, with the first side. A side is its name, and the JSON of each of its runs.
 #[pyfunction]
-fn compare_receipts(sides: Vec<Vec<String>>) -> PyResult<String> {
+fn compare_receipts(sides: Vec<(String, Vec<String>)>) -> PyResult<String> {
     if sides.is_empty() {
         return Err(SwmError::new_err("nothing to compare; give two results or more"));
     }
-    let side = |(index, texts): (usize, &Vec<String>)| {
+    let side = |(name, texts): &(String, Vec<String>)| {
         let runs = texts.iter().map(|text| from_json("a receipt", text)).collect::<PyResult<_>>()?;
-        Side::new(format!("result {index}"), runs).map_err(boxed)
+        Side::new(name, runs).map_err(boxed)
     };
-    let sides: Vec<Side> = sides.iter().enumerate().map(side).collect::<PyResult<_>>()?;
+    let sides: Vec<Side> = sides.iter().map(side).collect::<PyResult<_>>()?;
     to_json(&compare(&sides).map_err(boxed)?)
 }
 

@@ -148,9 +148,23 @@ impl EpisodeWriter {
                 *begun = Some(schema.clone());
             }
             Some(begun) if begun == schema => {}
-            Some(_) => {
-                let reason = "schema mismatch: the episode has other columns than those before it";
-                return Err(DataError::record(&self.path, reason));
+            Some(begun) => {
+                let differs = |field: &&Field| !begun.fields().contains(field);
+                let told = match schema.fields().iter().find(differs) {
+                    Some(Field { name, dtype, shape, .. }) => {
+                        match begun.fields().iter().find(|field| field.name == *name) {
+                            Some(before) => format!(
+                                "column `{name}` is {dtype} {shape:?} a step, and {} {:?} in the episodes before it; give it as before",
+                                before.dtype, before.shape
+                            ),
+                            None => format!("column `{name}` is not in the episodes before it; leave it out"),
+                        }
+                    }
+                    None => {
+                        "it has other columns than the episodes before it, or in another order".to_owned()
+                    }
+                };
+                return Err(DataError::record(&self.path, format!("schema mismatch: {told}")));
             }
         }
         let mut batch = Batch::new(schema.clone(), rows);

@@ -99,6 +99,20 @@ def test_episodes_that_do_not_fit_are_refused(tmp_path: Path, format: str) -> No
     assert swm.data.load_dataset(path).lengths.tolist() == [4]
 
 
+def test_a_column_of_changing_shape_or_type_is_named(tmp_path: Path) -> None:
+    ragged = {"action": [np.zeros(2), np.zeros(2), np.zeros(3)]}
+    path = tmp_path / "ragged.h5"
+    message = r"column 'action' has the shape \(2,\) at step 0 and \(3,\) at step 2"
+    with pytest.raises(ValueError, match=message), swm.data.HDF5Writer(path) as writer:
+        writer.write_episode(ragged)
+    assert not path.exists(), "nothing was recorded"
+    with pytest.raises(swm.SwmError, match=r"column `action` is float64 \[2\] a step, and float32 \[2\] in the episodes before"):
+        with swm.data.HDF5Writer(path) as writer:
+            writer.write_episode({"action": np.zeros((3, 2), np.float32)})
+            writer.write_episode({"action": np.zeros((3, 2))})
+    assert len(swm.data.load_dataset(path).lengths) == 1
+
+
 @pytest.mark.parametrize("source", NATIVE)
 @pytest.mark.parametrize("target", ["hdf5", "folder", "mcap"])
 def test_conversions_keep_the_columns(tmp_path: Path, source: str, target: str) -> None:

@@ -204,6 +204,7 @@ def test_a_python_policy_gets_the_receipt_of_a_native_one(manifest: Path, tmp_pa
     assert again["episodes"] == zero["episodes"] and again["references"] == []
     compared = swm.compare(native, tmp_path)
     assert compared[1]["test"]["difference"] == 0.0 and compared[0]["test"] is None
+    assert [side["name"] for side in compared] == [native["policy"], str(tmp_path)]
     assert "Zero" in compared._repr_html_() and "Zero" in repr(zero)
 
 

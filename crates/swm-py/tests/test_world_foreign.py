@@ -101,7 +101,8 @@ def test_episodes_are_recorded_and_started_from(tmp_path: Path) -> None:
     world = make()
     world.set_policy(Right())
     path = tmp_path / "walk.h5"
-    world.collect(path, episodes=3, seed=0, progress=False)
+    report = world.collect(path, episodes=3, seed=0, progress=False)
+    assert report == {"path": str(path), "episodes": 3, "total_episodes": 3, "steps": 12}
     dataset = swm.data.load_dataset(str(path))
     assert dataset.lengths.tolist() == [4, 4, 4]
     position = np.asarray(dataset.load_episode(0)["position"])
@@ -143,6 +144,49 @@ def test_recordings_name_their_environment_and_policy(tmp_path: Path) -> None:
         writer.write_episode({"action": np.zeros((3, 2), np.float32)})
     with pytest.raises(swm.SwmError, match="plain.h5 does not name its environment; give env_name="):
         swm.replay(tmp_path / "plain.h5", progress=False)
+
+
+def test_collecting_says_what_was_written(tmp_path: Path) -> None:
+    world = make()
+    world.set_policy(Right())
+    path = tmp_path / "walk.lerobot"
+    world.collect(path, episodes=2, seed=0, progress=False)
+    more = world.collect(path, episodes=1, seed=1, mode="append", progress=False)
+    assert more == {"path": str(path), "episodes": 1, "total_episodes": 3, "steps": 4}
+    buffer = swm.data.ReplayBuffer(max_steps=100)
+    report = world.collect(writer=buffer, episodes=2, seed=0, progress=False)
+    assert report == {"path": None, "episodes": 2, "total_episodes": 2, "steps": 8}
+
+
+class Growing(Walk):
+    """Its observation has an element more at every step; ``longer`` at the reset."""
+
+    def __init__(self, longer: int = 0) -> None:
+        super().__init__()
+        self.longer = longer
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        _, info = super().reset(seed=seed, options=options)
+        return {"position": np.zeros(2 + self.longer)}, info
+
+    def step(self, action: np.ndarray) -> Any:
+        _, *results = super().step(action)
+        return {"position": np.zeros(3 + self.longer)}, *results
+
+
+def test_wrong_shapes_name_the_field_and_both_shapes() -> None:
+    world = make(3, add_pixels=False)
+    world.reset(seed=0)
+    for wrong in (np.ones(2, np.float32), np.ones((2, 2), np.float32)):
+        with pytest.raises(ValueError, match=r"actions has the shape \(2,.*\(3, 2\) is needed: one row for each of the 3"):
+            world.step(wrong)
+    world = swm.World([Growing], add_pixels=False)
+    world.reset(seed=0)
+    with pytest.raises(ValueError, match=r"`position` of environment 0 has the shape \(3,\), and had \(2,\)"):
+        world.step(np.ones((1, 2), np.float32))
+    world = swm.World([Growing, lambda: Growing(longer=2)], add_pixels=False)
+    with pytest.raises(ValueError, match=r"`position` has the shape \(2,\) in environment 0 and \(4,\) in environment 1"):
+        world.reset(seed=0)
 
 
 def test_functions_make_environments_as_they_are() -> None:

@@ -134,7 +134,17 @@ impl<'a> RowsMut<'a> {
     /// # Panics
     /// If type or number differ, as [`RowsMut::at`].
     pub fn write<T: Element>(&mut self, index: usize, values: &[T]) {
-        self.at(index).clone_from_slice(values);
+        let out = self.at(index);
+        if out.len() == values.len() {
+            return out.clone_from_slice(values);
+        }
+        let field = &self.schema.fields()[index];
+        let (name, shape, takes) = (&field.name, &field.shape, field.dim());
+        panic!(
+            "field `{name}` has the shape {shape:?} and takes {takes} values, found {}; write as many, or declare the field with \
+             another shape",
+            values.len()
+        )
     }
 
     /// The untyped values of field `index` in the selected row.
@@ -142,5 +152,24 @@ impl<'a> RowsMut<'a> {
         let dim = self.schema.dim(index);
         let (_, rest) = self.columns[index].reborrow().split_at(self.selected * dim);
         rest.split_at(dim).0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::{Dtype, Field};
+
+    fn write(values: &[f64]) {
+        let fields = vec![Field::step("reward", Dtype::F64, &[]), Field::step("pose", Dtype::F64, &[2, 3])];
+        let mut rows = Batch::new(Schema::new(fields).unwrap(), 1);
+        rows.rows_mut().write(1, values);
+    }
+
+    #[test]
+    #[should_panic(expected = "field `pose` has the shape [2, 3] and takes 6 values, found 4; write as many")]
+    fn values_of_another_length_are_refused_by_the_fields_name() {
+        write(&[0.0; 6]);
+        write(&[0.0; 4]);
     }
 }

@@ -317,8 +317,9 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
     }
 
     fn finish(&mut self) -> Result<(), BoxError> {
+        let is_recording = matches!(self.state, State::Recording(..));
         self.close()?;
-        self.is_finished = true;
+        self.is_finished = is_recording;
         Ok(())
     }
 }

@@ -131,7 +131,14 @@ pub fn fail_before_the_first_episode(registry: &Registry, path: &Path) {
         fail(mode, 3);
         assert_eq!(left(), [] as [&str; 0], "{}", mode.name());
     }
-    record_in(registry, path, WriteMode::Error, 0..2).unwrap();
+    // A caller may end what failed.
+    let mut writer = create_in(registry, path, &WriteMode::Error.into(), None).unwrap();
+    writer.begin(&schema(), &metadata()).unwrap();
+    let other = Schema::new(vec![Field::step("other", Dtype::F32, &[])]).unwrap();
+    assert!(writer.write_episode(&episode(&other, 0, 2)).is_err());
+    drop(writer.finish());
+    drop(writer);
+    record_in(registry, path, WriteMode::Overwrite, 0..2).unwrap();
     fail(WriteMode::Append, 3);
     assert_eq!(contents_in(registry, path).len(), 2);
     fail(WriteMode::Overwrite, 3);

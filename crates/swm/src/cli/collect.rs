@@ -268,7 +268,10 @@ impl Collect {
             }
             _ => format!("{} with --mode append", interrupt::REPEAT),
         };
-        let safe = move || format!("{} episodes are safe in {out}", committed.load(Ordering::Relaxed));
+        let safe = move || match committed.load(Ordering::Relaxed) {
+            0 => "no episode was recorded".to_owned(),
+            count => format!("{count} episodes are safe in {out}"),
+        };
         interrupt::watch_resumable(safe, rest)
     }
 }

@@ -159,7 +159,7 @@ fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> 
 }
 
 /// The shape of a row; one value is a scalar.
-fn shape_of(feature: &Json) -> Result<Vec<usize>> {
+pub(super) fn shape_of(feature: &Json) -> Result<Vec<usize>> {
     let sizes = feature["shape"].as_array().ok_or(missing("a feature has no shape"))?;
     let sizes: Option<Vec<usize>> =
         sizes.iter().map(|size| size.as_u64().map(|size| size as usize)).collect();

@@ -22,6 +22,11 @@ pub(super) struct Info {
     codebase_version: String,
     pub(super) fps: f64,
     pub(super) total_episodes: usize,
+    /// Whole numbers, where a program wrote them.
+    #[serde(default)]
+    pub(super) total_frames: Json,
+    #[serde(default)]
+    pub(super) total_tasks: Json,
     #[serde(default = "usual_chunk")]
     pub(super) chunks_size: usize,
     data_path: String,
@@ -135,7 +140,8 @@ pub(super) fn write(
     replace_json(&folder.join(INFO), &info)
 }
 
-fn features(manifest: &Manifest) -> Vec<(String, Json)> {
+/// The features of a folder of ours.
+pub(super) fn features(manifest: &Manifest) -> Vec<(String, Json)> {
     let mut features = Vec::new();
     for field in manifest.columns.iter().filter(|field| !is_own(&field.name)) {
         let value = if is_video(field) {

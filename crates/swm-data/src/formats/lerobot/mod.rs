@@ -3,6 +3,7 @@
 //! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Videos are read in
 //! H.264 and in AV1, LeRobot's default codec, and images in the tables as PNG and JPEG; columns in other codecs are left out by name.
 
+mod check;
 mod contents;
 mod episode_files;
 mod episodes;

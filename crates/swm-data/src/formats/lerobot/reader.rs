@@ -10,6 +10,7 @@ use parquet::data_type::ByteArray;
 use swm_core::{Column, Dtype, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
+use super::check::check;
 use super::contents::{Shared, Source, video};
 use super::episode_files::EpisodeFiles;
 use super::images;
@@ -88,7 +89,7 @@ impl LeRobotDataset {
             shared.episodes[episode].videos.get(camera).ok_or(missing("there is no video"))?;
         if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
             // The decoder of damaged videos is the least robust part of all.
-            check(path, &shared.episodes[episode])?;
+            check_file(path, &shared.episodes[episode])?;
             self.videos.insert(column, (path.clone(), video(path)?));
         }
         let Some((_, video)) = self.videos.get_mut(&column) else { return Ok(()) };
@@ -127,7 +128,7 @@ impl LeRobotDataset {
 }
 
 /// Compares a file of an episode with its checksum, if there is one.
-fn check(path: &Path, files: &EpisodeFiles) -> Result<()> {
+fn check_file(path: &Path, files: &EpisodeFiles) -> Result<()> {
     let Some(&checksum) = files.checksums.get(path) else { return Ok(()) };
     let bytes = read_regular(path).at(path.display())?;
     match crc32fast::hash(&bytes) == checksum {
@@ -180,9 +181,14 @@ impl Dataset for LeRobotDataset {
         })
     }
 
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        let path = &self.shared.info.path;
+        check(path, &self.shared).map_err(|error| DataError::damaged(path, error))
+    }
+
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         let Some(files) = self.shared.episodes.get(episode) else { return Ok(()) };
-        let checked = files.checksums.keys().try_for_each(|path| check(path, files));
+        let checked = files.checksums.keys().try_for_each(|path| check_file(path, files));
         checked.map_err(|error| self.info().damaged_episode(episode, error))
     }
 }

@@ -44,6 +44,11 @@ impl Table {
         self.rows
     }
 
+    /// Whether there is a column of this name.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.columns.contains_key(name)
+    }
+
     /// All values of a column, row after row.
     pub(super) fn column(&self, name: &str) -> Result<Column> {
         let &leaf = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;

@@ -24,7 +24,10 @@ _FLOATS = {"f2": "f4", "f4": "f4", "f8": "f8"}
 def as_column(name: str, values: Any) -> Any:
     """The values of a column as datasets hold them: an array ``(T, …)``, or a list of ``str``."""
     steps: list[Any] = list(values) if isinstance(values, (list, tuple)) else []  # pyright: ignore[reportUnknownArgumentType]
-    array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)
+    try:
+        array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)
+    except ValueError as error:
+        raise ValueError(_ragged(name, steps) or f"column {name!r}: {error}") from error
     kind = f"{array.dtype.kind}{array.dtype.itemsize}"
     if array.dtype.kind in "USO":
         return [value.decode() if isinstance(value, (bytes, bytearray)) else str(value) for value in array.reshape(-1).tolist()]
@@ -34,6 +37,15 @@ def as_column(name: str, values: Any) -> Any:
     if target is None:
         raise TypeError(f"column {name!r} is {array.dtype}; datasets hold bool, integers, float32, float64 and text")
     return np.ascontiguousarray(array, dtype=target)
+
+
+def _ragged(name: str, steps: list[Any]) -> str | None:
+    """Which step of a column has another shape than the first one."""
+    shapes: list[tuple[int, ...]] = [np.shape(to_numpy(value)) for value in steps]
+    for step, shape in enumerate(shapes):
+        if shape != shapes[0]:
+            return f"column {name!r} has the shape {shapes[0]} at step 0 and {shape} at step {step}; give it one shape at every step"
+    return None
 
 
 def per_step(values: Any) -> tuple[int, ...]:
@@ -130,7 +142,7 @@ class NativeWriter:
             raise ValueError(f"schema mismatch on {self.path}: missing columns {missing}, unexpected columns {more}")
         for name, shape in shapes.items():
             if shape != self._known[name]:
-                raise ValueError(f"shape mismatch on {self.path}: column {name!r} has {self._known[name]} per step, not {shape}")
+                raise ValueError(f"shape mismatch on {self.path}: column {name!r} has {self._known[name]} per step, not {shape}; give it that shape, or write another file")
 
     def write_episodes(self, episodes: Iterable[dict[str, Any]]) -> None:
         """Appends several episodes."""

@@ -117,6 +117,12 @@ class EnvPool:
         """
         if self._stacked_infos is None:
             raise AttributeError("no episode has begun; call `reset` before the first step")
+        found: tuple[int, ...] = tuple(getattr(actions, "shape", None) or np.shape(actions))
+        if not found or found[0] != self.num_envs:
+            wanted = (self.num_envs, *(self.single_action_space.shape or ()))
+            raise ValueError(
+                f"actions has the shape {found}, and {wanted} is needed: one row for each of the {self.num_envs} environments"
+            )
         rewards = np.zeros(self.num_envs, np.float32)
         terminateds = np.zeros(self.num_envs, np.bool_)
         truncateds = np.zeros(self.num_envs, np.bool_)
@@ -154,6 +160,13 @@ def _stack_fresh(per_env_infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stacked: dict[str, Any] = {}
     for name, first in per_env_infos[0].items():
         values = [info[name] for info in per_env_infos]
+        shapes = [np.shape(value) if isinstance(value, np.ndarray) else getattr(value, "shape", None) for value in values]
+        for row, shape in enumerate(shapes):
+            if shape != shapes[0] and isinstance(first, np.ndarray):
+                raise ValueError(
+                    f"`{name}` has the shape {shapes[0]} in environment 0 and {shape} in environment {row}; environments of one World "
+                    "give it the same shape, or leave it out"
+                )
         if _is_tensor(first):
             import torch
 
@@ -175,7 +188,12 @@ def _write_env_info(stacked: dict[str, Any], idx: int, info: Mapping[str, Any]) 
             continue
         if isinstance(column, list):
             column[idx][0] = value
-        elif _is_tensor(column) and not _is_tensor(value):
-            column[idx, 0] = column.new_tensor(value)
-        else:
-            column[idx, 0] = value
+            continue
+        try:
+            column[idx, 0] = column.new_tensor(value) if _is_tensor(column) and not _is_tensor(value) else value
+        except (ValueError, TypeError, RuntimeError) as error:
+            found = tuple(getattr(value, "shape", None) or np.shape(value))
+            raise ValueError(
+                f"`{name}` of environment {idx} has the shape {found}, and had {tuple(column.shape[2:])} when the environments were reset; "
+                "give it the same shape at every step"
+            ) from error

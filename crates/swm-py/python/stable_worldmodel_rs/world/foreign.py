@@ -195,8 +195,9 @@ def _inject(world: World, firsts: list[Any], lasts: list[Any], constants: set[st
     return {column: world.infos[column].copy() for column in lasts[0] if column in world.infos}
 
 
-def collect(world: World, writer: Any, episodes: int, seed: int | None, options: Any, progress: bool) -> None:
-    """Run episodes and hand each to a writer, as a dict of lists with one value per step."""
+def collect(world: World, writer: Any, episodes: int, seed: int | None, options: Any, progress: bool) -> int:
+    """Run episodes and hand each to a writer, as a dict of lists with one value per step; gives the number of steps."""
+    steps = 0
     buffers: list[dict[str, list[Any]]] = [defaultdict(list) for _ in range(world.num_envs)]
 
     def on_step(world: World, *, mask: Mask) -> None:
@@ -211,17 +212,19 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
                 buffers[row][column].append(np.array(values[row]))
 
     def finished(bar: Progress) -> Iterator[dict[str, Any]]:
+        nonlocal steps
         runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
         for row, number in runs:
             episode: dict[str, Any] = {column: list(values) for column, values in buffers[row].items()}
             buffers[row].clear()
+            steps += max(map(len, episode.values()), default=0)
             if "action" in episode:
                 # Infos hold the last action; datasets hold the next one, and none at the end.
                 episode["action"].append(episode["action"].pop(0))
             constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
             if constants is not None and (given := constants()):
                 episode[EPISODE_DATA_KEY] = dict(given)
-            bar.tick(number + 1, 0, 0)
+            bar.tick(number + 1, 0, steps)
             yield episode
 
     from ..data.writers import NativeWriter
@@ -231,6 +234,7 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
     opened = writer if hasattr(writer, "__enter__") else nullcontext(writer)
     with opened as target, Progress("Recording", episodes, progress) as bar:
         target.write_episodes(finished(bar))
+    return steps
 
 
 def recorded_by(world: World, seed: int | None) -> dict[str, Any]:

@@ -73,7 +73,7 @@ class Receipt(dict[str, Any]):
 
 
 class Comparison(list[dict[str, Any]]):
-    """Sides of a comparison: ``policy``, ``runs``, ``success_rate``, ``ci95``, ``std`` (between seeds), and ``test``:
+    """Sides of a comparison: ``name``, ``policy``, ``runs``, ``success_rate``, ``ci95``, ``std`` (between seeds), and ``test``:
     the first side against this one, pair by pair (``difference``, ``interval95``, ``p_value``)."""
 
     def _repr_html_(self) -> str:
@@ -281,13 +281,16 @@ def compare(*results: AnyPath | Receipt | Sequence[AnyPath | Receipt]) -> Compar
         *results: Receipts, their files or folders. A list of several seeds of one policy is one side.
 
     Returns:
-        A list with one dict per side; ``test`` is the first side against it.
+        A list with one dict per side; ``test`` is the first side against it, and ``name`` the paths as they were given, of receipts
+        their policies.
     """
-    sides: list[list[str]] = []
+    sides: list[tuple[str, list[str]]] = []
     for side in results:
         runs = [side] if isinstance(side, (str, PathLike, Receipt)) else list(side)
         receipts = [run if isinstance(run, Receipt) else read_receipt(run) for run in runs]
-        sides.append([json.dumps(receipt) for receipt in receipts])
+        names = [str(run["policy"]) if isinstance(run, Receipt) else str(run) for run in runs]
+        # Runs of one policy have one name.
+        sides.append((",".join(dict.fromkeys(names)) or f"result {len(sides)}", [json.dumps(receipt) for receipt in receipts]))
     return Comparison({"test": None, **side} for side in json.loads(_swm.compare_receipts(sides)))
 
 

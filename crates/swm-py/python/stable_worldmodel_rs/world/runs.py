@@ -187,14 +187,15 @@ class Runs:
 
                 writer = get_format(format).open_writer(target, mode=mode)
         if self._core is None:
-            foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
-            return {"episodes": episodes}
+            steps = foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
+            return _written(path, format, mode, episodes, steps)
         core = self._core if replayable is None else self._replayable(replayable)
         run = self.envs.run_seed(seed)
         act = self._driver(options)
         with Progress("Recording", episodes, progress) as bar:
             if writer is not None:
-                return self._collect_into(writer, core, act, episodes, run, options, bar)
+                steps = self._collect_into(writer, core, act, episodes, run, options, bar)
+                return _written(path, format, mode, episodes, steps)
             text = _swm.collect(
                 core,
                 act,
@@ -214,7 +215,7 @@ class Runs:
 
     def _collect_into(
         self, writer: Any, core: _swm.World, act: Any, episodes: int, seed: int, options: Any, bar: Progress
-    ) -> dict[str, Any]:
+    ) -> int:
         steps = 0
         run = _swm.episodes(core, act, (0, episodes), seed, _listed(options))
 
@@ -234,7 +235,7 @@ class Runs:
         finally:
             run.close()
         self._stale = True
-        return {"path": None, "episodes": episodes, "total_episodes": episodes, "steps": steps}
+        return steps
 
     def _replayable(self, every: int) -> _swm.World:
         """A World as this one that saves states and renders nothing."""
@@ -267,6 +268,17 @@ class Runs:
 
     def _show(self) -> None:
         """Replace images of the infos by transformed ones."""
+
+
+def _written(path: str | Path | None, format: str | None, mode: str, episodes: int, steps: int) -> dict[str, Any]:
+    """What `collect` says of what a writer wrote."""
+    if path is None:
+        return {"path": None, "episodes": episodes, "total_episodes": episodes, "steps": steps}
+    target, total = Path(path).expanduser(), episodes
+    if mode == "append" and format in _native_formats().values():
+        total = len(_swm.Reader.open(target, format).lengths)
+    logger.info("%s: %d episodes recorded, it has %d", target, episodes, total)
+    return {"path": str(target), "episodes": episodes, "total_episodes": total, "steps": steps}
 
 
 def _listed(options: Any) -> Any:

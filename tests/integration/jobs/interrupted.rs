@@ -1,0 +1,102 @@
+//! Shards that are killed, stopped or run twice, and parts that are lost: what is committed counts.
+
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+
+use super::{Cluster, collect, ok, signal, wait_for, whole};
+use crate::evaluation::read;
+use crate::support::{swm, swm_fails, swm_json, swm_ok};
+
+/// A long shard that is killed or stopped once some episodes are committed, and then continued.
+fn interrupted(kind: &str) {
+    let cluster = Cluster::new();
+    let whole = whole(&cluster.folder, "1200");
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("1200")[..], &["--report-every", "0"]].concat()));
+    let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().expect("it starts");
+    let log = || cluster.text("job/logs/0001.log");
+    wait_for("episodes", || log().matches(" written to ").count() > 3);
+    signal(&child, kind);
+    let status = child.wait().expect("it ends");
+    assert_eq!(status.code(), (kind == "-TERM").then_some(75), "{}", log());
+    let before = log();
+    let last = before.matches(" written to ").count();
+    assert!(last < 600, "it was stopped in the middle");
+    assert!(!Path::new(&cluster.path("job/done/0001.json")).exists());
+    swm_ok(&["task", &job, "--index", "1"]);
+    let after = log()[before.len()..].to_owned();
+    assert!(after.starts_with("swm task: attempt 2 on "), "{after}");
+    // An episode that was committed is not computed again.
+    let first = after
+        .lines()
+        .find_map(|line| line.strip_prefix("episode ")?.split(' ').next()?.parse::<usize>().ok());
+    assert!(first.expect("it is there") >= last, "{first:?} after {last}");
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::read(cluster.path("job/result.h5")).expect("the folder is ours") == whole);
+    assert_eq!(read(&cluster.path("job/done/0001.json"))["attempt"], 2);
+}
+
+#[test]
+fn a_killed_task_goes_on_behind_its_last_episode() {
+    interrupted("-KILL");
+}
+
+#[test]
+fn a_stopped_task_goes_on_behind_its_last_episode() {
+    interrupted("-TERM");
+}
+
+#[test]
+fn a_shard_has_one_task_at_a_time() {
+    let cluster = Cluster::new();
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("4000")[..], &["--report-every", "0"]].concat()));
+    let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().unwrap();
+    wait_for("a start", || cluster.text("job/logs/0001.log").contains(" written to "));
+    // It is not over: a scheduler that starts the task again later finds it done, or goes on.
+    let message = swm_fails(75, &["task", &job, "--index", "1"]);
+    assert!(message.contains(&format!("process {}", child.id())), "{message}");
+    signal(&child, "-KILL");
+    child.wait().unwrap();
+}
+
+#[test]
+fn parts_that_are_lost_or_damaged_are_made_again() {
+    let cluster = Cluster::new();
+    let whole = whole(&cluster.folder, "6");
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "3", &collect("6")));
+    swm_ok(&["task", &job, "--all"]);
+    let part = cluster.path("job/parts/0002-of-0003.h5");
+    let to_run = format!("swm task {job} --all");
+
+    let bytes = fs::read(&part).unwrap();
+    fs::write(&part, &bytes[..bytes.len() / 2]).unwrap();
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains(&format!("what shard 2 wrote has changed since: remove {part}")), "{message}");
+    assert!(message.contains(&to_run), "{message}");
+
+    fs::remove_file(&part).unwrap();
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains("1 of 3 shards") && message.contains(&part), "{message}");
+    assert!(message.contains("parts are missing: 2;") && message.contains(&to_run), "{message}");
+    let status = swm_json(&["jobs", &job]);
+    assert_eq!((&status["done"], &status["missing"]), (&2.into(), &serde_json::json!([2])));
+    assert_eq!((&status["episodes"], &status["each"][1]["episodes"]), (&4.into(), &0.into()));
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains("2 done, 1 lost") && page.contains(&to_run), "{page}");
+    let again = ok(&cluster.submit(&["--on", "script"], "3", &collect("6")));
+    assert!(again.contains("--index 2") && !again.contains("--index 1"), "{again}");
+
+    swm_ok(&["task", &job, "--index", "2"]);
+    assert!(fs::read(&part).unwrap() == bytes);
+    fs::remove_file(&part).unwrap();
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::read(cluster.path("job/result.h5")).unwrap() == whole);
+    // Once they are joined, nobody needs the parts.
+    fs::remove_file(&part).unwrap();
+    assert_eq!(swm_json(&["jobs", &job])["done"], 3);
+}
