@@ -304,7 +304,10 @@ mod tests {
             }
         }
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(divided(folder.path(), 2, Division::ByCell), [[0..10, 0..5, 0..0], [0..0, 5..10, 0..10]]);
+        assert_eq!(
+            divided(folder.path(), 2, Division::ByCell),
+            [[0..10, 0..5, 0..0], [10..10, 5..10, 0..10]]
+        );
     }
 
     /// Runs part `shard` of 2, as the version does that divides so, up to its end.
