@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `session` | a training run: begin here |
 //! | `fit`, `settings` | the loop |
-//! | `data`, `clips` | clips, splits, statistics |
+//! | `data`, `clips`, `scale` | clips, splits, statistics |
 //! | `folder`, `checkpoints`, `run` | files that survive a kill, and what they say |
 //! | `diagnosis` | what a model is worth, measured while it trains |
 //! | `metrics`, `events` | metrics and their files |
@@ -20,6 +20,7 @@ mod fit;
 mod folder;
 mod metrics;
 mod run;
+mod scale;
 mod session;
 mod settings;
 mod sums;
@@ -28,8 +29,7 @@ mod tests;
 
 pub use checkpoints::Checkpoint;
 pub use data::{
-    ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims, validation_episodes,
-    with_images,
+    ACTION, DataConfig, PROPRIO, PhaseClips, Split, TrainData, data_dims, validation_episodes, with_images,
 };
 pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
@@ -38,6 +38,7 @@ pub use folder::{RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::step_of;
 pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
+pub use scale::Scale;
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;
 pub(crate) use sums::{Sums, values};

@@ -11,12 +11,13 @@ use swm_core::{EnvEntry, Manifest, Registry};
 use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
+use super::regret::regret_line;
 use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Regret, Role, RunOptions, fingerprints,
-    identity, read_manifest, roles, run_pairs, write_receipt,
+    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, identity,
+    read_manifest, roles, run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -323,23 +324,6 @@ pub(super) fn at_reset(solved: usize) -> String {
     }
 }
 
-/// What the policy lost against the oracle, in one line: after the first plan, and after the later ones where there are any.
-fn regret_line(regret: &Regret) -> String {
-    let Regret { first_plan, first_plan_median, by_plan, at_end, .. } = regret;
-    let later = match by_plan.get(1..) {
-        Some(later) if !later.is_empty() => {
-            let later: Vec<String> = later.iter().map(|lost| format!("{lost:.3}")).collect();
-            format!("; mean after each later plan: {}", later.join(", "))
-        }
-        // Receipts of earlier programs have no later plans, but the end.
-        _ if by_plan.is_empty() && at_end != first_plan => format!("; mean at the end: {at_end:.3}"),
-        _ => String::new(),
-    };
-    format!(
-        "regret against the oracle, in task cost: mean {first_plan:.3} (median {first_plan_median:.3}) after the first plan{later}"
-    )
-}
-
 fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     let steps = |summary: &Summary| {
         summary.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"))
@@ -387,21 +371,4 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         receipt.manifest_hash, receipt.wall_time_s
     );
     text + &path.map(|path| format!("{}\n", path.display())).unwrap_or_default()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_regret_is_told_once() {
-        let told = |by_plan: &[f64], at_end| {
-            let by_plan = by_plan.to_vec();
-            regret_line(&Regret { pairs: 2, first_plan: 1.5, first_plan_median: 1.25, by_plan, at_end })
-        };
-        let first = "regret against the oracle, in task cost: mean 1.500 (median 1.250) after the first plan";
-        assert_eq!(told(&[1.5], 1.5), first);
-        assert_eq!(told(&[1.5, 3.0, 2.5], 2.5), format!("{first}; mean after each later plan: 3.000, 2.500"));
-        assert_eq!(told(&[], 2.5), format!("{first}; mean at the end: 2.500"));
-    }
 }

@@ -31,6 +31,7 @@ mod plan;
 mod preview;
 mod quality;
 mod quality_checks;
+mod regret;
 mod render;
 mod replay;
 mod report;
