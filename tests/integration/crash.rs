@@ -108,6 +108,8 @@ fn nothing_is_left_of_a_recording_without_an_episode() {
         while !std::path::Path::new(&out).exists() {
             std::thread::sleep(Duration::from_millis(2));
         }
+        // It is still bringing the new name to the disk.
+        std::thread::sleep(Duration::from_millis(300));
         let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
         assert!(kill.expect("kill is there").success());
         let ended = child.wait_with_output().expect("it ends");

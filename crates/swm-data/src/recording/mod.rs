@@ -179,16 +179,20 @@ impl<S: Backend> BackendWriter<S> {
         Ok(session)
     }
 
-    /// Removes what this recording made, if it failed before its first episode.
-    fn remove_if_failed(&self) {
+    /// Whether it failed before the first episode of a dataset that it made itself.
+    fn is_failed(&self) -> bool {
         let is_there = self.identity.is_none() || identity(&self.path) == self.identity;
-        if self.is_finished || self.episodes > 0 || !is_there {
-            return;
+        self.made.is_some() && !self.is_finished && self.episodes == 0 && is_there
+    }
+
+    /// Removes what it made. What cannot be removed stays: the error that counts is the first one.
+    fn remove(&mut self) {
+        // Nothing is synced first: an interrupted command has little time.
+        if let State::Recording(recording, _) = std::mem::replace(&mut self.state, State::Closed) {
+            recording.abandon();
         }
-        // What cannot be removed stays: the error that counts is the first one.
-        let Some(before) = self.made else { return };
         let removed = self.backend.remove(&self.path);
-        if removed.is_ok() && before == Before::Nothing && self.backend.is_folder() {
+        if removed.is_ok() && self.made == Some(Before::Nothing) && self.backend.is_folder() {
             let _ = std::fs::remove_dir(&self.path);
         }
     }
@@ -367,9 +371,11 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
 
 impl<S: Backend> Drop for BackendWriter<S> {
     fn drop(&mut self) {
+        if self.is_failed() {
+            return self.remove();
+        }
         // A caller who wants to know calls `finish`.
         let _ = self.close();
-        self.remove_if_failed();
     }
 }
 
