@@ -4,7 +4,7 @@ use std::fs;
 
 use swm_core::Batch;
 use swm_data::testing::mutations::mutate;
-use swm_data::{Steps, WriteMode, create, open};
+use swm_data::{Steps, WriteMode, open};
 
 use super::{copied, golden};
 use crate::support::{bits, contents, record};
