@@ -91,8 +91,10 @@ fn a_job_by_hand_is_the_undivided_recording() {
 /// Of an evaluation of two policies on 5 pairs by 3 shards: the costly one must not be left to the first shards.
 fn every_part_has_both_policies(job: &str) {
     for shard in 1..=3 {
-        let text = fs::read_to_string(format!("{job}/parts/000{shard}-of-0003.jsonl")).unwrap();
-        let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let text = fs::read_to_string(format!("{job}/parts/000{shard}-of-0003.jsonl"))
+            .expect("the part was written");
+        let lines =
+            text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).expect("a line is JSON"));
         let episodes: Vec<u64> = lines.filter_map(|line| line["episode"].as_u64()).collect();
         let of_the_first = episodes.iter().filter(|&&episode| episode < 5).count();
         assert!(
