@@ -19,6 +19,7 @@ mod dynamics;
 mod error;
 mod images;
 mod init;
+mod kernels;
 mod learner;
 mod losses;
 mod models;

@@ -6,6 +6,7 @@
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
+use crate::kernels::epps_pulley;
 use crate::pass::Pass;
 
 /// How it is computed, and what it is worth.
@@ -42,9 +43,6 @@ impl SigregConfig {
     }
 }
 
-/// The end of the interval of knots.
-const END: f32 = 3.0;
-
 /// Of embeddings `[B, T, W]`: the mean over steps and directions.
 pub(crate) fn sigreg(states: Tensor<3>, config: &SigregConfig, pass: &mut Pass) -> Tensor<1> {
     let dim = states.dims()[2];
@@ -54,24 +52,9 @@ pub(crate) fn sigreg(states: Tensor<3>, config: &SigregConfig, pass: &mut Pass) 
 
 /// Along these directions: `[W, P]`, scaled to length 1 here.
 fn sigreg_along(states: Tensor<3>, directions: Tensor<2>, knots: usize) -> Tensor<1> {
-    let device = states.device().inner();
-    let [batch, steps, _] = states.dims();
     let lengths = directions.clone().square().sum_dim(0).sqrt();
     let directions = directions / lengths;
-    let projections = directions.dims()[1];
-    let seen = states.matmul(directions.unsqueeze());
-    let step = END / (knots - 1) as f32;
-    let mut total = Tensor::<3>::zeros([1, steps, projections], &device);
-    for knot in 0..knots {
-        let t = knot as f32 * step;
-        let window = (-t * t / 2.0).exp();
-        let ends = if knot == 0 || knot + 1 == knots { 1.0 } else { 2.0 };
-        let angle = seen.clone() * t;
-        let real = angle.clone().cos().mean_dim(0) - window;
-        let imaginary = angle.sin().mean_dim(0);
-        total = total + (real.square() + imaginary.square()) * (ends * step * window);
-    }
-    total.mean() * batch as f32
+    epps_pulley(states.matmul(directions.unsqueeze()), knots)
 }
 
 /// Directions for tests: the first axes.

@@ -2,13 +2,14 @@
 //! input.
 
 use burn::module::Module;
-use burn::tensor::activation::{gelu, softmax};
-use burn::tensor::module::attention;
+use burn::tensor::activation::softmax;
+use burn::tensor::module;
 use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Bool, DType, Device, FloatDType, Tensor};
 
 use super::layers::Linear;
 use super::norm::LayerNorm;
+use crate::kernels::{attention, gelu};
 use crate::pass::Pass;
 
 /// Which keys a query may look at.
@@ -28,16 +29,15 @@ pub(crate) enum Attend {
 pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass: &mut Pass) -> Tensor<4> {
     let is_plain = dropout == 0.0 || !pass.is_training();
     if is_plain && q.dtype() == DType::F32 {
-        let causal = matches!(who, Attend::Causal);
-        let options = AttentionModuleOptions { scale: None, softcap: None, is_causal: causal };
-        let mask = match who {
+        return match who {
+            Attend::All => attention([q, k, v], false),
+            Attend::Causal => attention([q, k, v], true),
             Attend::Unless(mask) => {
                 let ([batch, heads, queries, _], keys) = (q.dims(), k.dims()[2]);
-                Some(mask.clone().expand([batch, heads, queries, keys]))
+                let mask = mask.clone().expand([batch, heads, queries, keys]);
+                module::attention(q, k, v, Some(mask), None, AttentionModuleOptions::default())
             }
-            _ => None,
         };
-        return attention(q, k, v, mask, None, options);
     }
     let dim = q.dims()[3] as f64;
     let scores = q.matmul(k.swap_dims(2, 3)).cast(FloatDType::F32) * (1.0 / dim.sqrt());

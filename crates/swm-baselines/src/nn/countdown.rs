@@ -2,11 +2,11 @@
 //! that number.
 
 use burn::module::{Module, Param};
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor};
 
 use super::layers::{Linear, parameter};
 use super::norm::LayerNorm;
+use crate::kernels::gelu;
 
 /// Actions from the tokens of a frame s and a goal g, k decisions before it: with n the normalization of each token, or what is
 /// seen as it is, the first layer is A n(s) + B (n(g) - n(s)) + e_k. Being linear, it is computed once per image, whatever pairs of images are made.

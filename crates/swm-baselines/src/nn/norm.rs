@@ -1,10 +1,10 @@
 //! Normalizations, each with PyTorch's formula.
 
 use burn::module::{Module, Param};
-use burn::tensor::module::layer_norm;
 use burn::tensor::{Device, Tensor};
 
 use super::layers::parameter;
+use crate::kernels::layer_norm;
 use crate::pass::Pass;
 
 /// Over the last axis; the variance is the biased one.

@@ -1,11 +1,11 @@
 //! Projectors and heads of few layers.
 
 use burn::module::Module;
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor};
 
 use super::layers::Linear;
 use super::norm::{BatchNorm, LayerNorm};
+use crate::kernels::gelu;
 use crate::pass::Pass;
 
 /// Linear, batch norm, GELU, linear.

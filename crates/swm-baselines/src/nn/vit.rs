@@ -2,13 +2,13 @@
 //! ViT, and DINOv2. Names are those of transformers 5; `weights` knows the older ones.
 
 use burn::module::{Module, Param};
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 
 use super::attention::{Attend, attend, join, split};
 use super::layers::{Conv, Linear, parameter};
 use super::norm::LayerNorm;
+use crate::kernels::gelu;
 use crate::pass::Pass;
 
 /// Its size. The defaults are those of ViT-tiny with patches of 14 pixels.

@@ -1,0 +1,67 @@
+//! Operations of transformers on a CPU, forwards and backwards, each one pass over memory: attention, GELU, layer normalization,
+//! and the statistic of SIGReg. They are what layers call, on any device.
+//!
+//! Burn composes their gradients of elementary operations, and its exponentials and error functions are scalar: a training
+//! step of LeWM's `paper` preset took half of its time there. The operations here are for 32-bit floats on burn's backend
+//! `flex`; whatever else comes, on other devices, in other precisions, and in small attentions, goes to burn's own operations,
+//! which also are what the tests compare with.
+//!
+//! [`vector`] has the loops. The bits of an output depend on its own row, not on threads, on the CPU or on other rows; products
+//! of matrices are burn's, and depend on the CPU.
+
+mod attention;
+mod gelu;
+mod norm;
+mod sigreg;
+#[cfg(test)]
+mod tests;
+mod vector;
+
+use burn::backend::DispatchDevice;
+use burn::backend::flex::FlexTensor;
+use burn::tensor::{DType, Tensor, TensorData};
+
+pub(crate) use attention::attention;
+pub(crate) use gelu::gelu;
+pub(crate) use norm::layer_norm;
+pub(crate) use sigreg::epps_pulley;
+
+/// Whether the loops here are for this tensor.
+fn is_ours<const D: usize>(tensor: &Tensor<D>) -> bool {
+    tensor.dtype() == DType::F32 && matches!(tensor.device().inner().as_dispatch(), DispatchDevice::Flex(_))
+}
+
+/// Values that one task of a thread takes: about as long as ten times what it costs to start one.
+const TASK: usize = 1 << 15;
+
+/// Rows of so many values that one task takes. By the size of a row alone: sums of tasks do not depend on threads.
+fn rows_of_task(width: usize) -> usize {
+    (TASK / width.max(1)).max(1)
+}
+
+/// The values of a contiguous tensor.
+fn values_of(tensor: &FlexTensor) -> &[f32] {
+    tensor.as_slice().expect("contiguous 32-bit floats")
+}
+
+/// A tensor of these values.
+fn tensor_of<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> FlexTensor {
+    FlexTensor::from_data(TensorData::new(values, shape))
+}
+
+/// The same values in memory that is nobody else's.
+fn owned(tensor: FlexTensor) -> FlexTensor {
+    let tensor = tensor.to_contiguous();
+    let is_whole = tensor.layout().start_offset() == 0
+        && tensor.bytes().len() == tensor.layout().num_elements() * size_of::<f32>();
+    if is_whole && tensor.is_unique() {
+        return tensor;
+    }
+    let shape = tensor.layout().shape().clone();
+    FlexTensor::from_data(TensorData::new(values_of(&tensor).to_vec(), shape))
+}
+
+/// The values of an owned tensor, to change.
+fn values_mut(tensor: &mut FlexTensor) -> &mut [f32] {
+    tensor.storage_mut()
+}
