@@ -1,4 +1,5 @@
-//! Attention of many tokens: softmax(q kᵀ / √E) v, head by head, so that the weights of a head stay in the cache of a core.
+//! Attention: softmax(q kᵀ / √E) v. Of many tokens it is computed head by head, so that the weights of a head stay in the cache of a
+//! core; of few tokens by [`few`](super::few).
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
@@ -12,16 +13,19 @@ use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{DType, Shape, Tensor, module};
 use rayon::prelude::*;
 
+use super::few::Few;
 use super::{is_ours, owned, tensor_of, values_mut, values_of, vector};
 
-/// The least number of weights of a head for which a head is worth a task; with fewer, burn's attention is faster.
-const LEAST: usize = 1 << 10;
+/// The most weights of a head that [`Few`] is for.
+const FEW: usize = 64;
 
 /// softmax(q kᵀ / √E) v: `[B, heads, N, E]` queries, `[B, heads, M, E]` keys and values → `[B, heads, N, E]`. With `causal`, the last
 /// query sees all keys, and each one key more than the query before it. Queries of no key get zeros.
 pub(crate) fn attention([q, k, v]: [Tensor<4>; 3], causal: bool) -> Tensor<4> {
-    let is_large = q.dims()[2] * k.dims()[2] >= LEAST;
-    if !(is_large && [&q, &k, &v].into_iter().all(is_ours)) {
+    let sizes = [q.dims(), k.dims(), v.dims()];
+    // Values are of the dim of keys everywhere here.
+    let is_plain = sizes[1] == sizes[2] && sizes.iter().all(|sizes| !sizes.contains(&0));
+    if !(is_plain && [&q, &k, &v].into_iter().all(is_ours)) {
         let options = AttentionModuleOptions { scale: None, softcap: None, is_causal: causal };
         return module::attention(q, k, v, None, None, options);
     }
@@ -41,10 +45,19 @@ trait Attend: Backend {
 
 impl Attend for Flex {
     fn attend(q: FlexTensor, k: FlexTensor, v: FlexTensor, causal: bool) -> FlexTensor {
+        if is_few(&q, &k) {
+            return Few::new([&q, &k, &v], causal).forward().1;
+        }
         let heads = Heads::of(&q);
         let outputs = heads.each(|head| heads.forward(head, [&q, &k, &v], causal).1);
         heads.joined(outputs.iter())
     }
+}
+
+/// Whether heads have few weights.
+fn is_few(q: &FlexTensor, k: &FlexTensor) -> bool {
+    let [[_, _, queries, _], [_, _, keys, _]] = [q, k].map(|tensor| tensor.layout().shape().dims());
+    queries * keys <= FEW
 }
 
 /// The gradient.
@@ -55,8 +68,16 @@ struct Attended;
 #[derive(Clone, Debug)]
 struct Seen {
     qkv: [FlexTensor; 3],
+    weights: Weights,
+    causal: bool,
+}
+
+#[derive(Clone, Debug)]
+enum Weights {
+    /// Of few tokens: `[B, heads, N, M]`.
+    Together(Vec<f32>),
     /// Of each head: `[N, M]`.
-    weights: Vec<FlexTensor>,
+    Apart(Vec<FlexTensor>),
 }
 
 impl<C: CheckpointStrategy> Attend for Autodiff<Flex, C> {
@@ -68,11 +89,16 @@ impl<C: CheckpointStrategy> Attend for Autodiff<Flex, C> {
     ) -> FloatTensor<Self> {
         let ((q, of_q), (k, of_k), (v, of_v)) = (q.into_parts(), k.into_parts(), v.into_parts());
         match Attended.prepare::<C>([of_q, of_k, of_v]).compute_bound().stateful() {
+            OpsKind::Tracked(ops) if is_few(&q, &k) => {
+                let (weights, outputs) = Few::new([&q, &k, &v], causal).forward();
+                ops.finish(Seen { qkv: [q, k, v], weights: Weights::Together(weights), causal }, outputs)
+            }
             OpsKind::Tracked(ops) => {
                 let heads = Heads::of(&q);
                 let (weights, outputs): (Vec<_>, Vec<_>) =
                     heads.each(|head| heads.forward(head, [&q, &k, &v], causal)).into_iter().unzip();
-                ops.finish(Seen { qkv: [q, k, v], weights }, heads.joined(outputs.iter()))
+                let weights = Weights::Apart(weights);
+                ops.finish(Seen { qkv: [q, k, v], weights, causal }, heads.joined(outputs.iter()))
             }
             OpsKind::UnTracked(ops) => ops.finish(Flex::attend(q, k, v, causal)),
         }
@@ -84,20 +110,30 @@ impl Backward<Flex, 3> for Attended {
 
     fn backward(self, ops: Ops<Seen, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let given = gradients.consume::<Flex>(&ops.node);
-        let Seen { qkv: [q, k, v], weights } = ops.state;
-        let heads = Heads::of(&q);
-        let found = heads.each(|head| heads.backward(head, [&q, &k, &v], &weights[head], &given));
-        let of_keys = Heads::of(&k);
-        let joined = [
-            heads.joined(found.iter().map(|[q, _, _]| q)),
-            of_keys.joined(found.iter().map(|[_, k, _]| k)),
-            of_keys.joined(found.iter().map(|[_, _, v]| v)),
-        ];
-        for (parent, gradient) in ops.parents.into_iter().zip(joined) {
+        let found = ops.state.gradients(&given);
+        for (parent, gradient) in ops.parents.into_iter().zip(found) {
             if let Some(parent) = parent {
                 gradients.register::<Flex>(parent.id, gradient);
             }
         }
+    }
+}
+
+impl Seen {
+    /// Those of queries, keys and values where that of the outputs is `given`.
+    fn gradients(&self, given: &FlexTensor) -> [FlexTensor; 3] {
+        let Self { qkv: [q, k, v], weights, causal } = self;
+        let weights = match weights {
+            Weights::Together(weights) => return Few::new([q, k, v], *causal).backward(weights, given),
+            Weights::Apart(weights) => weights,
+        };
+        let (heads, of_keys) = (Heads::of(q), Heads::of(k));
+        let found = heads.each(|head| heads.backward(head, [q, k, v], &weights[head], given));
+        [
+            heads.joined(found.iter().map(|[q, _, _]| q)),
+            of_keys.joined(found.iter().map(|[_, k, _]| k)),
+            of_keys.joined(found.iter().map(|[_, _, v]| v)),
+        ]
     }
 }
 

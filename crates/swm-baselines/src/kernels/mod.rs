@@ -1,16 +1,18 @@
-//! Operations of transformers on a CPU, forwards and backwards, each one pass over memory: attention, GELU, layer normalization,
-//! and the statistic of SIGReg. They are what layers call, on any device.
+//! Operations of transformers on a CPU, forwards and backwards, each one pass over memory: attention, linear layers, GELU, layer
+//! normalization, and the statistic of SIGReg. They are what layers call, on any device.
 //!
 //! Burn composes their gradients of elementary operations, and its exponentials and error functions are scalar: a training
 //! step of LeWM's `paper` preset took half of its time there. The operations here are for 32-bit floats on burn's backend
-//! `flex`; whatever else comes, on other devices, in other precisions, and in small attentions, goes to burn's own operations,
-//! which also are what the tests compare with.
+//! `flex`; whatever else comes, on other devices and in other precisions, goes to burn's own operations, which also are what the
+//! tests compare with.
 //!
 //! [`vector`] has the loops. The bits of an output depend on its own row, not on threads, on the CPU or on other rows; products
 //! of matrices are burn's, and depend on the CPU.
 
 mod attention;
+mod few;
 mod gelu;
+mod linear;
 mod norm;
 mod sigreg;
 #[cfg(test)]
@@ -23,8 +25,10 @@ use burn::tensor::{DType, Tensor, TensorData};
 
 pub(crate) use attention::attention;
 pub(crate) use gelu::gelu;
+pub(crate) use linear::{Then, linear};
 pub(crate) use norm::layer_norm;
 pub(crate) use sigreg::epps_pulley;
+pub(crate) use vector::{add_rows, relu_back};
 
 /// Whether the loops here are for this tensor.
 fn is_ours<const D: usize>(tensor: &Tensor<D>) -> bool {
@@ -49,19 +53,16 @@ fn tensor_of<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> FlexTensor 
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 
-/// The same values in memory that is nobody else's.
+/// The same tensor, which takes all of its memory: a copy of a view.
 fn owned(tensor: FlexTensor) -> FlexTensor {
-    let tensor = tensor.to_contiguous();
-    let is_whole = tensor.layout().start_offset() == 0
-        && tensor.bytes().len() == tensor.layout().num_elements() * size_of::<f32>();
-    if is_whole && tensor.is_unique() {
-        return tensor;
-    }
-    let shape = tensor.layout().shape().clone();
-    FlexTensor::from_data(TensorData::new(values_of(&tensor).to_vec(), shape))
+    let layout = tensor.layout();
+    let is_whole = layout.is_contiguous()
+        && layout.start_offset() == 0
+        && tensor.bytes().len() == layout.num_elements() * size_of::<f32>();
+    if is_whole { tensor } else { tensor.to_contiguous() }
 }
 
-/// The values of an owned tensor, to change.
+/// The values of an owned tensor, to change; copied first if others see them.
 fn values_mut(tensor: &mut FlexTensor) -> &mut [f32] {
     tensor.storage_mut()
 }

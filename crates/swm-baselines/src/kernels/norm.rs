@@ -147,8 +147,8 @@ impl Seen {
         // In order: the same bits on any number of threads.
         let [mut of_scale, mut of_shift] = [vec![0.0; width], vec![0.0; width]];
         for [scale, shift] in &sums {
-            vector::add(&mut of_scale, scale);
-            vector::add(&mut of_shift, shift);
+            vector::add_rows(&mut of_scale, scale);
+            vector::add_rows(&mut of_shift, shift);
         }
         [given, tensor_of(of_scale, [width]), tensor_of(of_shift, [width])]
     }

@@ -81,6 +81,14 @@ pub(super) fn multiply(values: &mut [f32], factors: &[f32]) {
     }
 }
 
+/// Gradients where they pass a ReLU, 0 elsewhere, into `out`; of values before or after it.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(crate) fn relu_back(values: &[f32], gradients: &[f32], out: &mut [f32]) {
+    for ((out, value), gradient) in out.iter_mut().zip(values).zip(gradients) {
+        *out = if *value > 0.0 { *gradient } else { 0.0 };
+    }
+}
+
 /// Products with one factor, in the place of the values.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn scale(values: &mut [f32], factor: f32) {
@@ -89,11 +97,24 @@ pub(super) fn scale(values: &mut [f32], factor: f32) {
     }
 }
 
-/// Sums, in the place of the first.
+/// Rows of values plus a row, into `out`; plus nothing if there is no row.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn add(sums: &mut [f32], more: &[f32]) {
-    for (sum, more) in sums.iter_mut().zip(more) {
-        *sum += more;
+pub(super) fn add_to_rows(values: &[f32], row: Option<&[f32]>, width: usize, out: &mut [f32]) {
+    let Some(row) = row else { return out.copy_from_slice(values) };
+    for (values, out) in values.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
+        for ((out, value), more) in out.iter_mut().zip(values).zip(row) {
+            *out = value + more;
+        }
+    }
+}
+
+/// Adds rows to a sum, one after another.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(crate) fn add_rows(sum: &mut [f32], rows: &[f32]) {
+    for row in rows.chunks_exact(sum.len()) {
+        for (sum, value) in sum.iter_mut().zip(row) {
+            *sum += value;
+        }
     }
 }
 
@@ -198,6 +219,12 @@ pub(super) fn layer_norm_back(
             *gradient = factor * (*gradient - of_mean - (value - mean) * factor * along);
         }
     }
+}
+
+/// The sum of the products of two rows of one length.
+#[inline(always)]
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
+    total(fold_pairs(a, b, [0.0; LANES], |sum, a, b| sum + a * b))
 }
 
 /// Lane by lane; the row's end goes to the first lanes.

@@ -4,6 +4,8 @@ use burn::tensor::Tensor;
 use burn::tensor::activation::relu;
 use rayon::prelude::*;
 
+use crate::kernels::relu_back;
+
 /// Beyond this, mish(x) is x in 32-bit floats, and exp(2x) would leave their range at last.
 const LINEAR: f32 = 20.0;
 
@@ -42,8 +44,20 @@ impl Activation {
         values.par_iter().map(|value| self.of_value(*value)).collect()
     }
 
+    /// The gradients at values where those of the activation are `given`.
+    pub(super) fn pass_all_back(self, values: &[f32], given: &[f32]) -> Vec<f32> {
+        match self {
+            Self::Relu => {
+                let mut passed = vec![0.0; given.len()];
+                relu_back(values, given, &mut passed);
+                passed
+            }
+            Self::Mish => values.iter().zip(given).map(|(x, given)| self.pass_back(*x, *given)).collect(),
+        }
+    }
+
     /// The gradient at `x` where that of the activation is `given`. Of ReLU, `x` may also be its value.
-    pub(super) fn pass_back(self, x: f32, given: f32) -> f32 {
+    fn pass_back(self, x: f32, given: f32) -> f32 {
         match self {
             Self::Relu if x > 0.0 => given,
             Self::Relu => 0.0,

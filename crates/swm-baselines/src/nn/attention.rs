@@ -9,7 +9,7 @@ use burn::tensor::{Bool, DType, Device, FloatDType, Tensor};
 
 use super::layers::Linear;
 use super::norm::LayerNorm;
-use crate::kernels::{attention, gelu};
+use crate::kernels::attention;
 use crate::pass::Pass;
 
 /// Which keys a query may look at.
@@ -159,7 +159,7 @@ impl FeedForward {
 
     /// `[B, N, W]` → `[B, N, W]`.
     pub(crate) fn forward(&self, input: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let hidden = gelu(self.up.forward_narrow(self.norm.forward(input)));
+        let hidden = self.up.forward_gelu(self.norm.forward(input));
         let output = self.down.forward(pass.dropout(hidden, self.dropout));
         pass.dropout(output, self.dropout)
     }

@@ -18,6 +18,7 @@ use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
 use super::activation::Activation;
+use crate::kernels::add_rows;
 
 /// A square kernel that goes over images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,12 +173,9 @@ impl Seen {
             .zip(values_of(images).par_chunks(group))
             .zip(backs)
             .map(|(((sums, given), images), back)| {
-                let passed: Vec<f32> =
-                    sums.iter().zip(given).map(|(sum, given)| activation.pass_back(*sum, *given)).collect();
+                let passed = activation.pass_all_back(sums, given);
                 let mut bias = vec![0.0; form.outputs];
-                for passed in passed.chunks_exact(form.outputs) {
-                    add(&mut bias, passed);
-                }
+                add_rows(&mut bias, &passed);
                 let places = passed.len() / form.outputs;
                 let passed = tensor(passed, [places, form.outputs]);
                 if !back.is_empty() {

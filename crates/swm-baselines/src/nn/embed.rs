@@ -2,10 +2,10 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::silu;
-use burn::tensor::module::linear;
 use burn::tensor::{Device, Tensor};
 
 use super::layers::{Linear, parameter};
+use crate::kernels::{Then, linear};
 
 /// A convolution of size 1 over time: a linear layer with the weights of a convolution.
 #[derive(Module, Debug)]
@@ -28,7 +28,7 @@ impl PointConv {
     /// `[B, T, in]` → `[B, T, out]`.
     fn forward(&self, input: Tensor<3>) -> Tensor<3> {
         let weight = self.weight.val().squeeze_dim::<2>(2).transpose();
-        linear(input, weight, Some(self.bias.val()))
+        linear(input, weight, Some(self.bias.val()), Then::Nothing)
     }
 }
 

@@ -1,11 +1,11 @@
 //! Linear layers and convolutions.
 
 use burn::module::{Module, Param, ParamId};
-use burn::tensor::module::linear;
 use burn::tensor::{Device, FloatDType, Tensor};
 
 use super::activation::Activation;
 use super::convolution::{Kernel, convolve};
+use crate::kernels::{Then, linear};
 
 /// A parameter of zeros; [`initialize`](crate::init::initialize) gives it its first values.
 pub(crate) fn parameter<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
@@ -39,8 +39,17 @@ impl Linear {
 
     /// `[…, in]` → `[…, out]`, in the precision of the weights: for what goes into another product.
     pub(crate) fn forward_narrow<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        self.forward_then(input, Then::Nothing)
+    }
+
+    /// The same, and a GELU after it.
+    pub(crate) fn forward_gelu<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        self.forward_then(input, Then::Gelu)
+    }
+
+    fn forward_then<const D: usize>(&self, input: Tensor<D>, then: Then) -> Tensor<D> {
         let weight = self.weight.val();
-        linear(input.cast(weight.dtype()), weight, self.bias.as_ref().map(Param::val))
+        linear(input.cast(weight.dtype()), weight, self.bias.as_ref().map(Param::val), then)
     }
 }
 
@@ -74,8 +83,8 @@ impl Conv {
             .permute([0, 2, 4, 1, 3, 5])
             .reshape([count, rows * columns, inputs * size * size]);
         let weight = self.weight.val().reshape([outputs, inputs * size * size]).transpose();
-        let output =
-            linear(patches.cast(weight.dtype()), weight, Some(self.bias.val())).cast(FloatDType::F32);
+        let patches = patches.cast(weight.dtype());
+        let output = linear(patches, weight, Some(self.bias.val()), Then::Nothing).cast(FloatDType::F32);
         output.swap_dims(1, 2).reshape([count, outputs, rows, columns])
     }
 

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::attention::{Attend, attend, join, split};
 use super::layers::{Conv, Linear, parameter};
 use super::norm::LayerNorm;
-use crate::kernels::gelu;
 use crate::pass::Pass;
 
 /// Its size. The defaults are those of ViT-tiny with patches of 14 pixels.
@@ -210,7 +209,7 @@ impl Layer {
         let branch = self.attention.forward(self.norm1.forward(tokens.clone()), heads, only_first);
         let tokens = if only_first { tokens.narrow(1, 0, 1) } else { tokens };
         let tokens = tokens + scaled(branch, self.layer_scale1.as_ref());
-        let hidden = gelu(self.mlp.fc1.forward_narrow(self.norm2.forward(tokens.clone())));
+        let hidden = self.mlp.fc1.forward_gelu(self.norm2.forward(tokens.clone()));
         tokens + scaled(self.mlp.fc2.forward(hidden), self.layer_scale2.as_ref())
     }
 }
