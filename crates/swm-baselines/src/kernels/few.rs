@@ -41,7 +41,7 @@ impl Few {
         let parts = weights.par_chunks_mut(sizes.weights()).zip(outputs.par_chunks_mut(sizes.outputs()));
         parts.enumerate().with_min_len(rows_of_task(sizes.outputs())).for_each(
             |(index, (weights, outputs))| {
-                forward(qkv.each_ref().map(|rows| rows.view(index)), *sizes, weights, outputs)
+                forward(qkv.each_ref().map(|rows| rows.view(index)), *sizes, weights, outputs);
             },
         );
         (weights, sizes.joined(outputs, batch, sizes.queries))

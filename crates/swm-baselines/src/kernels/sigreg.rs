@@ -28,13 +28,13 @@ const LANES: usize = 16;
 pub(crate) fn epps_pulley(samples: Tensor<3>, knots: usize) -> Tensor<1> {
     let is_empty = samples.dims().contains(&0);
     if is_empty || !is_ours(&samples) {
-        return epps_pulley_anywhere(samples, knots);
+        return epps_pulley_anywhere(&samples, knots);
     }
     Tensor::from_dispatch(<Dispatch as Compare>::compare(samples.into_dispatch(), knots))
 }
 
 /// The same by burn's own operations.
-pub(super) fn epps_pulley_anywhere(samples: Tensor<3>, knots: usize) -> Tensor<1> {
+pub(super) fn epps_pulley_anywhere(samples: &Tensor<3>, knots: usize) -> Tensor<1> {
     let [batch, steps, projections] = samples.dims();
     let mut total = Tensor::<3>::zeros([1, steps, projections], &samples.device().inner());
     for Knot { t, window, weight } in all(knots) {
