@@ -277,6 +277,9 @@ fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
     };
     says(1, &append("--image-size 24x24"), &["a.h5", "pixels"]);
     says(1, &append("--image-size 16x16 --vary all"), &["a.h5"]);
+    let refused = swm_fails(1, &append("--image-size 16x16 --env-option damping=0.5"));
+    assert!(refused.contains("damping"), "{refused}");
+    assert!(!refused.contains("is appended"), "nothing is appended: {refused}");
     assert_eq!(content(&out), before);
 }
 

@@ -3,7 +3,7 @@
 use serde_json::Value as Json;
 
 use crate::evaluation::{QUICK, manifest, read};
-use crate::support::{Folder, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, swm, swm_fails, swm_json, swm_ok};
 
 /// Where a browser is on this machine, if any.
 fn browser() -> Option<&'static str> {
@@ -150,6 +150,14 @@ fn a_report_is_written_anew_and_other_files_are_kept() {
         .unwrap();
     swm_ok(&report);
     assert!(!std::fs::read_to_string(&page).unwrap().contains("<p>old</p>"));
+    // A policy that was an object of another program cannot be run again for its videos.
+    let receipt = format!("{result}/receipt.json");
+    let mut object: serde_json::Value = serde_json::from_slice(&std::fs::read(&receipt).unwrap()).unwrap();
+    object["candidate"]["policy"]["name"] = "MyPolicy".into();
+    std::fs::write(&receipt, object.to_string()).unwrap();
+    let told = swm(&["report", &result, "--videos", "1", "--out", &page]).output().unwrap();
+    let told = String::from_utf8_lossy(&told.stderr);
+    assert!(told.contains("no videos: the policy `MyPolicy` was an object of the program"), "{told}");
     let taken = folder.path("folder.html");
     std::fs::create_dir(&taken).unwrap();
     let message = swm_fails(2, &["report", &result, "--videos", "0", "--out", &taken]);

@@ -37,8 +37,14 @@ fn a_result_is_neither_replaced_nor_repeated_unasked() {
         assert!(status == Some(2) && message.contains(differs) && message.contains("--again"), "{message}");
         assert_eq!(receipt(), first);
     }
-    // Reference policies that were left out are added, and the policy is not run again.
-    assert_eq!(said(eval(&task, "random", &["--reference", "no-op,oracle", "--oracle", QUICK])).0, Some(0));
+    // Reference policies that were left out are added, and the policy is not run again. Its result comes before the oracle's.
+    let (status, message) = said(eval(&task, "random", &["--reference", "no-op,oracle", "--oracle", QUICK]));
+    assert_eq!(status, Some(0), "{message}");
+    assert!(message.contains("takes longest (--reference random,no-op leaves it out)"), "{message}");
+    assert!(
+        message.contains("random: success ") && message.contains("reference policies follow"),
+        "{message}"
+    );
     let (before, after): (Json, Json) =
         (serde_json::from_slice(&first).unwrap(), serde_json::from_slice(&receipt()).unwrap());
     assert_eq!((&before["episodes"], &before["wall_time_s"]), (&after["episodes"], &after["wall_time_s"]));

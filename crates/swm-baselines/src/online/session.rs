@@ -160,6 +160,7 @@ impl OnlineTraining {
             }
         };
         if known != config {
+            run.check_longer(config.fit.steps)?;
             run.write_config(&config)?;
         }
         Ok(Self { run, _lock: lock, agent, config, held })

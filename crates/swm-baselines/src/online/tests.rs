@@ -186,6 +186,24 @@ fn goes_on_to_the_same_bits(tiny: &Tiny, observe: &[&str]) {
 }
 
 #[test]
+fn a_finished_run_is_not_cut_to_fewer_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    begin(&TINY[0], KINDS[0], folder.path()).run(Vec::new(), &Cancel::new()).unwrap();
+    let config = || std::fs::read(folder.path().join("config.json")).unwrap();
+    let before = config();
+    let resume = |steps| {
+        OnlineTraining::resume(&registry(), folder.path(), Device::Cpu, None, |fit| fit.steps = steps)
+            .map(drop)
+            .map_err(|error| error.to_string())
+    };
+    let error = resume(STEPS - 1).unwrap_err();
+    assert!(error.contains(&format!("it has learned for {STEPS} steps, and {} were", STEPS - 1)), "{error}");
+    assert!(config() == before, "receipts hash it");
+    assert_eq!(resume(STEPS), Ok(()));
+    assert!(config() == before);
+}
+
+#[test]
 fn a_dataset_that_is_gone_or_another_is_refused() {
     for_each(refuses_another_dataset);
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use swm_core::env::PIXELS;
 use swm_core::{Batch, Slice};
 
-use super::data::{ACTION, PROPRIO, Scale};
+use super::data::{ACTION, PROPRIO};
+use super::scale::Scale;
 use crate::data::{ClipBatch, Images, Vectors};
 use crate::error::BaselineError;
 

@@ -74,12 +74,8 @@ pub fn fit(
     cancel: &Cancel,
 ) -> Result<State, BaselineError> {
     settings.check()?;
-    let settings = &FitSettings {
-        batch: if settings.batch == 0 { model.input_spec().batch } else { settings.batch },
-        ..settings.clone()
-    };
-    let totals =
-        data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(settings.batch))).collect();
+    let settings = &FitSettings { batch: batch_of(settings, model), ..settings.clone() };
+    let totals = totals(data, settings, model);
     model.set_precision(settings.precision);
     let state = begin(run, model)?;
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
@@ -90,6 +86,17 @@ pub fn fit(
         fit.phase()?;
     }
     Ok(fit.state)
+}
+
+/// Clips of a step.
+fn batch_of(settings: &FitSettings, model: &dyn Baseline) -> usize {
+    if settings.batch == 0 { model.input_spec().batch } else { settings.batch }
+}
+
+/// Optimizer steps of each phase.
+pub(super) fn totals(data: &TrainData, settings: &FitSettings, model: &dyn Baseline) -> Vec<u64> {
+    let batch = batch_of(settings, model);
+    data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(batch))).collect()
 }
 
 /// Where the run stands: at its last checkpoint, which the model takes up, or at its beginning.

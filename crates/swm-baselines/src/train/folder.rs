@@ -151,6 +151,18 @@ impl RunFolder {
         settle().map_err(|error| self.io("write", path, error))
     }
 
+    /// Refuses to end the run after `steps` steps where it has learned for more: its `config.json`, which receipts hash, would
+    /// say what is not so.
+    pub(crate) fn check_longer(&self, steps: u64) -> Result<(), BaselineError> {
+        match self.steps()?.last() {
+            Some(&done) if steps < done => Err(self.wrong(format!(
+                "it has learned for {done} steps, and {steps} were asked for; ask for more than {done} to continue it, or make a \
+                 new run"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// An error about this run.
     pub(crate) fn wrong(&self, reason: impl Into<String>) -> BaselineError {
         BaselineError::Run { path: self.path.clone(), reason: reason.into() }

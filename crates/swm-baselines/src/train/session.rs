@@ -8,7 +8,7 @@ use swm_data::{Dataset, Loader};
 
 use super::data::{Split, TrainData, data_dims, with_images};
 use super::diagnosis::Diagnosis;
-use super::fit::{State, fit};
+use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
 use super::run::{RUN_VERSION, RunConfig};
@@ -183,6 +183,9 @@ impl Training {
             return Err(
                 run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --dataset"))
             );
+        }
+        if (known.fit.epochs, known.fit.steps) != (config.fit.epochs, config.fit.steps) {
+            run.check_longer(totals(&data, &config.fit, model.as_ref()).iter().sum())?;
         }
         if known != config {
             run.write_config(&config)?;

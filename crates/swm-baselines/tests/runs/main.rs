@@ -205,6 +205,15 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let error =
         Training::resume(built_in(), &path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
+
+    // Receipts hash it: a request for less than was done must not change it.
+    let config = std::fs::read(path.join("config.json")).unwrap();
+    let resume =
+        |steps| Training::resume(built_in(), &path, Device::Cpu, None, |fit| fit.steps = Some(steps));
+    let error = resume(2).err().unwrap().to_string();
+    assert!(error.contains("it has learned for 9 steps, and 2 were asked for"), "{error}");
+    assert!(std::fs::read(path.join("config.json")).unwrap() == config);
+    assert!(resume(9).is_ok());
 }
 
 #[test]

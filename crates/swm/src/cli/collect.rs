@@ -332,12 +332,17 @@ impl EpisodeSink for Committed<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         let metadata = Metadata { part: self.part, ..metadata.clone() };
         let checked = self.continues.as_ref().map(|run| check_continuation(self.path, run, &metadata));
-        if let Some(Err(error)) = checked {
-            if self.must_continue {
-                let refusal = error.to_string();
-                self.refused = Some(error);
-                return Err(refusal.into());
-            }
+        let differs = checked.and_then(Result::err);
+        if self.must_continue
+            && let Some(error) = differs
+        {
+            let refusal = error.to_string();
+            self.refused = Some(error);
+            return Err(refusal.into());
+        }
+        let held = self.writer.begin(schema, &metadata)?;
+        // The format may refuse it, too: then nothing is appended.
+        if let Some(error) = differs {
             let reason = match &error {
                 DataError::Mismatch { reason, .. } => reason,
                 error => &error.to_string(),
@@ -345,7 +350,7 @@ impl EpisodeSink for Committed<'_> {
             let path = self.path.display();
             self.output.note(format_args!("note: this recording is appended to {path}, though {reason}"));
         }
-        Ok(self.offset + self.writer.begin(schema, &metadata)?)
+        Ok(self.offset + held)
     }
 
     fn holds(&self, column: &str) -> bool {

@@ -14,7 +14,7 @@ use super::output::{counted, create_folder, table};
 use super::regret::regret_line;
 use super::training_note;
 use super::work::Plan;
-use super::{Failure, Output, held, usage};
+use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::{
     Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, identity,
     read_manifest, roles, run_pairs, write_receipt,
@@ -106,8 +106,8 @@ impl EvalManifest<'_> {
         if let Some((_, oracle)) = oracle {
             let roles: Vec<&str> = wanted.iter().map(|(role, _)| role.name()).collect();
             output.note(format!(
-                "note: reference policies on the same pairs: {}; the oracle, `{}` on the true dynamics, takes longest (--reference \
-                 chooses)",
+                "note: reference policies on the same pairs: {}; the oracle, `{}` on the true dynamics, takes longest \
+                 (--reference random,no-op leaves it out)",
                 roles.join(", "),
                 oracle.policy
             ));
@@ -137,6 +137,22 @@ impl EvalManifest<'_> {
                 (episodes, started.elapsed().as_secs_f64(), Vec::new())
             }
         };
+        if let (Some((_, oracle)), None) = (oracle, &joined) {
+            let summary = Summary::of(&episodes);
+            output.note(format!(
+                "{}: success {}; reference policies follow",
+                candidate.policy,
+                rate(&summary)
+            ));
+            if let Some(dir) = self.out {
+                let how = format!(
+                    "{}; --reference random,no-op leaves out the oracle, `{}`",
+                    interrupt::REPEAT,
+                    oracle.policy
+                );
+                drop(interrupt::watch_resumable(interrupt::episodes_are_in(dir), how));
+            }
+        }
         let mut cell = 0;
         for (role, other) in wanted {
             // A planner on the true dynamics is its own oracle: nothing to run again.

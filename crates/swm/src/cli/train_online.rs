@@ -123,7 +123,9 @@ impl Train {
             return Err(WorldError::Cancelled.into());
         }
         if state.step == begun_at {
-            output.note("nothing was left to do; --steps gives it more");
+            output.note(format_args!(
+                "finished before: {begun_at} steps are done; a greater --steps continues it"
+            ));
         }
         let is_collected = training.config().data.is_none();
         output.result(&state, || text(&state, &run, is_collected))

@@ -88,7 +88,9 @@ impl Train {
             return Err(WorldError::Cancelled.into());
         }
         if state.step == begun_at {
-            output.note("nothing was left to do; --epochs or --steps give it more");
+            output.note(format_args!(
+                "finished before: {begun_at} steps are done; a greater --epochs or --steps continues it"
+            ));
         }
         output.result(&state, || text(&state, &out.display().to_string()))
     }

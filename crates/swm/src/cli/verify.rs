@@ -104,7 +104,8 @@ impl Verify {
             text += match (sound, pending.is_empty()) {
                 (true, true) => "sound",
                 (true, false) => "sound once it is repaired",
-                (false, _) => "NOT SOUND",
+                (false, true) => "NOT SOUND: no repair brings back what is wrong; record or copy it again",
+                (false, false) => "NOT SOUND",
             };
             text
         })?;
@@ -112,7 +113,7 @@ impl Verify {
         match report.problems.len() {
             0 if finished => Ok(()),
             0 => Err(format!("{file} has to be repaired; run: swm verify {file} --fix").into()),
-            problems => Err(format!("{file} is not sound: {problems} problems").into()),
+            problems => Err(format!("{file} is not sound: {}", counted(problems, "problem")).into()),
         }
     }
 }

@@ -41,4 +41,5 @@ pub use resume::{Ledger, identity};
 pub use run::{Candidate, RunOptions, run_pairs};
 pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
 pub use tiers::{TierRules, task_probes, tier_rules};
+pub(crate) use verify::can_be_made;
 pub use verify::{Part, Verification, verify};

@@ -194,7 +194,11 @@ pub fn verify(
 
 /// Checks that this program knows the policy by its name. Programs also evaluate objects of their own, of which a receipt has no
 /// more than what they are called.
-fn can_be_made(registry: &Registry, entry: &EnvEntry, candidate: &Candidate) -> Result<(), BoxError> {
+pub(crate) fn can_be_made(
+    registry: &Registry,
+    entry: &EnvEntry,
+    candidate: &Candidate,
+) -> Result<(), BoxError> {
     let Err(unknown) = registry.policy_entry(entry, &candidate.policy.name) else { return Ok(()) };
     match unknown.fix {
         // Other builds have it.

@@ -11,7 +11,7 @@ use swm_media::{Format, png};
 use swm_solvers::stops_at_success;
 
 use crate::distractors;
-use crate::evaluation::Receipt;
+use crate::evaluation::{Receipt, can_be_made};
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
 };
@@ -84,6 +84,12 @@ pub(super) fn replay(
         all.filter(move |(_, episode)| episode.success == success).map(|(pair, _)| pair).take(options.videos)
     };
     let mut replayed = Replayed::default();
+    if options.videos > 0
+        && let Err(reason) = can_be_made(registry, entry, &receipt.candidate)
+    {
+        notes.push(format!("{}: no videos: {reason}", receipt.candidate.policy));
+        return Ok(replayed);
+    }
     let (successes, failures): (Vec<usize>, Vec<usize>) = (of(true).collect(), of(false).collect());
     for pair in successes.iter().chain(&failures).copied() {
         let is_first = successes.first() == Some(&pair) || failures.first() == Some(&pair);
