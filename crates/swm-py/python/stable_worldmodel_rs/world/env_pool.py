@@ -160,7 +160,7 @@ def _stack_fresh(per_env_infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stacked: dict[str, Any] = {}
     for name, first in per_env_infos[0].items():
         values = [info[name] for info in per_env_infos]
-        shapes = [np.shape(value) if isinstance(value, np.ndarray) else getattr(value, "shape", None) for value in values]
+        shapes = [getattr(value, "shape", None) for value in values]
         for row, shape in enumerate(shapes):
             if shape != shapes[0] and isinstance(first, np.ndarray):
                 raise ValueError(
