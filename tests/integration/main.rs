@@ -21,6 +21,7 @@ mod hyperqueue;
 mod images;
 mod interop;
 mod jobs;
+mod merging;
 mod newcomer;
 mod planning;
 mod quality;

@@ -94,6 +94,11 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
             let is_file = path.is_file();
             let reason = match (named, other_content(path)) {
                 (_, Some(what)) if is_file => what.to_owned(),
+                (Some(format), _) if format.name == "lerobot" && !is_file => {
+                    "its name is that of a LeRobot dataset, but meta/info.json is missing, which describes every such dataset; copy \
+                     the folder again, with its subfolders"
+                        .to_owned()
+                }
                 (Some(format), _) => format!(
                     "its name is that of the format {}, but its content is not, nor of another known one ({}); it may be cut short \
                      or another file",

@@ -24,6 +24,7 @@ const WORDS: &[(&str, &str)] = &[
     ),
     ("say --env ID", "give env_name="),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
+    ("`--fps ", "`fps="),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 

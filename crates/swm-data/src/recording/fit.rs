@@ -49,9 +49,24 @@ pub fn check_fit(
         false => mismatch(format!("it was recorded with {what} {there}, not {here}")),
     };
     agree("the environment", first.env.clone(), metadata.env.clone())?;
-    agree("the settings", format!("{:?}", first.settings), format!("{:?}", metadata.settings))?;
+    if first.settings != metadata.settings {
+        let [there, here] = [first, metadata].map(|run| settings_text(&run.settings));
+        return mismatch(format!("it was recorded with {there}, not with {here}"));
+    }
     agree("the image size", format!("{:?}", first.image), format!("{:?}", metadata.image))?;
     agree("a frame skip of", first.frame_skip.to_string(), metadata.frame_skip.to_string())
+}
+
+/// Settings as people write them: `damping=0.5, friction=2`.
+pub(crate) fn settings_text(settings: &serde_json::Map<String, serde_json::Value>) -> String {
+    let one = |(name, value): (&String, &serde_json::Value)| match value {
+        serde_json::Value::String(text) => format!("{name}={text}"),
+        value => format!("{name}={value}"),
+    };
+    match settings.is_empty() {
+        true => "the default settings".to_owned(),
+        false => settings.iter().map(one).collect::<Vec<_>>().join(", "),
+    }
 }
 
 /// The error for a dataset of another program.

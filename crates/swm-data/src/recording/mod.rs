@@ -25,7 +25,7 @@ pub use crate::lock::WriterLock;
 
 pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex};
 pub use self::fit::{check_fit, foreign, with_run};
-pub(crate) use self::fit::{check_own, resolve};
+pub(crate) use self::fit::{check_own, resolve, settings_text};
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";

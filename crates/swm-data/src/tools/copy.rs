@@ -5,14 +5,16 @@
 //! whatever their length. A copy that was interrupted continues where it ended, if what it holds is what it would
 //! be given.
 
+use std::fmt::Display;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use swm_core::error::BoxError;
-use swm_core::{Column, Dtype, Metadata, Registry, Schema};
+use swm_core::{Column, Dtype, Field, Metadata, Registry, Schema};
 
+use super::alike;
 use crate::dataset::{self, Dataset, EncodedBatch, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
@@ -39,10 +41,13 @@ pub struct Copied {
 /// The copy is a part of a recording ([`Metadata::part`]) only if it holds all of one dataset that is.
 ///
 /// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy.
+/// [`WriteOptions::frames_per_second`] is the rate that the copy has, and says in its record.
 ///
 /// # Errors
 ///
-/// Sources without a wanted column, a target that holds something else, and whatever reading and writing may meet.
+/// Sources without a wanted column, of several recordings ([`alike::check_recordings`]) or of a rate that is in doubt and not given
+/// ([`alike::rate_doubt`]): then nothing is written. A target that holds something else, and whatever reading and writing may meet; an
+/// error after the first episode says how many there are.
 pub fn copy(
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
@@ -68,21 +73,79 @@ pub fn copy_in(
 ) -> Result<Copied, DataError> {
     let Some(first) = sources.first() else { return Ok(Copied::default()) };
     let schema = first.schema().clone();
+    alike::check_recordings(sources, pieces)?;
     for source in sources.iter() {
         check_columns(source.as_ref(), &schema)?;
         if is_same(source.path(), to) {
             return Err(DataError::record(to, "it is one of the sources"));
         }
     }
+    if options.frames_per_second.is_none()
+        && let Some(doubt) = alike::rate_doubt(sources, pieces)
+    {
+        return Err(doubt.into());
+    }
     let resumed = if options.mode == WriteMode::Append { held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
+    let done = copy_rest(registry, sources, pieces, to, (format, options), &mut copied, watch);
+    done.map_err(|error| unfinished(error, to, &copied, pieces.len()))?;
+    Ok(copied)
+}
+
+/// Adds to an error how much of a copy is there.
+fn unfinished(error: DataError, to: &Path, copied: &Copied, of: usize) -> DataError {
+    let there = copied.resumed + copied.episodes;
+    if there == 0 {
+        return error;
+    }
+    let add = |reason: &dyn Display| -> BoxError {
+        format!(
+            "{reason}; {} holds the first {there} of {of} episodes; once that is repaired, the same copy goes on from there, without \
+             overwriting",
+            to.display()
+        )
+        .into()
+    };
+    match error {
+        DataError::Damaged { path, column, episode, reason } => {
+            DataError::Damaged { path, column, episode, reason: add(&reason) }
+        }
+        DataError::Request { path, reason } => DataError::Request { path, reason: add(&reason) },
+        DataError::Record { path, reason } => DataError::Record { path, reason: add(&reason) },
+        DataError::Write { path, episodes, reason } => {
+            DataError::Write { path, episodes, reason: add(&reason) }
+        }
+        DataError::Replay { path, episode, row, reason } => {
+            DataError::Replay { path, episode, row, reason: add(&reason).to_string() }
+        }
+        DataError::Io { path, action, source } => {
+            DataError::Io { path, action, source: std::io::Error::new(source.kind(), add(&source)) }
+        }
+        error => error,
+    }
+}
+
+/// Copies what is not there yet, and counts it.
+fn copy_rest(
+    registry: &Registry,
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    to: &Path,
+    (format, options): (Option<&str>, &WriteOptions),
+    copied: &mut Copied,
+    watch: &mut dyn FnMut(usize),
+) -> Result<(), DataError> {
+    let Some(first) = sources.first() else { return Ok(()) };
+    let schema = first.schema().clone();
     let mut options = options.clone();
+    let rate = options.frames_per_second;
     let keeps_part = sources.len() == 1 && pieces == all(sources);
     let metadata_of = |sources: &[Box<dyn Dataset>], piece| {
         let metadata = metadata_of(sources, piece);
-        Metadata { part: metadata.part.filter(|_| keeps_part), ..metadata }
+        let rows_per_second = rate.or(metadata.rows_per_second);
+        Metadata { part: metadata.part.filter(|_| keeps_part), rows_per_second, ..metadata }
     };
-    let mut start = resumed;
+    let mut start = copied.resumed;
     while start < pieces.len() {
         // A run of episodes with one record.
         let metadata = metadata_of(sources, pieces[start]);
@@ -131,7 +194,7 @@ pub fn copy_in(
         options.mode = WriteMode::Append;
         start = end;
     }
-    Ok(copied)
+    Ok(())
 }
 
 /// Reads rows: values of some columns, the others as they are stored.
@@ -268,8 +331,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
                 ));
             }
             None => {
-                let is_image = field.dtype == Dtype::U8 && field.shape.len() == 3;
-                let fix = if is_image { "; render images for all sources (`Rendered`)" } else { "" };
+                let fix = fix(field);
                 let reason = format!("it has no column `{}`, which the first source has{fix}", field.name);
                 return Err(DataError::request(source.path(), reason));
             }
@@ -277,18 +339,26 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
     }
     match source.schema().fields().iter().find(|field| schema.index(&field.name).is_none()) {
         Some(more) => {
-            let reason = format!("its column `{}` is not in the first source", more.name);
+            let reason = format!("its column `{}` is not in the first source{}", more.name, fix(more));
             Err(DataError::request(source.path(), reason))
         }
         None => Ok(()),
     }
 }
 
+/// What helps where only some sources have a column.
+fn fix(field: &Field) -> &'static str {
+    match field.dtype == Dtype::U8 && field.shape.len() == 3 {
+        true => "; `swm merge … --image-size HEIGHTxWIDTH` renders images for all sources",
+        false => "",
+    }
+}
+
 /// The record of the run that an episode comes from. Files of other programs have none.
 fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
     let info = sources[source].info();
-    match info.runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
-        Some((_, metadata)) => metadata.clone(),
+    match alike::run_of(sources[source].as_ref(), episode) {
+        Some(metadata) => metadata.clone(),
         None => Metadata { rows_per_second: info.rows_per_second, ..Metadata::unknown() },
     }
 }

@@ -1,6 +1,7 @@
 //! What one does to whole datasets: copy them, prove them sound, compare them. All stream: an episode or a block of rows
 //! is in memory, never a dataset.
 
+pub mod alike;
 pub mod compare;
 pub mod copy;
 pub mod part_folder;

@@ -137,8 +137,12 @@ fn damage_is_not_copied() {
     fs::write(&bad, &bytes).unwrap();
     let message = convert(&bad, &target).unwrap_err().to_string();
     assert!(message.contains("bad.h5") && message.contains("checksum is wrong"), "{message}");
-    // What was committed before it is there.
-    assert!(open(&target).unwrap().num_episodes() < 3);
+    // What was committed before it is there, and that is said.
+    let there = open(&target).unwrap().num_episodes();
+    assert!((1..3).contains(&there));
+    let part = format!("copy.h5 holds the first {there} of 3 episodes");
+    assert!(message.contains(&part) && message.contains("goes on from there"), "{message}");
+    assert_eq!(counts(&convert(&path, &target).unwrap())[..2], [there, 3 - there]);
 }
 
 #[test]

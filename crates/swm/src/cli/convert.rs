@@ -8,6 +8,7 @@ use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{fill_factors, split_episodes};
 use swm_data::format::StoredImages;
+use swm_data::tools::alike::{check_recordings, rate_doubt};
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::arrange;
@@ -40,7 +41,8 @@ pub(super) struct TargetArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
     /// Rows per second, in formats with time stamps or videos. Default: as many as in the environment's time (`mcap`, and `lerobot`, which
-    /// takes whole numbers); in `video`, 25.
+    /// takes whole numbers); in `video`, 25. The copy's record says it, too. Needed where sources have different rates, or timestamps of
+    /// another rate than their dataset says.
     #[arg(long, value_name = "RATE", value_parser = rate)]
     fps: Option<f64>,
     /// Render images of this size, HEIGHTxWIDTH, by replaying the episodes, in place of recorded ones; `none`: render nothing.
@@ -133,7 +135,11 @@ impl TargetArgs {
         let how = (self.format.as_deref(), &self.options());
         let copied = copy_in(registry, sources, pieces, to, how, &mut watch);
         bar.finish_and_clear();
+        let is_source = |path: &Path| sources.iter().any(|source| source.path() == path);
         let Copied { resumed, episodes, rows, .. } = copied.map_err(|error| match error {
+            DataError::Request { path, reason } if is_source(&path) => {
+                usage(DataError::Request { path, reason })
+            }
             DataError::Mismatch { path, reason } => usage(format!(
                 "{} exists and is another dataset: {reason}; write to another place, or replace it by --overwrite",
                 path.display()
@@ -208,6 +214,7 @@ impl Convert {
         self.to.check(registry)?;
         let mut sources = vec![self.to.open(registry, &self.source, &self.target, output)?];
         let pieces = all(&sources);
+        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
         output.result(&result, || line(&result))
     }
@@ -256,10 +263,12 @@ impl Merge {
         for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);
         }
+        check_recordings(&sources, &all(&sources)).map_err(usage)?;
         images::check_alike(&sources, &self.command())?;
         let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
+        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
         output.result(&result, || line(&result))
     }
@@ -338,6 +347,12 @@ impl Split {
         if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
             let count = sources[0].num_episodes();
             return Err(usage(format!("--parts: `{name}` would get none of the {count} episodes")));
+        }
+        let pieces = all(&sources);
+        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
+        // Before the first part is written.
+        if let Some(doubt) = rate_doubt(&mut sources, &pieces).filter(|_| self.to.fps.is_none()) {
+            return Err(usage(DataError::from(doubt)));
         }
         let mut results = Vec::new();
         for (name, episodes) in names.iter().zip(divided) {

@@ -22,11 +22,20 @@ fn size(dataset: &dyn Dataset) -> Option<ImageSize> {
     })
 }
 
+/// The names of the columns of images.
+fn names(dataset: &dyn Dataset) -> Vec<&str> {
+    let fields = dataset.schema().fields().iter().filter(|field| field.dtype == Dtype::U8);
+    let images = fields.filter(|field| matches!(field.shape[..], [_, _, 1 | 3]));
+    images.map(|field| field.name.as_str()).collect()
+}
+
 /// Refuses to join datasets of which some hold no images, or others; `command` is what was called.
 pub(super) fn check_alike(datasets: &[Box<dyn Dataset>], command: &str) -> Result<(), Failure> {
     let Some((first, rest)) = datasets.split_first() else { return Ok(()) };
     let wanted = size(first.as_ref());
-    let Some(other) = rest.iter().find(|other| size(other.as_ref()) != wanted) else { return Ok(()) };
+    let Some(other) = rest.iter().find(|other| size(other.as_ref()) != wanted) else {
+        return check_names(first.as_ref(), rest, command);
+    };
     let told = |dataset: &dyn Dataset| {
         let images = size(dataset).map_or("no images".to_owned(), |size| format!("images of {size}"));
         format!("{} holds {images}", dataset.path().display())
@@ -37,6 +46,23 @@ pub(super) fn check_alike(datasets: &[Box<dyn Dataset>], command: &str) -> Resul
         told(first.as_ref()),
         told(other.as_ref())
     )))
+}
+
+/// Refuses to join datasets of which some lack a column of images that others have.
+fn check_names(first: &dyn Dataset, rest: &[Box<dyn Dataset>], command: &str) -> Result<(), Failure> {
+    let Some(size) = size(first) else { return Ok(()) };
+    for other in rest.iter().map(AsRef::as_ref) {
+        for (with, without) in [(first, other), (other, first)] {
+            let there = names(without);
+            let Some(name) = names(with).into_iter().find(|name| !there.contains(name)) else { continue };
+            let (with, without) = (with.path().display(), without.path().display());
+            return Err(usage(format!(
+                "{with} holds images `{name}`, {without} holds none; the same images for all are rendered by: {command} \
+                 --image-size {size}"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// The dataset with images of this size, in place of those that it holds.

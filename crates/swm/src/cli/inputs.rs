@@ -5,10 +5,11 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use swm_core::{EnvEntry, Metadata, Registry};
-use swm_data::tools::copy::is_same;
+use swm_data::tools::alike::rate_doubt;
+use swm_data::tools::copy::{Piece, is_same};
 use swm_data::{DataError, Dataset};
 
-use super::{Failure, usage};
+use super::{Failure, Output, usage};
 
 /// Opens a dataset that the user named.
 pub(super) fn open(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>, Failure> {
@@ -77,4 +78,17 @@ pub(super) fn check_distinct(paths: &[PathBuf]) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// Says that `--fps` decides, where the rate of a copy is in doubt. Without it the copy is refused.
+pub(super) fn note_rate(
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    fps: Option<f64>,
+    output: &Output,
+) {
+    let Some(rate) = fps else { return };
+    if let Some(doubt) = rate_doubt(sources, pieces) {
+        output.note(format!("note: {doubt}; the copy has {rate}, by --fps"));
+    }
 }

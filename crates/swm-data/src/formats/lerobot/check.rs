@@ -14,11 +14,10 @@ use super::manifest::Manifest;
 use super::table::Table;
 use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::disk::read_regular;
+use crate::tools::alike;
 
 /// Disagreements are listed up to this number.
 const MAX_LISTED: usize = 8;
-/// How far the rate of timestamps may be from `fps`, as a share: they are stored with 24 bits.
-const RATE_TOLERANCE: f64 = 0.01;
 /// Types of features whose values stand in the tables.
 const IN_TABLES: [&str; 14] = [
     "float16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32",
@@ -159,8 +158,12 @@ impl Found<'_> {
                 && let Some(rate) = episodes.iter().find_map(|&episode| other_rate(&times, episode, info.fps))
             {
                 is_rate_told = true;
-                let there =
-                    format!("the timestamps of {} are those of {rate:.4} rows per second", self.name(file));
+                let fix = alike::repair(rate).map_or(String::new(), |fix| {
+                    let path = self.path.display();
+                    format!("; repair: swm convert {path} OUT.lerobot {}", fix.trim_matches('`'))
+                });
+                let file = self.name(file);
+                let there = format!("the timestamps of {file} are those of {rate:.4} rows per second{fix}");
                 self.field("fps", info.fps, there);
             }
             if let Ok(Column::I64(numbers)) = table.column("task_index")
@@ -200,10 +203,7 @@ impl Found<'_> {
 fn other_rate(times: &[f32], (first, rows): (usize, usize), fps: f64) -> Option<f64> {
     let times = times.get(first..first.checked_add(rows)?)?;
     let [begin, .., end] = times else { return None };
-    let rate = (rows - 1) as f64 / (f64::from(*end) - f64::from(*begin));
-    // What is no number differs, too.
-    let is_near = (rate / fps - 1.0).abs() <= RATE_TOLERANCE;
-    (!is_near).then_some(rate)
+    alike::other_rate(alike::rate(rows, *begin, *end), fps)
 }
 
 /// The list of tasks.

@@ -6,12 +6,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value as Json;
-use swm_core::{Dtype, Field, Schema};
+use swm_core::{Dtype, Field, Metadata, Schema};
 use swm_media::mp4::Mp4Reader;
 
 use super::episode_files::{EpisodeFiles, second, third};
 use super::info::{Info, Version};
-use super::manifest::{Manifest, is_video};
+use super::manifest::{Manifest, is_video, whole};
 use super::table::Table;
 use super::{episodes, images};
 use crate::dataset::DatasetInfo;
@@ -133,7 +133,7 @@ impl Shared {
             let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));
             for (camera, video) in cameras.iter().zip(videos.clone()) {
-                files.videos.insert(camera.clone(), (video, 0));
+                files.videos.insert(camera.clone(), (video, 0.0));
             }
             files.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
             episodes.push(files);
@@ -148,10 +148,17 @@ impl Shared {
         columns.push(Source::Episode);
         let schema = Schema::new(fields)?;
         let mut info = dataset_info(path, schema, &episodes);
-        info.runs = manifest.runs.into();
+        let rate = manifest.frames_per_second;
+        info.runs = manifest.runs.into_iter().map(|(first, run)| (first, at_rate(run, rate))).collect();
         info.has_checksums = episodes.iter().any(|files| !files.checksums.is_empty());
         Ok(Self { info, columns, episodes })
     }
+}
+
+/// The record of a run whose rows were stored at this rate: its own, up to rounding, unless `--fps` asked for another.
+fn at_rate(run: Metadata, rate: f64) -> Metadata {
+    let rows_per_second = run.rows_per_second.map(|own| if whole(own) == rate { own } else { rate });
+    Metadata { rows_per_second, ..run }
 }
 
 fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> DatasetInfo {

@@ -31,6 +31,11 @@ pub(super) const OWN: [(&str, Dtype); 5] = [
     ("task_index", Dtype::I64),
 ];
 
+/// A rate of rows as LeRobot takes it: a whole number.
+pub(super) fn whole(rate: f64) -> f64 {
+    rate.round().max(1.0)
+}
+
 /// A folder of ours.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manifest {

@@ -18,6 +18,7 @@ use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::read_regular;
+use crate::tools::alike::other_rate;
 
 /// An open folder.
 pub(super) struct LeRobotDataset {
@@ -85,8 +86,7 @@ impl LeRobotDataset {
         out: &mut [u8],
     ) -> Result<()> {
         let shared = self.shared.clone();
-        let (path, first) =
-            shared.episodes[episode].videos.get(camera).ok_or(missing("there is no video"))?;
+        let (path, time) = shared.episodes[episode].videos.get(camera).ok_or(missing("there is no video"))?;
         if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
             // The decoder of damaged videos is the least robust part of all.
             check_file(path, &shared.episodes[episode])?;
@@ -97,6 +97,7 @@ impl LeRobotDataset {
         if shared.info.field(column).shape != [height, width, 3] {
             return Err(wrong_type(format!("it has images of {height} x {width}"))).at(path.display());
         }
+        let first = first_frame(*time, shared.info.rows_per_second, video.frames_per_second());
         let first = first.checked_add(steps.first).ok_or(invalid("it begins nowhere"))?;
         video.read(first, steps.stride, out).at(path.display())
     }
@@ -125,6 +126,19 @@ impl LeRobotDataset {
         }
         Ok(())
     }
+}
+
+/// The frame of a video at a time in seconds. The rate is the one that the folder says, unless the video has clearly another: then that
+/// counts, so that frames stay with their rows where `fps` is wrong.
+fn first_frame(time: f64, said: Option<f64>, of_video: f64) -> usize {
+    let of_video = Some(of_video).filter(|rate| rate.is_finite() && *rate > 0.0);
+    let rate = match (said, of_video.and_then(|found| other_rate(found, said.unwrap_or(found)))) {
+        (_, Some(other)) => other,
+        (Some(said), None) => said,
+        // Each episode has a video of its own.
+        (None, None) => 0.0,
+    };
+    (time * rate).round() as usize
 }
 
 /// Compares a file of an episode with its checksum, if there is one.

@@ -14,7 +14,7 @@ use swm_media::mp4::Mp4Options;
 use super::FORMAT;
 use super::episodes::{self, Entry};
 use super::info::{self, INFO};
-use super::manifest::{Manifest, OWN};
+use super::manifest::{Manifest, OWN, whole};
 use super::open_episode::OpenEpisode;
 use super::reader::LeRobotDataset;
 use super::statistics::Statistics;
@@ -85,7 +85,7 @@ impl Backend for LeRobotBackend {
             let reason = format!("{rate} frames per second; LeRobot takes whole numbers");
             return Err(DataError::record(path, reason));
         }
-        let of_rows = metadata.rows_per_second.map(|rate| rate.round().max(1.0));
+        let of_rows = metadata.rows_per_second.map(whole);
         let rate = options.frames_per_second.or(of_rows).unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         check_columns(path, &manifest)?;

@@ -3,6 +3,7 @@
 mod checks;
 mod foreign;
 mod images;
+mod rates;
 mod recording;
 
 use std::fs;

@@ -1,0 +1,186 @@
+//! Whether episodes can stand in one dataset: recorded in one environment, under the same settings, at one rate. A copy asks before it
+//! writes or replaces anything.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use swm_core::{Column, Dtype, Metadata};
+
+use super::copy::Piece;
+use crate::dataset::{Dataset, Steps};
+use crate::error::DataError;
+use crate::recording::settings_text;
+
+/// How far the rate of timestamps may be from the one that is said of them, as a share: they are stored with 24 bits.
+const RATE_TOLERANCE: f64 = 0.01;
+/// Two rates that differ by a smaller share are one, computed in two ways.
+const RATE_ROUNDING: f64 = 1e-6;
+/// Times of rows in seconds, in LeRobot's tables.
+const TIMESTAMP: &str = "timestamp";
+
+/// The record of the run that an episode comes from; `None`: its file has none.
+pub(super) fn run_of(source: &dyn Dataset, episode: usize) -> Option<&Metadata> {
+    let runs = &source.info().runs;
+    runs.iter().rfind(|&&(first, _)| first <= episode as u64).map(|(_, metadata)| metadata)
+}
+
+/// Refuses episodes of several environments, settings or frame skips, as no format takes them into one dataset.
+///
+/// # Errors
+///
+/// [`DataError::Request`], which names the first source that differs from that of the first piece, and both values.
+pub fn check_recordings(sources: &[Box<dyn Dataset>], pieces: &[Piece]) -> Result<(), DataError> {
+    let unknown = Metadata::unknown();
+    let mut runs = pieces.iter().map(|&(source, episode)| {
+        let source = sources[source].as_ref();
+        (source, run_of(source, episode).unwrap_or(&unknown))
+    });
+    let Some((first, wanted)) = runs.next() else { return Ok(()) };
+    let different = runs.find_map(|(source, run)| difference(run, wanted).map(|told| (source, told)));
+    let Some((source, [here, there])) = different else { return Ok(()) };
+    let reason = format!(
+        "it {here}, {} {there}; merge only datasets of the same environment, settings and frame skip",
+        first.path().display()
+    );
+    Err(DataError::request(source.path(), reason))
+}
+
+/// How two runs differ, as a sentence goes on about each.
+fn difference(here: &Metadata, there: &Metadata) -> Option<[String; 2]> {
+    let runs = [here, there];
+    if here.env != there.env {
+        return Some(runs.map(|run| match run.known_env() {
+            Some(env) => format!("was recorded in {env}"),
+            None => "does not say how it was recorded".to_owned(),
+        }));
+    }
+    if here.settings != there.settings {
+        return Some(runs.map(|run| format!("was recorded with {}", settings_text(&run.settings))));
+    }
+    let skips = || runs.map(|run| format!("was recorded with frame skip {}", run.frame_skip));
+    (here.frame_skip != there.frame_skip).then(skips)
+}
+
+/// Why it is not certain at which rate the rows of a copy follow each other, so that its options have to say it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RateDoubt {
+    /// The source whose rate is in doubt.
+    pub path: PathBuf,
+    /// What it says, and what contradicts that.
+    pub reason: String,
+    /// What to do.
+    pub fix: String,
+}
+
+impl fmt::Display for RateDoubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.path.display(), self.reason)
+    }
+}
+
+impl From<RateDoubt> for DataError {
+    fn from(doubt: RateDoubt) -> Self {
+        DataError::request(&doubt.path, format!("{}; {}", doubt.reason, doubt.fix))
+    }
+}
+
+/// Looks for sources of different rates, and for timestamps of another rate than a file of another program says.
+pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<RateDoubt> {
+    let mut first: Option<(usize, f64)> = None;
+    for &(source, episode) in pieces {
+        let doubt = |reason: String, fix: String| {
+            Some(RateDoubt { path: sources[source].path().to_owned(), reason, fix })
+        };
+        let (info, run) = (sources[source].info(), run_of(sources[source].as_ref(), episode));
+        let Some(rate) = run.map_or(info.rows_per_second, |run| run.rows_per_second) else { continue };
+        let (other, wanted) = *first.get_or_insert((source, rate));
+        if (rate / wanted - 1.0).abs() > RATE_ROUNDING {
+            let other = sources[other].path().display();
+            return doubt(
+                format!("it has {} rows per second, {other} {}", told(rate), told(wanted)),
+                "`--fps RATE` says which rate the joined dataset has".to_owned(),
+            );
+        }
+        if run.is_some() {
+            // Those of this program hold no timestamps beside their rate.
+            continue;
+        }
+        if let Some(found) = rate_of_timestamps(sources[source].as_mut(), episode)
+            && let Some(found) = other_rate(found, rate)
+        {
+            return Some(RateDoubt {
+                path: sources[source].path().to_owned(),
+                reason: format!(
+                    "`fps` of meta/info.json is {}, the timestamps of episode {episode} are those of {} rows per second",
+                    told(rate),
+                    told(found)
+                ),
+                fix: repair(found).map_or("`--fps RATE` decides".to_owned(), |fix| {
+                    format!("{fix} takes those of the timestamps")
+                }),
+            });
+        }
+    }
+    None
+}
+
+/// The rate of an episode's timestamps. What cannot be read is told where it is copied.
+fn rate_of_timestamps(source: &mut dyn Dataset, episode: usize) -> Option<f64> {
+    let schema = source.schema().clone();
+    let column = schema.index(TIMESTAMP)?;
+    let (field, rows) = (&schema.fields()[column], source.episode_len(episode));
+    if field.dtype != Dtype::F32 || field.dim() != 1 || rows < 2 {
+        return None;
+    }
+    let mut times = Column::zeros(Dtype::F32, 2);
+    let ends = Steps { first: 0, count: 2, stride: rows - 1 };
+    source.read_column(column, episode, ends, times.as_slice_mut()).ok()?;
+    match times {
+        Column::F32(times) => Some(rate(rows, times[0], times[1])),
+        _ => None,
+    }
+}
+
+/// Rows per second of so many rows, by the times of the first and the last in seconds.
+pub(crate) fn rate(rows: usize, begin: f32, end: f32) -> f64 {
+    rows.saturating_sub(1) as f64 / (f64::from(end) - f64::from(begin))
+}
+
+/// The rate of timestamps, if it is not the one that is said of them.
+pub(crate) fn other_rate(found: f64, said: f64) -> Option<f64> {
+    // What is no number differs, too.
+    let is_near = (found / said - 1.0).abs() <= RATE_TOLERANCE;
+    (!is_near).then_some(found)
+}
+
+/// A rate as people write it: whole where it is nearly so.
+pub(crate) fn told(rate: f64) -> String {
+    let whole = rate.round();
+    match (rate / whole - 1.0).abs() <= RATE_TOLERANCE / 10.0 {
+        true => whole.to_string(),
+        false => format!("{rate:.4}"),
+    }
+}
+
+/// The option that gives a copy the rate of timestamps, if that can be one.
+pub(crate) fn repair(rate: f64) -> Option<String> {
+    (rate.is_finite() && rate > 0.0).then(|| format!("`--fps {}`", told(rate)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_told_as_people_write_them() {
+        assert_eq!(
+            ["10", "29.9700", "inf"],
+            [10.000_02, 29.97, f64::INFINITY].map(told).each_ref().map(|t| &t[..])
+        );
+        assert_eq!(repair(rate(11, 0.0, 1.0)).as_deref(), Some("`--fps 10`"));
+        assert_eq!(repair(rate(11, 1.0, 1.0)), None);
+        assert_eq!((other_rate(10.09, 10.0), other_rate(10.2, 10.0)), (None, Some(10.2)));
+        assert!(other_rate(f64::NAN, 10.0).is_some());
+    }
+}
