@@ -24,7 +24,7 @@ const WORDS: &[(&str, &str)] = &[
     ),
     ("say --env ID", "give env_name="),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
-    ("`--fps ", "`fps="),
+    ("`--fps ", "`swm-rs convert` or `swm-rs merge` with `--fps "),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 

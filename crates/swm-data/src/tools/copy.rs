@@ -41,7 +41,7 @@ pub struct Copied {
 /// The copy is a part of a recording ([`Metadata::part`]) only if it holds all of one dataset that is.
 ///
 /// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy.
-/// [`WriteOptions::frames_per_second`] is the rate that the copy has, and says in its record.
+/// Where the rate of rows is in doubt ([`alike::rate_doubt`]), the copy's record says [`WriteOptions::frames_per_second`].
 ///
 /// # Errors
 ///
@@ -80,14 +80,13 @@ pub fn copy_in(
             return Err(DataError::record(to, "it is one of the sources"));
         }
     }
-    if options.frames_per_second.is_none()
-        && let Some(doubt) = alike::rate_doubt(sources, pieces)
-    {
-        return Err(doubt.into());
-    }
+    let rate = match alike::rate_doubt(sources, pieces) {
+        Some(doubt) if options.frames_per_second.is_none() => return Err(doubt.into()),
+        doubt => options.frames_per_second.filter(|_| doubt.is_some()),
+    };
     let resumed = if options.mode == WriteMode::Append { held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
-    let done = copy_rest(registry, sources, pieces, to, (format, options), &mut copied, watch);
+    let done = copy_rest(registry, sources, pieces, to, (format, options, rate), &mut copied, watch);
     done.map_err(|error| unfinished(error, to, &copied, pieces.len()))?;
     Ok(copied)
 }
@@ -125,20 +124,19 @@ fn unfinished(error: DataError, to: &Path, copied: &Copied, of: usize) -> DataEr
     }
 }
 
-/// Copies what is not there yet, and counts it.
+/// Copies what is not there yet, and counts it; `rate` replaces the one that the records of the sources say.
 fn copy_rest(
     registry: &Registry,
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     to: &Path,
-    (format, options): (Option<&str>, &WriteOptions),
+    (format, options, rate): (Option<&str>, &WriteOptions, Option<f64>),
     copied: &mut Copied,
     watch: &mut dyn FnMut(usize),
 ) -> Result<(), DataError> {
     let Some(first) = sources.first() else { return Ok(()) };
     let schema = first.schema().clone();
     let mut options = options.clone();
-    let rate = options.frames_per_second;
     let keeps_part = sources.len() == 1 && pieces == all(sources);
     let metadata_of = |sources: &[Box<dyn Dataset>], piece| {
         let metadata = metadata_of(sources, piece);

@@ -41,8 +41,8 @@ pub(super) struct TargetArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
     /// Rows per second, in formats with time stamps or videos. Default: as many as in the environment's time (`mcap`, and `lerobot`, which
-    /// takes whole numbers); in `video`, 25. The copy's record says it, too. Needed where sources have different rates, or timestamps of
-    /// another rate than their dataset says.
+    /// takes whole numbers); in `video`, 25. Needed where sources have different rates, or timestamps of another rate than
+    /// their dataset says.
     #[arg(long, value_name = "RATE", value_parser = rate)]
     fps: Option<f64>,
     /// Render images of this size, HEIGHTxWIDTH, by replaying the episodes, in place of recorded ones; `none`: render nothing.

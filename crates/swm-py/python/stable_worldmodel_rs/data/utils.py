@@ -231,7 +231,8 @@ def _copy(
                 dest_format,
                 mode=probe.mode,
                 quality=probe.quality,
-                fps=probe.fps,
+                # A default is no answer where the rate of rows is in doubt.
+                fps=probe.fps if "fps" in options else None,
                 key_frame_period=probe.key_frame_period,
                 progress=advance,
             )
