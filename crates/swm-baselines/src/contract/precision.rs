@@ -64,9 +64,9 @@ fn losses_and_gradients_are_near_those_of_fp32() {
                     let mean = errors.iter().sum::<f32>() / errors.len() as f32;
                     compare(format!("{what} of {of}, mean"), mean, NEAR);
                 } else {
-                    errors.iter().enumerate().for_each(|(index, error)| {
-                        compare(format!("{what} of {of}, step {index}"), *error, near)
-                    });
+                    for (index, error) in errors.into_iter().enumerate() {
+                        compare(format!("{what} of {of}, step {index}"), error, near);
+                    }
                 }
             }
             let narrow = in_bf16(copy(full.as_ref()));
