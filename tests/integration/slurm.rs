@@ -76,14 +76,23 @@ impl Slurm {
         String::from_utf8_lossy(&self.bytes(path)).into_owned()
     }
 
-    /// Lets requeued tasks start, which else wait until their credentials have expired.
+    /// Lets requeued tasks start, which else wait until their credentials have expired; and, as an operator does, those that are held as
+    /// a controller that lost its state numbered them as one that a node still runs.
     fn release(&self) {
-        for id in self.slurm("squeue", &["-h", "-r", "-t", "PENDING", "-o", "%i %r"]).lines() {
-            if let Some(id) = id.strip_suffix(" BeginTime") {
-                // It may have started in the meantime.
-                let mut command = Command::new("scontrol");
-                command.args(["update", &format!("JobId={id}"), "StartTime=now"]);
-                let _ = self.with_conf(command).output();
+        let control = |args: &[&str]| {
+            let mut command = Command::new("scontrol");
+            command.args(args);
+            // It may have started in the meantime.
+            let _ = self.with_conf(command).output();
+        };
+        for line in self.slurm("squeue", &["-h", "-r", "-t", "PENDING", "-o", "%i %r"]).lines() {
+            match line.split_once(' ') {
+                Some((id, "BeginTime")) => control(&["update", &format!("JobId={id}"), "StartTime=now"]),
+                Some((id, "launch failed requeued held")) => {
+                    control(&["update", "NodeName=ALL", "State=RESUME"]);
+                    control(&["release", id]);
+                }
+                _ => {}
             }
         }
     }
@@ -91,7 +100,10 @@ impl Slurm {
     #[track_caller]
     fn wait_for_result(&self, job: &str) {
         let finished = PathBuf::from(self.folder.path(&format!("{job}/finished.json")));
-        self.wait_for(job, || finished.is_file());
+        self.wait_for(job, || {
+            self.release();
+            finished.is_file()
+        });
     }
 
     #[track_caller]
