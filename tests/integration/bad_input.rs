@@ -1,15 +1,6 @@
 //! Wrong requests and damaged files: a message that names the object, the reason and the fix, and nothing lost.
 
-use crate::support::{Folder, PUSHT, collecting, content, record, swm, swm_fails, swm_ok};
-
-/// Runs and demands that the message holds every word.
-fn says(status: i32, args: &[&str], words: &[&str]) {
-    let message = swm_fails(status, args);
-    for word in words {
-        assert!(message.contains(word), "swm {args:?}: no `{word}` in\n{message}");
-    }
-    assert!(!message.contains("panicked"), "{message}");
-}
+use crate::support::{Folder, PUSHT, collecting, content, record, says, swm, swm_fails, swm_ok};
 
 #[test]
 fn unknown_names_are_told_with_the_nearest() {

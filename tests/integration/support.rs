@@ -37,6 +37,17 @@ pub(crate) fn swm_fails(status: i32, args: &[&str]) -> String {
     message
 }
 
+/// As [`swm_fails`], and demands that the message holds every word, and none of our inside.
+pub(crate) fn says(status: i32, args: &[&str], words: &[&str]) {
+    let message = swm_fails(status, args);
+    for word in words {
+        assert!(message.contains(word), "swm {args:?}: no `{word}` in\n{message}");
+    }
+    for inner in ["panicked", "Number("] {
+        assert!(!message.contains(inner), "{message}");
+    }
+}
+
 /// The words of `swm collect` in PushT, quietly to `out`; `more` of them are divided at blanks.
 pub(crate) fn collecting<'a>(out: &'a str, more: &'a str) -> Vec<&'a str> {
     ["collect", PUSHT, "--out", out, "--quiet"].into_iter().chain(more.split_whitespace()).collect()

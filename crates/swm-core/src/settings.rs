@@ -53,12 +53,18 @@ pub trait Settings: Default + Serialize + DeserializeOwned {
 
 /// A name and settings as they are written on a command line: `cem:samples=100,clip=true`.
 pub fn describe(name: &str, settings: &Map<String, Json>) -> String {
-    let one = |(name, value): (&String, &Json)| match value {
-        Json::String(text) => format!("{name}={text}"),
-        value => format!("{name}={value}"),
-    };
-    let settings: Vec<String> = settings.iter().map(one).collect();
+    let settings: Vec<String> = assignments(settings).collect();
     if settings.is_empty() { name.to_owned() } else { format!("{name}:{}", settings.join(",")) }
+}
+
+/// Settings as they are written on a command line, one by one: `clip=true`.
+pub fn assignments(settings: &Map<String, Json>) -> impl Iterator<Item = String> {
+    settings.iter().map(|(name, value)| format!("{name}={}", text(value)))
+}
+
+/// A value as it is written on a command line: a text without quotation marks, all else as JSON.
+pub fn text(value: &Json) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// Declares a struct of settings. The first paragraph of a field's doc comment is its help.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
 use swm_core::registry::{MakePolicy, Setting, TrainedIn};
-use swm_core::settings::{Table, WrongSetting};
+use swm_core::settings::{Table, WrongSetting, text};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
@@ -181,7 +181,6 @@ pub(super) struct Given {
 
 impl Given {
     pub(super) fn of(args: &PolicyArgs) -> Result<Self, PolicyError> {
-        let text = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let [run] = &args.positional[..] else {
             return Err(args.wrong(format!("name the folder of one training run, as in `{}:RUN`", args.name)));
         };

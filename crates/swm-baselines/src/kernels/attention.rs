@@ -14,7 +14,7 @@ use burn::tensor::{DType, Shape, Tensor, module};
 use rayon::prelude::*;
 
 use super::few::Few;
-use super::{is_ours, owned, tensor_of, values_mut, values_of, vector};
+use super::{attention_scale, is_ours, owned, tensor_of, values_mut, values_of, vector};
 
 /// The most weights of a head that [`Few`] is for.
 const FEW: usize = 64;
@@ -157,16 +157,12 @@ impl Heads {
         (0..self.batch * self.heads).into_par_iter().map(work).collect()
     }
 
-    fn scale(self) -> f32 {
-        (1.0 / (self.dim as f64).sqrt()) as f32
-    }
-
     /// The weights of a head, `[N, M]`, and its outputs, `[N, E]`.
     fn forward(self, head: usize, qkv: [&FlexTensor; 3], causal: bool) -> (FlexTensor, FlexTensor) {
         let [q, k, v] = qkv.map(|tensor| self.one(tensor, head));
         let mut weights = owned(Flex::float_matmul(q, k.transpose(0, 1)));
         let [_, keys] = weights.layout().shape().dims();
-        vector::softmax(values_mut(&mut weights), keys, self.scale(), causal);
+        vector::softmax(values_mut(&mut weights), keys, attention_scale(self.dim), causal);
         let outputs = Flex::float_matmul(weights.clone(), v);
         (weights, outputs)
     }
@@ -184,7 +180,7 @@ impl Heads {
         let of_v = Flex::float_matmul(weights.transpose(0, 1), given.clone());
         let mut scores = owned(Flex::float_matmul(given, v.transpose(0, 1)));
         let [_, keys] = scores.layout().shape().dims();
-        vector::softmax_back(values_mut(&mut scores), values_of(weights), keys, self.scale());
+        vector::softmax_back(values_mut(&mut scores), values_of(weights), keys, attention_scale(self.dim));
         let of_k = Flex::float_matmul(scores.transpose(0, 1), q);
         [Flex::float_matmul(scores, k), of_k, of_v]
     }

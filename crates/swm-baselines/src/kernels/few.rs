@@ -5,7 +5,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::vector::{dot, softmax, softmax_back};
-use super::{rows_of_task, tensor_of};
+use super::{attention_scale, rows_of_task, tensor_of};
 
 /// Queries, keys and values of all heads.
 pub(super) struct Few {
@@ -77,10 +77,6 @@ impl Sizes {
         self.queries * self.heads * self.dim
     }
 
-    fn scale(self) -> f32 {
-        (1.0 / (self.dim as f64).sqrt()) as f32
-    }
-
     /// Where a token's head begins in `[N, heads, E]`.
     fn at(self, head: usize, token: usize) -> usize {
         (token * self.heads + head) * self.dim
@@ -140,7 +136,7 @@ fn forward([q, k, v]: [View<'_>; 3], sizes: Sizes, weights: &mut [f32], outputs:
                 *weight = dot(q.row(head, query), k.row(head, key));
             }
         }
-        softmax(weights, keys, sizes.scale(), causal);
+        softmax(weights, keys, attention_scale(dim), causal);
         for (query, weights) in weights.chunks_exact(keys).enumerate() {
             let start = sizes.at(head, query);
             let output = &mut outputs[start..start + dim];
@@ -167,7 +163,7 @@ fn backward(
                 *score = dot(given.row(head, query), v.row(head, key));
             }
         }
-        softmax_back(&mut scores, weights, keys, sizes.scale());
+        softmax_back(&mut scores, weights, keys, attention_scale(dim));
         for query in 0..queries {
             for key in 0..keys {
                 let (score, weight) = (scores[query * keys + key], weights[query * keys + key]);

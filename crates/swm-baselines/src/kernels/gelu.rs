@@ -1,4 +1,4 @@
-//! GELU, x Φ(x), with its slope computed beside it.
+//! GELU, x Φ(x), with its derivative computed beside it.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
@@ -10,7 +10,7 @@ use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::{Tensor, TensorData, activation};
 use rayon::prelude::*;
 
-use super::{TASK, is_ours, owned, values_mut, values_of, vector};
+use super::{TASK, is_ours, multiply, owned, values_mut, vector};
 
 /// x Φ(x), where Φ is the normal distribution: the form with the error function, as PyTorch's default. Within 2⁻²¹ |x| of it on a
 /// CPU.
@@ -34,7 +34,7 @@ impl GatedByNormal for Flex {
     }
 }
 
-/// The gradient, from the slopes.
+/// The gradient, from the derivatives.
 #[derive(Debug)]
 struct Gated;
 
@@ -43,12 +43,13 @@ impl<C: CheckpointStrategy> GatedByNormal for Autodiff<Flex, C> {
         let (x, node) = x.into_parts();
         match Gated.prepare::<C>([node]).compute_bound().stateful() {
             OpsKind::Tracked(ops) => {
-                let mut slopes = owned(x);
-                let mut outputs = vec![0.0; slopes.layout().num_elements()];
-                let parts = values_mut(&mut slopes).par_chunks_mut(TASK).zip(outputs.par_chunks_mut(TASK));
-                parts.for_each(|(x, outputs)| vector::gelu_and_slope(x, outputs));
-                let shape = slopes.layout().shape().clone();
-                ops.finish(slopes, FlexTensor::from_data(TensorData::new(outputs, shape)))
+                let mut derivatives = owned(x);
+                let mut outputs = vec![0.0; derivatives.layout().num_elements()];
+                let parts =
+                    values_mut(&mut derivatives).par_chunks_mut(TASK).zip(outputs.par_chunks_mut(TASK));
+                parts.for_each(|(x, outputs)| vector::gelu_and_derivative(x, outputs));
+                let shape = derivatives.layout().shape().clone();
+                ops.finish(derivatives, FlexTensor::from_data(TensorData::new(outputs, shape)))
             }
             OpsKind::UnTracked(ops) => ops.finish(Flex::x_phi(x)),
         }
@@ -61,8 +62,7 @@ impl Backward<Flex, 1> for Gated {
     fn backward(self, ops: Ops<FlexTensor, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let [Some(parent)] = ops.parents else { return };
         let mut given = owned(gradients.consume::<Flex>(&ops.node));
-        let parts = values_mut(&mut given).par_chunks_mut(TASK).zip(values_of(&ops.state).par_chunks(TASK));
-        parts.for_each(|(given, slopes)| vector::multiply(given, slopes));
+        multiply(&mut given, &ops.state);
         gradients.register::<Flex>(parent.id, given);
     }
 }

@@ -14,7 +14,7 @@ use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::{DType, Shape, Tensor, activation, module};
 use rayon::prelude::*;
 
-use super::{TASK, is_ours, owned, rows_of_task, tensor_of, values_mut, values_of, vector};
+use super::{is_ours, multiply, owned, rows_of_task, tensor_of, values_of, vector};
 
 /// What follows a linear layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +80,7 @@ struct Seen {
     x: FlexTensor,
     weight: FlexTensor,
     /// Of what followed: `[R, out]`.
-    slopes: Option<FlexTensor>,
+    derivatives: Option<FlexTensor>,
 }
 
 impl<C: CheckpointStrategy> Project for Autodiff<Flex, C> {
@@ -123,10 +123,9 @@ impl<const N: usize> Backward<Flex, N> for Projected {
 
     fn backward(self, ops: Ops<Seen, N>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let mut given = owned(gradients.consume::<Flex>(&ops.node));
-        let Seen { shape, x, weight, slopes } = ops.state;
-        if let Some(slopes) = slopes {
-            let parts = values_mut(&mut given).par_chunks_mut(TASK).zip(values_of(&slopes).par_chunks(TASK));
-            parts.for_each(|(given, slopes)| vector::multiply(given, slopes));
+        let Seen { shape, x, weight, derivatives } = ops.state;
+        if let Some(derivatives) = derivatives {
+            multiply(&mut given, &derivatives);
         }
         let given = rows_of(&given);
         for (index, parent) in ops.parents.into_iter().enumerate() {
@@ -152,17 +151,17 @@ impl Seen {
         then: Then,
     ) -> (Self, FlexTensor) {
         let rows = rows_of(x);
-        let Product { outputs, slopes } = Product::of(&rows, &weight, bias, then, true);
+        let Product { outputs, derivatives } = Product::of(&rows, &weight, bias, then, true);
         let outputs = reshaped(&outputs, like(x, &weight));
-        (Self { shape: x.layout().shape().clone(), x: rows, weight, slopes }, outputs)
+        (Self { shape: x.layout().shape().clone(), x: rows, weight, derivatives }, outputs)
     }
 }
 
 struct Product {
     /// `[R, out]`.
     outputs: FlexTensor,
-    /// The slopes of what follows, `[R, out]`, if they were asked for and are not 1.
-    slopes: Option<FlexTensor>,
+    /// The derivatives of what follows, `[R, out]`, if they were asked for and are not 1.
+    derivatives: Option<FlexTensor>,
 }
 
 impl Product {
@@ -172,18 +171,18 @@ impl Product {
         weight: &FlexTensor,
         bias: Option<&FlexTensor>,
         then: Then,
-        with_slopes: bool,
+        with_derivatives: bool,
     ) -> Self {
         let ([rows, inputs], [_, width]) = (x.layout().shape().dims(), weight.layout().shape().dims());
         let bias = bias.map(values_of);
         let group = group_of(width);
         let mut outputs = vec![0.0; rows * width];
-        let has_slopes = with_slopes && then == Then::Gelu;
-        let mut slopes = vec![0.0; if has_slopes { rows * width } else { 0 }];
-        let mut of_groups: Vec<&mut [f32]> = slopes.chunks_mut(group * width).collect();
+        let has_derivatives = with_derivatives && then == Then::Gelu;
+        let mut derivatives = vec![0.0; if has_derivatives { rows * width } else { 0 }];
+        let mut of_groups: Vec<&mut [f32]> = derivatives.chunks_mut(group * width).collect();
         of_groups.resize_with(rows.div_ceil(group), || &mut []);
         let parts = outputs.par_chunks_mut(group * width).zip(of_groups).enumerate();
-        parts.for_each(|(index, (outputs, slopes))| {
+        parts.for_each(|(index, (outputs, derivatives))| {
             let count = outputs.len() / width;
             let start = x.layout().start_offset() + index * group * inputs;
             let layout = Layout::new(Shape::new([count, inputs]), vec![inputs as isize, 1], start);
@@ -192,9 +191,9 @@ impl Product {
             let product = values_of(&product);
             match then {
                 Then::Nothing => vector::add_to_rows(product, bias, width, outputs),
-                Then::Gelu if has_slopes => {
-                    vector::add_to_rows(product, bias, width, slopes);
-                    vector::gelu_and_slope(slopes, outputs);
+                Then::Gelu if has_derivatives => {
+                    vector::add_to_rows(product, bias, width, derivatives);
+                    vector::gelu_and_derivative(derivatives, outputs);
                 }
                 Then::Gelu => {
                     vector::add_to_rows(product, bias, width, outputs);
@@ -204,7 +203,7 @@ impl Product {
         });
         Self {
             outputs: tensor_of(outputs, [rows, width]),
-            slopes: has_slopes.then(|| tensor_of(slopes, [rows, width])),
+            derivatives: has_derivatives.then(|| tensor_of(derivatives, [rows, width])),
         }
     }
 }

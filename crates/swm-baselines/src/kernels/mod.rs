@@ -22,6 +22,7 @@ mod vector;
 use burn::backend::DispatchDevice;
 use burn::backend::flex::FlexTensor;
 use burn::tensor::{DType, Tensor, TensorData};
+use rayon::prelude::*;
 
 pub(crate) use attention::attention;
 pub(crate) use gelu::gelu;
@@ -60,6 +61,17 @@ fn owned(tensor: FlexTensor) -> FlexTensor {
         && layout.start_offset() == 0
         && tensor.bytes().len() == layout.num_elements() * size_of::<f32>();
     if is_whole { tensor } else { tensor.to_contiguous() }
+}
+
+/// Multiplies the values of an owned tensor by those of a contiguous one.
+fn multiply(tensor: &mut FlexTensor, factors: &FlexTensor) {
+    let parts = values_mut(tensor).par_chunks_mut(TASK).zip(values_of(factors).par_chunks(TASK));
+    parts.for_each(|(values, factors)| vector::multiply(values, factors));
+}
+
+/// What scores of queries and keys of this dim are multiplied by: 1 / √E.
+fn attention_scale(dim: usize) -> f32 {
+    (1.0 / (dim as f64).sqrt()) as f32
 }
 
 /// The values of an owned tensor, to change; copied first if others see them.

@@ -119,15 +119,15 @@ fn compared(samples: &FlexTensor, knots: usize, gradient: Option<&mut [f32]>) ->
             let at = block * LANES..columns.min((block + 1) * LANES);
             let turns: Vec<Turn> =
                 values.chunks_exact(columns).map(|row| Turn::by(&row[at.clone()], step)).collect();
-            let mut slopes = vec![[0.0; LANES]; if gradient.is_some() { batch } else { 0 }];
-            let distances = compare(&turns, &knots, columns, &mut slopes);
-            (distances[..at.len()].iter().sum(), slopes)
+            let mut derivatives = vec![[0.0; LANES]; if gradient.is_some() { batch } else { 0 }];
+            let distances = compare(&turns, &knots, columns, &mut derivatives);
+            (distances[..at.len()].iter().sum(), derivatives)
         })
         .collect();
     if let Some(gradient) = gradient {
         for (row, out) in gradient.chunks_exact_mut(columns).enumerate() {
-            for (out, (_, slopes)) in out.chunks_mut(LANES).zip(&found) {
-                out.copy_from_slice(&slopes[row][..out.len()]);
+            for (out, (_, derivatives)) in out.chunks_mut(LANES).zip(&found) {
+                out.copy_from_slice(&derivatives[row][..out.len()]);
             }
         }
     }
@@ -161,9 +161,9 @@ impl Turn {
     }
 }
 
-/// What distributions add to the mean over `count` of them, from their samples. Fills the slopes of the statistic, if there are any.
+/// What distributions add to the mean over `count` of them, from their samples. Fills the derivatives of the statistic, if there are any.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn compare(samples: &[Turn], knots: &[Knot], count: usize, slopes: &mut [[f32; LANES]]) -> [f32; LANES] {
+fn compare(samples: &[Turn], knots: &[Knot], count: usize, derivatives: &mut [[f32; LANES]]) -> [f32; LANES] {
     let mut sums = vec![([0.0_f32; LANES], [0.0_f32; LANES]); knots.len()];
     for sample in samples {
         let (mut cos, mut sin) = ([1.0; LANES], [0.0; LANES]);
@@ -177,7 +177,7 @@ fn compare(samples: &[Turn], knots: &[Knot], count: usize, slopes: &mut [[f32; L
     }
     let (share, of_mean) = (1.0 / samples.len() as f32, 1.0 / count as f32);
     let mut distances = [0.0; LANES];
-    // Sums become what the slopes of cosines and sines are multiplied by.
+    // Sums become what the derivatives of cosines and sines are multiplied by.
     for ((cos, sin), knot) in sums.iter_mut().zip(knots) {
         for lane in 0..LANES {
             let (real, imaginary) = (cos[lane] * share - knot.window, sin[lane] * share);
@@ -186,11 +186,11 @@ fn compare(samples: &[Turn], knots: &[Knot], count: usize, slopes: &mut [[f32; L
             (cos[lane], sin[lane]) = (real * factor, imaginary * factor);
         }
     }
-    for (slope, sample) in slopes.iter_mut().zip(samples) {
+    for (derivative, sample) in derivatives.iter_mut().zip(samples) {
         let (mut cos, mut sin) = ([1.0; LANES], [0.0; LANES]);
         for (real, imaginary) in &sums {
             for lane in 0..LANES {
-                slope[lane] += imaginary[lane] * cos[lane] - real[lane] * sin[lane];
+                derivative[lane] += imaginary[lane] * cos[lane] - real[lane] * sin[lane];
             }
             sample.turn(&mut cos, &mut sin);
         }

@@ -100,18 +100,21 @@ fn normal(x: f64) -> f64 {
 }
 
 #[test]
-fn gelu_and_its_slope_are_within_their_bounds() {
+fn gelu_and_its_derivative_are_within_their_bounds() {
     let xs: Vec<f32> = axis(30.0).chain([1e30, -1e30]).collect();
     let mut found = xs.clone();
     vector::gelu(&mut found);
-    let (mut slopes, mut outputs) = (xs.clone(), vec![0.0; xs.len()]);
-    vector::gelu_and_slope(&mut slopes, &mut outputs);
+    let (mut derivatives, mut outputs) = (xs.clone(), vec![0.0; xs.len()]);
+    vector::gelu_and_derivative(&mut derivatives, &mut outputs);
     assert_eq!(found, outputs);
-    for ((x, found), slope) in xs.into_iter().map(f64::from).zip(found).zip(slopes) {
+    for ((x, found), derivative) in xs.into_iter().map(f64::from).zip(found).zip(derivatives) {
         let wanted = x * normal(x);
         assert!((f64::from(found) - wanted).abs() <= 2.0_f64.powi(-21) * x.abs(), "{x}: {found}, {wanted}");
         let wanted = normal(x) + x * (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
-        assert!((f64::from(slope) - wanted).abs() <= 2.0_f64.powi(-21), "slope at {x}: {slope}, {wanted}");
+        assert!(
+            (f64::from(derivative) - wanted).abs() <= 2.0_f64.powi(-21),
+            "derivative at {x}: {derivative}, {wanted}"
+        );
     }
     let mut nan = [f32::NAN; 3];
     vector::gelu(&mut nan);
@@ -313,7 +316,7 @@ fn the_statistic_agrees_with_its_plain_form() {
 
 /// Slopes of the losses by finite differences, apart from any other implementation.
 #[test]
-fn gradients_are_slopes() {
+fn gradients_are_finite_differences() {
     let device = Device::flex();
     let check = |what: &str, shape: [usize; 4], work: &dyn Fn(Tensor<4>) -> Tensor<4>| {
         let x = wild(shape, 1, &device);
@@ -330,9 +333,9 @@ fn gradients_are_slopes() {
                 values[place] += by;
                 at(values)
             };
-            let slope = (step(0.02) - step(-0.02)) / 0.04;
-            let error = (slope - f64::from(found[place])).abs();
-            assert!(error < 2e-3, "{what}, {place}: {} and {slope}", found[place]);
+            let difference = (step(0.02) - step(-0.02)) / 0.04;
+            let error = (difference - f64::from(found[place])).abs();
+            assert!(error < 2e-3, "{what}, {place}: {} and {difference}", found[place]);
         }
     };
     check("gelu", [1, 2, 3, 5], &|x| gelu(x * 3.0));

@@ -61,9 +61,9 @@ pub(super) fn gelu(values: &mut [f32]) {
     }
 }
 
-/// x Φ(x) of each value; the values become its slopes, Φ(x) + x e^(−x²/2) / √2π.
+/// x Φ(x) of each value; the values become its derivatives, Φ(x) + x e^(−x²/2) / √2π.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn gelu_and_slope(values: &mut [f32], outputs: &mut [f32]) {
+pub(super) fn gelu_and_derivative(values: &mut [f32], outputs: &mut [f32]) {
     const ONE_BY_ROOT_TWO_PI: f32 = 0.398_942_3;
     for (value, output) in values.iter_mut().zip(outputs) {
         let x = *value;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use crate::error::PolicyError;
-use crate::settings::read;
+use crate::settings::{assignments, read, text};
 
 /// Arguments of a policy: `name:key=value,key=value` or `name:value`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -131,9 +131,7 @@ impl PolicyArgs {
 /// ```
 impl fmt::Display for PolicyArgs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let plain = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-        let named = self.named.iter().map(|(name, value)| format!("{name}={}", plain(value)));
-        let all: Vec<String> = self.positional.iter().map(plain).chain(named).collect();
+        let all: Vec<String> = self.positional.iter().map(text).chain(assignments(&self.named)).collect();
         match all.as_slice() {
             [] => f.write_str(&self.name),
             all => write!(f, "{}:{}", self.name, all.join(",")),

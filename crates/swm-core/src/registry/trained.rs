@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json};
 
 use super::PolicyContext;
+use crate::settings::text;
 
 /// The environment that a model was trained in, as far as its run says.
 ///
@@ -97,10 +98,6 @@ impl TrainedIn {
         }
         differences
     }
-}
-
-fn text(value: &Json) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// A value with all its numbers as `f64`, whether it was written as a value or, as defaults are, as a text.

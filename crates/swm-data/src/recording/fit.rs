@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use swm_core::env::VARIATION_PREFIX;
+use swm_core::settings::assignments;
 use swm_core::{Field, Metadata};
 
 use crate::error::DataError;
@@ -59,13 +60,9 @@ pub fn check_fit(
 
 /// Settings as people write them: `damping=0.5, friction=2`.
 pub(crate) fn settings_text(settings: &serde_json::Map<String, serde_json::Value>) -> String {
-    let one = |(name, value): (&String, &serde_json::Value)| match value {
-        serde_json::Value::String(text) => format!("{name}={text}"),
-        value => format!("{name}={value}"),
-    };
     match settings.is_empty() {
         true => "the default settings".to_owned(),
-        false => settings.iter().map(one).collect::<Vec<_>>().join(", "),
+        false => assignments(settings).collect::<Vec<_>>().join(", "),
     }
 }
 

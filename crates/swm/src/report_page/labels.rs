@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use minijinja::{Value, context};
 use serde_json::Value as Json;
+use swm_core::settings::text;
 
 use crate::evaluation::Candidate;
 
@@ -56,7 +57,6 @@ fn folder(path: &Path) -> PathBuf {
 
 /// Values without a key, then settings in which results differ (all of them for a single result), then the seed.
 fn settings(candidate: &Candidate, results: &[(&Path, &Candidate)]) -> Vec<String> {
-    let plain = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     // What another policy lacks it may not have; what the same policy lacks is a default.
     let is_alike = |other: &Candidate, key: &str, value: &Json| match other.policy.named.get(key) {
         Some(known) => known == value,
@@ -65,9 +65,9 @@ fn settings(candidate: &Candidate, results: &[(&Path, &Candidate)]) -> Vec<Strin
     let shared = |key: &str, value: &Json| {
         results.len() > 1 && results.iter().all(|(_, other)| is_alike(other, key, value))
     };
-    let mut settings: Vec<String> = candidate.policy.positional.iter().map(plain).collect();
+    let mut settings: Vec<String> = candidate.policy.positional.iter().map(text).collect();
     let named = candidate.policy.named.iter().filter(|(key, value)| !shared(key, value));
-    settings.extend(named.map(|(key, value)| format!("{key}={}", plain(value))));
+    settings.extend(named.map(|(key, value)| format!("{key}={}", text(value))));
     if candidate.seed != 0 {
         settings.push(format!("seed {}", candidate.seed));
     }
