@@ -51,6 +51,7 @@ fn train(mut model: Box<dyn Baseline>, clips: usize, seconds: f64) -> Result<(f6
     let vectors = |values, steps, dim| Vectors { values, rows: clips, steps, dim };
     let batch = ClipBatch {
         pixels: images(&pixels, steps),
+        latents: None,
         action: vectors(&action, steps, dim),
         proprio: Some(vectors(&proprio, steps, 4)),
         goal_pixels: Some(images(&goals, 1)),

@@ -36,6 +36,12 @@ pub trait Baseline: Send {
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 
+    /// Whether all that training takes from an image is the latent of its frozen encoder ([`PlanModel::encode`]), which clips may
+    /// then hold in place of it: each image is encoded once, however often clips hold it.
+    fn trains_on_latents(&self) -> bool {
+        false
+    }
+
     /// Sets the precision of linear layers and attention, in training and use; at first fp32. Weights stay in fp32.
     fn set_precision(&mut self, _precision: Precision) {}
 

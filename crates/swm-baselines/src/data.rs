@@ -22,6 +22,9 @@ pub struct DataDims {
 pub struct ClipBatch<'a> {
     /// `[B, T, …]`.
     pub pixels: Images<'a>,
+    /// `[B, T, Z]`: what the model's frozen encoder gives for images, in place of `pixels`; for models that
+    /// [train on latents](crate::Baseline::trains_on_latents).
+    pub latents: Option<Vectors<'a>>,
     /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each step to the next. Where an episode
     /// ends there are none; values that are not finite count as 0.
     pub action: Vectors<'a>,
@@ -83,8 +86,10 @@ pub(crate) struct Form {
 
 /// A batch on the device.
 pub(crate) struct Inputs {
-    /// `[B, T, 3, S, S]`.
+    /// `[B, T, 3, S, S]`; empty where there are `latents`.
     pub(crate) pixels: Tensor<5>,
+    /// `[B, T, Z]`.
+    pub(crate) latents: Option<Tensor<3>>,
     /// `[B, T, F × A]`.
     pub(crate) action: Tensor<3>,
     /// `[B, T, …]`.
@@ -100,7 +105,7 @@ pub(crate) struct Inputs {
 impl Inputs {
     /// Checks a batch and copies it to the device.
     pub(crate) fn new(batch: &ClipBatch<'_>, form: &Form, device: &Device) -> Result<Self, BaselineError> {
-        let ClipBatch { pixels, action, proprio, goal_pixels, goal_proprio } = batch;
+        let ClipBatch { pixels, latents, action, proprio, goal_pixels, goal_proprio } = batch;
         let rows = pixels.rows;
         action.check("action", rows, form.action)?;
         if action.steps != pixels.steps {
@@ -109,7 +114,11 @@ impl Inputs {
         }
         let is_goal = is_goal(batch);
         Ok(Self {
-            pixels: images::to_tensor("pixels", pixels, form.image, device)?,
+            pixels: match latents {
+                None => images::to_tensor("pixels", pixels, form.image, device)?,
+                Some(_) => Tensor::zeros([0; 5], device),
+            },
+            latents: latents.map(|latents| latents.to_tensor(device)),
             action: action.to_tensor(device),
             proprio: form.state("proprio", proprio.as_ref(), rows, device)?,
             goal_pixels: match goal_pixels {

@@ -30,10 +30,12 @@ fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
     let mut stream = keyed(seed, &format!("weights {}", spec.name), [0, 0]);
     let (layer, name) = (spec.place.0, spec.place.1.as_str());
     let std = match (layer, name) {
-        ("LayerNorm" | "BatchNorm", "weight") | (_, "running_var" | "lambda1" | "deviation") => {
+        ("LayerNorm" | "BatchNorm", "weight")
+        | (_, "running_var" | "lambda1" | "deviation")
+        | ("LatentScale", "std" | "change") => {
             return values.fill(1.0);
         }
-        ("LayerNorm" | "BatchNorm" | "Background", _)
+        ("LayerNorm" | "BatchNorm" | "Background" | "LatentScale", _)
         | (_, "log_stds" | "log_ent_coef" | "running_mean" | "running_count") => return,
         _ if spec.name.contains("adaLN_modulation") => return,
         (_, "bias") if spec.is_in_vit => return,

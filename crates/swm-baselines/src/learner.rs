@@ -10,7 +10,6 @@ use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
 use crate::init::initialize;
 use crate::network::{Network, Parts};
-use crate::nn::Background;
 use crate::optim::{AdamW, Gradients};
 use crate::params;
 use crate::pass::Pass;
@@ -100,7 +99,7 @@ impl<N: Network> Learner<N> {
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
         let mut pass = Pass::train_on(&self.device, at.seed, at.step);
         let is_first = (at.phase, at.step) == (0, 0);
-        let begun = is_first.then(|| Background::find(self.network().clone(), &inputs.pixels));
+        let begun = is_first.then(|| self.network().clone().begin(&inputs));
         let tracked = params::track(begun.as_ref().unwrap_or_else(|| self.network()), phase.trains);
         let terms = self.precision.copy_of(&tracked).loss(at.phase, &inputs, &mut pass)?;
         let gradients = terms.total.is_tracked().then(|| terms.total.backward());
@@ -163,6 +162,10 @@ impl<N: Network> Baseline for Learner<N> {
         let specs = params::specs(self.network());
         let mut encoder = specs.iter().filter(|spec| spec.is_below(&[N::ENCODER])).peekable();
         encoder.peek().is_some() && !encoder.any(is_trained)
+    }
+
+    fn trains_on_latents(&self) -> bool {
+        N::TRAINS_ON_LATENTS
     }
 
     fn set_precision(&mut self, precision: Precision) {

@@ -49,7 +49,8 @@ pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
     AuxiliaryWeights, ConvJepaConfig, CountdownConfig, CountdownWeights, DinoWmConfig, EncoderConfig,
     FeatureMapConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig,
-    LaterGoals, LewmConfig, MapEncoderConfig, PldmConfig, PldmWeights, PolicyGoals, ValueConfig,
+    KeypointModelConfig, KeypointWmConfig, LaterGoals, LewmConfig, MapEncoderConfig, PldmConfig, PldmWeights,
+    PolicyGoals, ValueConfig,
 };
 pub use nn::{
     CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,

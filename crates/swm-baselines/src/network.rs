@@ -8,12 +8,21 @@ use crate::baseline::{GoalPolicy, InputSpec, Phase, PlanModel};
 use crate::data::{Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::Terms;
+use crate::nn::Background;
 use crate::pass::Pass;
 
 /// A network that can be trained.
 pub(crate) trait Network: Module + 'static {
     /// What the names of the encoder's tensors begin with.
     const ENCODER: &'static str = "encoder";
+
+    /// Whether the loss can be had from the latents of a frozen encoder: of [`Inputs::latents`] as of [`Inputs::pixels`].
+    const TRAINS_ON_LATENTS: bool = false;
+
+    /// The network before its first step, with the statistics of the data that it keeps.
+    fn begin(self, inputs: &Inputs) -> Self {
+        Background::find(self, &inputs.pixels)
+    }
 
     /// The loss of a phase.
     fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError>;

@@ -27,7 +27,8 @@ pub(crate) struct Spec {
 impl Spec {
     /// Statistics of the data, which no optimizer touches.
     pub(crate) fn is_buffer(&self) -> bool {
-        matches!(self.place.0, "Background" | "RunningScale") || self.place.1.starts_with("running_")
+        matches!(self.place.0, "Background" | "LatentScale" | "RunningScale")
+            || self.place.1.starts_with("running_")
     }
 
     /// Whether the name lies below one of these (`predictor`, or all for an empty one).
@@ -142,8 +143,8 @@ impl Path {
 
 /// The containers that matter to anybody.
 fn kind(container: &str) -> &'static str {
-    const KINDS: [&str; 7] =
-        ["Linear", "Conv", "LayerNorm", "BatchNorm", "Background", "RunningScale", "Vit"];
+    const KINDS: [&str; 8] =
+        ["Linear", "Conv", "LayerNorm", "BatchNorm", "Background", "LatentScale", "RunningScale", "Vit"];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
 }
 

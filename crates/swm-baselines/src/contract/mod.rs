@@ -37,6 +37,10 @@ const TINY: &[(&str, Changes)] = &[
         || json!({"model": {"image": 16, "encoder": {"channels": [4, 8], "count": 4}, "hidden": 8, "horizon": 3}}),
     ),
     ("hilp", goal),
+    ("keypoint-wm", || {
+        let encoder = json!({"channels": [4, 8], "count": 4});
+        json!({"model": {"image": 16, "encoder": encoder, "hidden": 8}, "optim": {"lr": 1e-4}})
+    }),
     ("lewm", joint),
     ("pldm", joint),
 ];
@@ -98,6 +102,7 @@ impl Clips {
             |values, steps| Images { values, rows: CLIPS, steps, height: 16, width: 16, channels_last: true };
         ClipBatch {
             pixels: images(&self.pixels, self.steps),
+            latents: None,
             action: Vectors { values: &self.action, rows: CLIPS, steps: self.steps, dim: self.dim },
             proprio: None,
             goal_pixels: Some(images(&self.goals, 1)),

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::error::nearest;
 
 use super::settings::with_changes;
-use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, gcsl, hilp, lewm, pldm};
+use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -84,6 +84,12 @@ pub const BASELINES: &[BaselineEntry] = &[
         small
     ),
     entry!(hilp, HilpConfig, "policy: goal-conditioned value that is a learned metric"),
+    entry!(
+        keypoint_wm,
+        KeypointWmConfig,
+        "world model: predicts the keypoints of a frozen encoder, such as gcsl's",
+        small
+    ),
     entry!(lewm, LewmConfig, "world model: joint embedding, regularized by SIGReg"),
     entry!(pldm, PldmConfig, "world model: joint embedding, regularized by VICReg"),
 ];

@@ -43,6 +43,7 @@ fn dino_wm_trains_as_the_reference() {
     let pixels: Vec<u8> = fixture.values("inputs.pixels").iter().map(|value| *value as u8).collect();
     let batch = ClipBatch {
         pixels: images(&pixels, 4),
+        latents: None,
         action: vectors(fixture.values("inputs.action"), 4, 4),
         proprio: Some(vectors(fixture.values("inputs.proprio"), 4, 3)),
         goal_pixels: None,

@@ -40,6 +40,7 @@ fn compare(name: &str, parts: &Parts<impl Network>, history: usize, phase: usize
     let steps = parts.input_spec.num_steps;
     let batch = ClipBatch {
         pixels: images(&pixels, steps),
+        latents: None,
         action: vectors(fixture.values("inputs.action"), steps, 4),
         proprio: Some(vectors(fixture.values("inputs.proprio"), steps, 3)),
         goal_pixels: Some(images(&goals, 1)),

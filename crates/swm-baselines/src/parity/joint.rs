@@ -36,6 +36,7 @@ fn inputs(fixture: &Fixture, form: &Form) -> Inputs {
     let action = Vectors { values: fixture.values("inputs.action"), rows: 5, steps: 4, dim: 4 };
     let batch = ClipBatch {
         pixels: images(&pixels, 5, 4),
+        latents: None,
         action,
         proprio: None,
         goal_pixels: None,

@@ -6,6 +6,7 @@ use swm_core::env::PIXELS;
 use swm_core::{Batch, Slice};
 
 use super::data::{ACTION, PROPRIO};
+use super::latents::LATENT;
 use super::scale::Scale;
 use crate::data::{ClipBatch, Images, Vectors};
 use crate::error::BaselineError;
@@ -28,9 +29,15 @@ impl<'a> ClipFeed<'a> {
         let Self { scales, action, proprio, goal_proprio } = self;
         let missing =
             || BaselineError::data(PIXELS, "the batch has no such images; read it with the run's loader");
+        let latents = stored(batch, LATENT);
+        let none = |latents: Vectors<'b>| {
+            let Vectors { rows, steps, .. } = latents;
+            Images { values: &[], rows, steps, height: 0, width: 0, channels_last: false }
+        };
         let vectors = |name: &str, scale: &str, out| vectors(batch, name, scales.get(scale)?, out);
         Ok(ClipBatch {
-            pixels: images(batch, PIXELS).ok_or_else(missing)?,
+            pixels: images(batch, PIXELS).or(latents.map(none)).ok_or_else(missing)?,
+            latents,
             action: vectors(ACTION, ACTION, action).ok_or_else(|| {
                 BaselineError::data(ACTION, "the batch has none; read it with the run's loader")
             })?,
@@ -50,6 +57,17 @@ fn images<'b>(batch: &'b Batch, name: &str) -> Option<Images<'b>> {
         return None;
     };
     Some(Images { values, rows: batch.rows(), steps, height, width, channels_last: false })
+}
+
+/// A column `[T, D]` as it is, if there is one of this name.
+fn stored<'b>(batch: &'b Batch, name: &str) -> Option<Vectors<'b>> {
+    let index = batch.schema().index(name)?;
+    let (Slice::F32(values), &[steps, dim]) =
+        (batch.column(index), &batch.schema().fields()[index].shape[..])
+    else {
+        return None;
+    };
+    Some(Vectors { values, rows: batch.rows(), steps, dim })
 }
 
 /// A column `[T, D]`, scaled, if there is one of this name.

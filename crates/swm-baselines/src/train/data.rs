@@ -79,6 +79,10 @@ pub struct TrainData {
     pub phases: Vec<PhaseClips>,
     /// What using the model requires to know of the data.
     pub config: DataConfig,
+    /// Episodes to learn from and to validate with: what the loaders read.
+    pub(super) parts: [Box<dyn Dataset>; 2],
+    /// What their clips are, but for goals.
+    pub(super) options: ClipOptions,
 }
 
 /// The clips of a phase.
@@ -91,6 +95,16 @@ pub struct PhaseClips {
 }
 
 impl PhaseClips {
+    /// Clips of the episodes to learn from and to validate with.
+    pub(super) fn new(
+        [train, validation]: &[Box<dyn Dataset>; 2],
+        options: &ClipOptions,
+    ) -> Result<Self, BaselineError> {
+        // Episodes that are too short for a clip have none: then nothing validates.
+        let validation = Loader::new(validation.share(), options).ok();
+        Ok(Self { train: Loader::new(train.share(), options)?, validation })
+    }
+
     /// Batches of `batch` clips in a pass over the clips; what is left over waits for another order.
     pub fn steps_per_epoch(&self, batch: usize) -> u64 {
         (self.train.len() / batch.clamp(1, self.train.len())) as u64
@@ -165,15 +179,13 @@ impl TrainData {
             );
             return Err(columns_error(dataset, baseline, reason));
         }
-        let mut learnt = Subset::new(dataset.share(), &train)?;
-        let scales = scales(&mut learnt, baseline, &columns[1..])?;
-        let clips = |phase: &Phase| -> Result<PhaseClips, BaselineError> {
-            let options = options(input_spec, columns, phase.goals.as_ref(), seed);
-            let loader =
-                |episodes: &[usize]| Loader::new(Box::new(Subset::new(dataset.share(), episodes)?), &options);
-            // Episodes that are too short for a clip have none: then nothing validates.
-            let validation = if validation.is_empty() { None } else { loader(&validation).ok() };
-            Ok(PhaseClips { train: loader(&train)?, validation })
+        let part = |episodes: &[usize]| Subset::new(dataset.share(), episodes);
+        let scales = scales(&mut part(&train)?, baseline, &columns[1..])?;
+        let parts: [Box<dyn Dataset>; 2] = [Box::new(part(&train)?), Box::new(part(&validation)?)];
+        let options = options(input_spec, columns);
+        let clips = |phase: &Phase| {
+            let goals = phase.goals.as_ref().map(|goals| goal_options(goals, columns, seed));
+            PhaseClips::new(&parts, &options.clone().goals(goals))
         };
         let phases = phases.iter().map(clips).collect::<Result<_, _>>()?;
         let episodes = dataset.num_episodes();
@@ -190,7 +202,7 @@ impl TrainData {
             action,
             scales,
         };
-        Ok(Self { phases, config })
+        Ok(Self { phases, config, parts, options })
     }
 }
 
@@ -277,25 +289,25 @@ fn scales(
     statistics.columns.into_iter().map(scale).collect()
 }
 
-fn options(input_spec: &InputSpec, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
-    let keys: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
-    let seen = keys.iter().filter(|name| *name != ACTION).cloned().collect();
+fn options(input_spec: &InputSpec, columns: &[&str]) -> ClipOptions {
     ClipOptions::default()
         .num_steps(input_spec.num_steps)
         .frameskip(input_spec.frameskip)
-        .keys(Some(keys))
+        .keys(Some(columns.iter().map(|&name| name.to_owned()).collect()))
         .images(Images::ChannelsFirst)
         .image(Some(ImageSize { height: input_spec.image, width: input_spec.image }))
         // As many read ahead as compute, so that a limit on threads is one on readers.
         .threads(Some(rayon::current_num_threads()))
-        .goals(goals.map(|goals| {
-            GoalOptions::default()
-                .weights(goals.weights)
-                .gamma(goals.gamma)
-                .offset(Some(goals.offset))
-                .keys(Some(seen))
-                .seed(seed)
-        }))
+}
+
+fn goal_options(goals: &PhaseGoals, columns: &[&str], seed: u64) -> GoalOptions {
+    let seen = columns.iter().filter(|name| **name != ACTION).map(|&name| name.to_owned()).collect();
+    GoalOptions::default()
+        .weights(goals.weights)
+        .gamma(goals.gamma)
+        .offset(Some(goals.offset))
+        .keys(Some(seen))
+        .seed(seed)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::clips::ClipFeed;
 use super::data::{PhaseClips, TrainData};
 use super::diagnosis::Diagnosis;
 use super::folder::RunFolder;
+use super::latents;
 use super::metrics::{MetricSink, Part, Record};
 use super::settings::FitSettings;
 use super::sums::{Sums, values};
@@ -78,6 +79,8 @@ pub fn fit(
     let totals = totals(data, settings, model);
     model.set_precision(settings.precision);
     let state = begin(run, model)?;
+    let encoded = latents::encoded(data, model)?;
+    let data = encoded.as_ref().unwrap_or(data);
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
     let mut fit = Fit { run, model, data, settings, sinks, diagnosis, cancel, totals, state, pace };
     fit.state.end = None;

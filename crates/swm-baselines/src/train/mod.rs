@@ -5,6 +5,7 @@
 //! | `session` | a training run: begin here |
 //! | `fit`, `settings` | the loop |
 //! | `data`, `clips`, `scale` | clips, splits, statistics |
+//! | `latents` | clips whose images are encoded once |
 //! | `folder`, `checkpoints`, `run` | files that survive a kill, and what they say |
 //! | `diagnosis` | what a model is worth, measured while it trains |
 //! | `metrics`, `events` | metrics and their files |
@@ -18,6 +19,7 @@ mod diagnosis;
 mod events;
 mod fit;
 mod folder;
+mod latents;
 mod metrics;
 mod run;
 mod scale;

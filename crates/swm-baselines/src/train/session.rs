@@ -11,7 +11,7 @@ use super::diagnosis::Diagnosis;
 use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
-use super::run::{RUN_VERSION, RunConfig};
+use super::run::{RUN_VERSION, RunConfig, TrainedModel, Which};
 use super::settings::FitSettings;
 use crate::baseline::Baseline;
 use crate::device::Device;
@@ -27,7 +27,8 @@ pub struct NewRun<'a> {
     pub preset: &'a str,
     /// Settings of the baseline that differ from the preset's, as nested objects; `null` for none.
     pub changes: Json,
-    /// Weights of another's encoder to begin with, where the baseline takes them.
+    /// Weights of another's encoder to begin with, where the baseline takes them: a file, or the folder of a run, whose last
+    /// checkpoint is taken.
     pub encoder: Option<&'a Path>,
     /// Which episodes train and validate.
     pub split: Split,
@@ -67,13 +68,14 @@ impl PreparedRun {
         let options = MakeOptions { preset, changes: changes.clone(), dims, seed: fit.seed, device };
         let mut model = make(baseline, &options)?;
         match encoder {
-            Some(encoder) => model.load_encoder(encoder)?,
+            Some(run) if run.is_dir() => model.load_encoder(&TrainedModel::files(run, Which::Last)?[1])?,
+            Some(weights) => model.load_encoder(weights)?,
             None if model.has_frozen_encoder() => {
                 return Err(BaselineError::Settings {
                     baseline: model.name(),
                     reason:
-                        "its encoder is not trained, and would be random; give its weights, such as those of \
-                             facebook/dinov2-small, with --encoder FILE"
+                        "its encoder is not trained, and would be random; give its weights with --encoder FILE, such as those \
+                             of facebook/dinov2-small for dino-wm, or --encoder RUN, such as a run of gcsl for keypoint-wm"
                             .to_owned(),
                 });
             }

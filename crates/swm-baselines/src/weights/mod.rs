@@ -34,9 +34,15 @@ pub(crate) fn load_network<M: Module>(network: &M, path: &Path) -> Result<M, Bas
     load_below(network, path, "")
 }
 
-/// As [`load_network`], for the tensors below a prefix (`encoder`), which their names in the file lack.
+/// As [`load_network`], for the tensors below a prefix (`encoder`), which their names in the file lack; or from the weights of a
+/// whole model, whose other tensors are left alone.
 pub(crate) fn load_below<M: Module>(network: &M, path: &Path, prefix: &str) -> Result<M, BaselineError> {
     let mut stored = rename::to_ours(read(path)?);
+    let part_of_model = |name: &str| name.strip_prefix(prefix)?.strip_prefix('.').map(str::to_owned);
+    if stored.keys().any(|name| part_of_model(name).is_some()) {
+        stored =
+            stored.into_iter().filter_map(|(name, tensor)| Some((part_of_model(&name)?, tensor))).collect();
+    }
     let (mut missing, mut wrong) = (Vec::new(), Vec::new());
     let specs: Vec<_> = params::specs(network).into_iter().filter(|spec| spec.is_below(&[prefix])).collect();
     for spec in &specs {

@@ -2,6 +2,7 @@
 //! an environment that renders images. How well is not the question here.
 
 mod dot;
+mod keypoints;
 mod refusals;
 
 use std::path::Path;

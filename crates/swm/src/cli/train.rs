@@ -43,8 +43,9 @@ pub(super) struct Train {
     /// A setting of the baseline or agent, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,
-    /// Initial weights of a vision transformer (.safetensors, .pt, .ckpt), such as a frozen DINOv2.
-    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    /// Weights of the encoder: a file (.safetensors, .pt, .ckpt), such as a DINOv2 for `dino-wm`, or a run, such as one of `gcsl`
+    /// for `keypoint-wm`.
+    #[arg(long, value_name = "FILE|RUN", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
     /// Resume the run in this folder, or in --out, possibly with more epochs or steps.
     #[arg(long, value_name = "RUN", conflicts_with = "baseline")]

@@ -35,6 +35,7 @@ impl Dots {
     fn batch(&self) -> ClipBatch<'_> {
         ClipBatch {
             pixels: images(&self.pixels, self.steps),
+            latents: None,
             action: Vectors { values: &self.moves, rows: CLIPS, steps: self.steps, dim: 2 },
             proprio: None,
             goal_pixels: None,

@@ -37,6 +37,7 @@ impl Dots {
     fn batch(&self) -> ClipBatch<'_> {
         ClipBatch {
             pixels: images(&self.pixels, FRAMES),
+            latents: None,
             action: Vectors { values: &self.paces, rows: CLIPS, steps: FRAMES, dim: 2 },
             proprio: None,
             goal_pixels: None,

@@ -1,0 +1,67 @@
+//! Planning with keypoints: the squared distance of predicted places from the goal's, of the last ones unless told otherwise.
+
+use burn::tensor::Tensor;
+use swm_solvers::Aggregate;
+
+use super::KeypointWm;
+use crate::data::{Form, Start};
+use crate::dynamics::{LatentDynamics, aggregate};
+
+/// One planning problem, encoded.
+pub(crate) struct Problem {
+    /// `[1, Z]`.
+    latent: Tensor<2>,
+    /// `[1, D]`: the action before it.
+    before: Tensor<2>,
+    /// `[1, Z]`.
+    goal: Tensor<2>,
+}
+
+impl LatentDynamics for KeypointWm {
+    /// Of 100 or 300 candidates, the usual numbers, no group is in part empty.
+    const GROUP: usize = 50;
+
+    type Problem = Problem;
+
+    fn form(&self) -> &Form {
+        &self.form
+    }
+
+    /// The second is there for the action between them.
+    fn history(&self) -> usize {
+        2
+    }
+
+    fn problem(&self, start: &Start, row: usize) -> Problem {
+        let newest = start.pixels.dims()[1] - 1;
+        let encode = |pixels: &Tensor<5>, step| {
+            self.encode(pixels.clone().narrow(0, row, 1).narrow(1, step, 1)).squeeze_dim(1)
+        };
+        let before = match &start.action {
+            Some(actions) => actions.clone().narrow(0, row, 1).narrow(1, newest - 1, 1).squeeze_dim(1),
+            None => Tensor::zeros([1, self.form.action], &start.pixels.device()),
+        };
+        Problem { latent: encode(&start.pixels, newest), before, goal: encode(&start.goal_pixels, 0) }
+    }
+
+    fn latent_dim(&self) -> usize {
+        self.dim
+    }
+
+    fn latent(&self, pixels: Tensor<5>, _proprio: Option<Tensor<3>>) -> Tensor<2> {
+        self.encode(pixels).squeeze_dim(1)
+    }
+
+    fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+        self.predictor.forward(latents, actions.zeros_like(), actions)
+    }
+
+    fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
+        let [count, horizon, dim] = plans.dims();
+        let latent = problem.latent.clone().expand([count, self.dim]);
+        let predicted = self.roll_out(latent, problem.before.clone().expand([count, dim]), &plans);
+        aggregate(how, horizon, |step| {
+            (predicted[step].clone() - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
+        })
+    }
+}
