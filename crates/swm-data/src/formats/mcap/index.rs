@@ -184,7 +184,7 @@ impl Index {
                 let first = number("first_episode")?;
                 let metadata = serde_json::from_str(value("metadata")?).at(place)?;
                 self.runs.retain(|(there, _)| *there < first);
-                self.runs.push((first, metadata));
+                self.runs.push((first, at_rate(metadata, self.row_ns)));
             }
             EPISODE => {
                 let (index, rows, next) = (number("index")?, number("rows")? as usize, self.episodes.len());
@@ -268,4 +268,16 @@ fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>> {
         }
     }
     Ok(found)
+}
+
+/// The time from one row to the next in nanoseconds.
+pub(super) fn period_ns(rows_per_second: f64) -> u64 {
+    (1e9 / rows_per_second).round().max(1.0) as u64
+}
+
+/// The record of a run whose messages follow each other after so many nanoseconds: its own rate, up to rounding, unless another was
+/// asked for when it was written.
+pub(super) fn at_rate(run: Metadata, row_ns: u64) -> Metadata {
+    let rate = |own| if period_ns(own) == row_ns { own } else { 1e9 / row_ns.max(1) as f64 };
+    Metadata { rows_per_second: run.rows_per_second.map(rate), ..run }
 }
