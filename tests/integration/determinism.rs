@@ -1,6 +1,6 @@
 //! Results do not depend on environments, threads, or how a run is divided.
 
-use crate::support::{Folder, PUSHT, content, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, content, short_recording, swm_json, swm_ok};
 
 fn collect(out: &str, extra: &[&str]) {
     let base =
@@ -104,27 +104,8 @@ fn many_parts_are_the_whole_to_the_byte_and_some_may_be_empty() {
     let collect = |name: &str, episodes: &str, shard: Option<usize>| {
         let out = folder.path(name);
         let of = shard.map(|shard| format!("{shard}/16"));
-        let mut args = vec![
-            "collect",
-            "swm/TwoRoom-v2",
-            "--policy",
-            "noisy-expert:2",
-            "--max-steps",
-            "6",
-            "--seed",
-            "3",
-        ];
-        args.extend([
-            "--image-size",
-            "none",
-            "--total",
-            episodes,
-            "--mode",
-            "append",
-            "--out",
-            &out,
-            "--quiet",
-        ]);
+        let fixed = ["--seed", "3", "--total", episodes, "--mode", "append", "--out", &out, "--quiet"];
+        let mut args = short_recording(&fixed);
         args.extend(of.iter().flat_map(|of| ["--shard", of.as_str()]));
         swm_ok(&args);
         out

@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, root, swm, swm_ok};
+use crate::support::{Folder, root, short_recording, swm, swm_ok};
 
 /// What the script says if it cannot run here.
 const SKIPPED: i32 = 77;
@@ -186,18 +186,7 @@ fn ok(output: &Output) -> String {
 }
 
 fn collect(episodes: &str) -> Vec<&str> {
-    let fixed = [
-        "collect",
-        "swm/TwoRoom-v2",
-        "--policy",
-        "noisy-expert:2",
-        "--max-steps",
-        "6",
-        "--image-size",
-        "none",
-    ];
-    [&fixed[..], &["--num-envs", "1", "--threads", "1", "--report-every", "0", "--episodes", episodes]]
-        .concat()
+    short_recording(&["--num-envs", "1", "--threads", "1", "--report-every", "0", "--episodes", episodes])
 }
 
 /// The process that runs a shard, from its lock.

@@ -8,6 +8,14 @@ use swm::core::{Batch, Schema, Slice};
 
 pub(crate) const PUSHT: &str = "swm/PushT-v1";
 
+/// A recording of short episodes without images.
+const SHORT: &str = "collect swm/TwoRoom-v2 --policy noisy-expert:2 --max-steps 6 --image-size none";
+
+/// The arguments of a recording that takes milliseconds, with more of them.
+pub(crate) fn short_recording<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    SHORT.split(' ').chain(more.iter().copied()).collect()
+}
+
 /// The command `swm`.
 pub(crate) fn swm(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_swm-under-test"));

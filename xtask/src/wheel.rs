@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// Build Lance tables in, which takes many minutes more
     #[arg(long, conflicts_with = "dev")]
     lance: bool,
-    /// The folder for the wheel; default: `wheels` in cargo's build directory
+    /// The folder for the wheel; default: `wheels` in cargo's build directory, from which other wheels of the package are removed
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -101,7 +101,24 @@ fn make(args: &Args) -> Result<PathBuf> {
         by_maturin(args, &python, work.path())?
     };
     add_files(&tree.join(PACKAGE).join(FILES))?;
-    pack(&python, &tree, &out)
+    let wheel = pack(&python, &tree, &out)?;
+    if args.out.is_none() {
+        remove_others(&wheel)?;
+    }
+    Ok(wheel)
+}
+
+/// Removes wheels of this package for other systems or of other versions, as `pip install target/wheels/*.whl` takes one.
+fn remove_others(wheel: &Path) -> Result<()> {
+    let folder = wheel.parent().context("a wheel lies in a folder")?;
+    for entry in fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path != wheel && name.starts_with(&format!("{PACKAGE}-")) && name.ends_with(".whl") {
+            fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// maturin, in the crate's folder.
@@ -223,6 +240,24 @@ mod tests {
         let takes = |path: &str| is_source(Path::new(path));
         assert!(takes("a/world.py") && takes("a/py.typed") && takes("a/_swm.pyi"));
         assert!(!takes("a/_swm.abi3.so") && !takes("a/__pycache__") && !takes("a/_lib"));
+    }
+
+    #[test]
+    fn wheels_of_other_systems_and_versions_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let made = "stable_worldmodel_rs-0.2.0-cp310-abi3-linux_x86_64.whl";
+        let others = [
+            "stable_worldmodel_rs-0.2.0-cp310-abi3-manylinux_2_28_x86_64.whl",
+            "stable_worldmodel_rs-0.1.0-cp310-abi3-linux_x86_64.whl",
+        ];
+        let strangers =
+            ["stable_worldmodel_rs_extras-1.0-py3-none-any.whl", "stable_worldmodel_rs-0.2.0.tar.gz"];
+        for name in others.iter().chain(&strangers).chain([&made]) {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        remove_others(&folder.path().join(made)).unwrap();
+        let left = |name: &&str| folder.path().join(name).exists();
+        assert!(left(&made) && strangers.iter().all(left) && !others.iter().any(left));
     }
 
     #[test]

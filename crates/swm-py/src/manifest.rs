@@ -356,6 +356,8 @@ fn wanted(
     oracle: Option<&str>,
 ) -> PyResult<Vec<(Role, Candidate)>> {
     let known = [(Role::Random, "random"), (Role::NoOp, "no_op"), (Role::Oracle, "oracle")];
+    // As the command writes it, too.
+    let names: Vec<String> = names.iter().map(|name| name.replace('-', "_")).collect();
     if let Some(name) = names.iter().find(|name| known.iter().all(|(_, known)| known != name)) {
         return Err(SwmError::new_err(format!(
             "`{name}` is no reference policy; there are random, no_op and oracle"

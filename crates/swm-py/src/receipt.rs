@@ -61,6 +61,9 @@ fn replay(
     env: Option<&str>,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
+    if tolerance.is_nan() || tolerance < 0.0 {
+        return Err(SwmError::new_err(format!("tolerance={tolerance}: use a number of 0 or more")));
+    }
     let mut dataset = swm::data::open_in(registry(), &path).or_raise()?;
     let entry = match env {
         Some(id) => registry().env(id).or_raise()?,

@@ -49,7 +49,8 @@ def test_what_is_missing_comes_from_an_installed_reference(run_python: Run, tmp_
     (theirs / "envs" / "grid").mkdir(parents=True)
     (theirs / "envs" / "grid" / "env.py").write_text("from stable_worldmodel import spaces\nBOX = spaces.Box\n")
     (theirs / "wm" / "__init__.py").write_text("import stable_worldmodel as swm\nPOLICY = swm.PlanConfig\n")
-    code = f"""import sys; sys.path.append({str(tmp_path)!r})
+    # In front of a reference that is installed.
+    code = f"""import sys; sys.path.insert(0, {str(tmp_path)!r})
 {INSTALL}
 import stable_worldmodel as swm
 import stable_worldmodel.spaces
@@ -68,7 +69,8 @@ def test_what_nobody_has_is_named(run_python: Run) -> None:
 
 def test_the_reference_may_not_have_been_imported_before(run_python: Run, tmp_path: Any) -> None:
     (tmp_path / "stable_worldmodel.py").write_text("NAME = 'theirs'")
-    code = f"""import sys; sys.path.append({str(tmp_path)!r})
+    # In front of a reference that is installed.
+    code = f"""import sys; sys.path.insert(0, {str(tmp_path)!r})
 import stable_worldmodel
 from stable_worldmodel_rs import compat
 try:

@@ -177,7 +177,8 @@ def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_receipt_is_the_commands(manifest: Path, tmp_path: Path) -> None:
-    ours = swm.evaluate(manifest, "weak", tmp_path / "ours", references=["random", "no_op"], progress=False)
+    # As the command names it, too.
+    ours = swm.evaluate(manifest, "weak", tmp_path / "ours", references=["random", "no-op"], progress=False)
     command(
         *("eval", "--manifest", str(manifest), "--policy", "weak", "--reference", "random,no-op"),
         *("--out", str(tmp_path / "theirs")),
@@ -283,3 +284,6 @@ def test_a_replay_repeats_the_recorded_rows(recorded: Path) -> None:
     assert not moved["ok"]
     with pytest.raises(swm.SwmError, match="no episode 9"):
         swm.replay(recorded, [9], progress=False)
+    for tolerance in (-1.0, float("nan")):
+        with pytest.raises(swm.SwmError, match="tolerance=.*: use a number of 0 or more"):
+            swm.replay(recorded, tolerance=tolerance, progress=False)

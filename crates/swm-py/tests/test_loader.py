@@ -69,8 +69,9 @@ def test_sizes(path: Path) -> None:
     loader = swm.data.Loader(path, batch_size=4, drop_last=True)
     assert [len(batch["count"]) for batch in loader] == [4] * 7 and len(loader) == 7
     assert [len(batch["count"]) for batch in swm.data.Loader(path, batch_size=4)] == [4] * 7 + [1]
-    with pytest.raises(swm.DataError, match="size"):
-        swm.data.Loader(path, batch_size=0)
+    for size in (0, -1):
+        with pytest.raises(swm.DataError, match=f"Loader: batch_size={size}: use 1 or more"):
+            swm.data.Loader(path, batch_size=size)
     with pytest.raises(swm.DataError, match="drop_last"):
         swm.data.Loader(path, batch_size=100, drop_last=True)
     with pytest.raises(swm.DataError, match="longest episode has 12"):

@@ -12,20 +12,7 @@ use std::process::{Child, Command, Output};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, swm, swm_ok};
-
-const COLLECT: &[&str] = &[
-    "collect",
-    "swm/TwoRoom-v2",
-    "--policy",
-    "noisy-expert:2",
-    "--max-steps",
-    "6",
-    "--image-size",
-    "none",
-    "--seed",
-    "3",
-];
+use crate::support::{Folder, short_recording, swm, swm_ok};
 
 /// A folder of stand-ins that come first on the PATH.
 pub(crate) struct Cluster {
@@ -90,7 +77,7 @@ pub(crate) fn fails(status: i32, output: &Output) -> String {
 }
 
 pub(crate) fn collect(episodes: &'static str) -> Vec<&'static str> {
-    [COLLECT, &["--episodes", episodes]].concat()
+    short_recording(&["--seed", "3", "--episodes", episodes])
 }
 
 /// The bytes of the undivided recording.

@@ -225,6 +225,10 @@ impl Backend for Jsonl {
         None
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        recording::remove_file(path)
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<OpenFile, DataError> {
         let &SessionStart { path, existing, fields, metadata, episodes, .. } = start;
         let failed = |source| DataError::io(path, "open", source);

@@ -7,7 +7,7 @@ use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
 use swm_core::registry::{MakePolicy, Setting, TrainedIn};
 use swm_core::settings::{Table, WrongSetting, text};
-use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
+use swm_core::{ImageSize, Metadata, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
 use super::agent_policy::AgentPolicy;
@@ -252,14 +252,14 @@ impl Given {
                 self.wrong(args, format!("it trained {found}, not {}; use it as `{found}:RUN`", args.name))
             );
         }
-        // A dataset may not say where it was recorded.
-        let trained_in = Some(agent.config.env.as_str()).filter(|env| !env.is_empty());
-        self.check_env(args, trained_in, env)?;
+        self.check_env(args, Some(&agent.config.env), env)?;
         Ok(agent)
     }
 
     fn check_env(&self, args: &PolicyArgs, trained_in: Option<&str>, env: &str) -> Result<(), PolicyError> {
-        match trained_in {
+        // A dataset may not say where it was recorded, for which earlier versions wrote `unknown`.
+        let unknown = Metadata::unknown().env;
+        match trained_in.filter(|of| !of.is_empty() && *of != unknown) {
             Some(of) if of != env && !self.transfer => {
                 let fix = format!("use a run of {env}, or allow it with transfer=true");
                 Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {fix}")))

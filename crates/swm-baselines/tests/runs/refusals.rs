@@ -50,6 +50,17 @@ fn a_run_of_another_environment_is_taken_where_that_is_asked_for() {
     says(&measured(format!("lewm:{world}")).unwrap_err(), &refusal);
     assert_eq!(measured(format!("lewm:{world},transfer=true")), Ok(()));
 
+    // What earlier versions wrote where the dataset does not say its environment is none.
+    for (run, name) in [(&world, format!("mpc:{world}")), (&policy, format!("gcbc:{policy}"))] {
+        let file = Path::new(run).join("config.json");
+        let said = fs::read_to_string(&file).unwrap();
+        let unknown = said.replace("\"swm/Dot-v0\"", "\"unknown\"");
+        assert_ne!(said, unknown);
+        fs::write(&file, unknown).unwrap();
+        assert!(made_for(&TWIN, &name).is_ok() && made(&name).is_ok());
+        fs::write(&file, said).unwrap();
+    }
+
     // What does not fit at all stays an error.
     for name in [format!("mpc:{world}"), format!("gcbc:{policy}")] {
         let error = paths_in(&WIDE, &format!("{name},transfer=true"), 1, Some(IMAGE)).err().unwrap();

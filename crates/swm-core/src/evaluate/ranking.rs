@@ -61,7 +61,8 @@ pub fn action_ranking(
     if horizon % stride != 0 {
         let near = (horizon / stride).max(1) * stride;
         return Err(format!(
-            "plans of {horizon} actions, and the model predicts {stride} at a time: use {near}, or another multiple of {stride}"
+            "plans of {horizon} {}, and the model predicts {stride} at a time: use {near}, or another multiple of {stride}",
+            if horizon == 1 { "action" } else { "actions" }
         )
         .into());
     }

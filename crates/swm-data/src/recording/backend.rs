@@ -39,17 +39,13 @@ pub trait Backend: Send + 'static {
     fn refuses(&self, name: &str) -> Option<&'static str>;
 
     /// Removes a dataset that a recording made and that holds no episode, so that nothing is left of a recording that failed before its
-    /// first one. What else is in its folder stays. Default: a file is removed, a folder stays as it is.
+    /// first one. A file: [`remove_file`](super::remove_file). A folder: the dataset's files; what else is in it stays, and so does the
+    /// folder itself, which [`BackendWriter`](super::BackendWriter) removes where it made it.
     ///
     /// # Errors
     ///
     /// It cannot be removed.
-    fn remove(&self, path: &Path) -> Result<(), DataError> {
-        match self.is_folder() {
-            true => Ok(()),
-            false => std::fs::remove_file(path).map_err(|source| DataError::io(path, "remove", source)),
-        }
-    }
+    fn remove(&self, path: &Path) -> Result<(), DataError>;
 
     /// Makes, continues or replaces a dataset.
     ///

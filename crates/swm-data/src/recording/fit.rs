@@ -45,21 +45,39 @@ pub fn check_fit(
     if let Some(missing) = columns.iter().find(|there| fields.iter().all(|field| field.name != there.name)) {
         return mismatch(format!("the new episodes have no column `{}`", missing.name));
     }
-    let agree = |what: &str, there: String, here: String| match there == here {
-        true => Ok(()),
-        false => mismatch(format!("it was recorded with {what} {there}, not {here}")),
-    };
-    agree("the environment", first.env.clone(), metadata.env.clone())?;
-    if first.settings != metadata.settings {
-        let [there, here] = [first, metadata].map(|run| settings_text(&run.settings));
-        return mismatch(format!("it was recorded with {there}, not with {here}"));
+    if let Some([there, here]) = difference(first, metadata) {
+        return mismatch(format!("it {there}, what is added {here}"));
     }
-    agree("the image size", format!("{:?}", first.image), format!("{:?}", metadata.image))?;
-    agree("a frame skip of", first.frame_skip.to_string(), metadata.frame_skip.to_string())
+    match first.image == metadata.image {
+        true => Ok(()),
+        false => {
+            let [there, here] = [first, metadata].map(|run| match run.image {
+                Some(size) => format!("images of {size}"),
+                None => "no images".to_owned(),
+            });
+            mismatch(format!("it was recorded with {there}, what is added with {here}"))
+        }
+    }
+}
+
+/// How two runs differ in what all episodes of a dataset share (environment, settings, frame skip), as a sentence goes on about each.
+pub(crate) fn difference(here: &Metadata, there: &Metadata) -> Option<[String; 2]> {
+    let runs = [here, there];
+    if here.env != there.env {
+        return Some(runs.map(|run| match run.known_env() {
+            Some(env) => format!("was recorded in {env}"),
+            None => "does not say how it was recorded".to_owned(),
+        }));
+    }
+    if here.settings != there.settings {
+        return Some(runs.map(|run| format!("was recorded with {}", settings_text(&run.settings))));
+    }
+    let skips = || runs.map(|run| format!("was recorded with frame skip {}", run.frame_skip));
+    (here.frame_skip != there.frame_skip).then(skips)
 }
 
 /// Settings as people write them: `damping=0.5, friction=2`.
-pub(crate) fn settings_text(settings: &serde_json::Map<String, serde_json::Value>) -> String {
+fn settings_text(settings: &serde_json::Map<String, serde_json::Value>) -> String {
     match settings.is_empty() {
         true => "the default settings".to_owned(),
         false => assignments(settings).collect::<Vec<_>>().join(", "),

@@ -25,7 +25,16 @@ pub use crate::lock::WriterLock;
 
 pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex};
 pub use self::fit::{check_fit, foreign, with_run};
-pub(crate) use self::fit::{check_own, resolve, settings_text};
+pub(crate) use self::fit::{check_own, difference, resolve};
+
+/// [`Backend::remove`] of a format whose datasets are files.
+///
+/// # Errors
+///
+/// The file cannot be removed.
+pub fn remove_file(path: &Path) -> Result<(), DataError> {
+    std::fs::remove_file(path).map_err(|source| DataError::io(path, "remove", source))
+}
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";

@@ -9,7 +9,7 @@ use swm_core::{Column, Dtype, Metadata};
 use super::copy::Piece;
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
-use crate::recording::settings_text;
+use crate::recording::difference;
 
 /// How far the rate of timestamps may be from the one that is said of them, as a share: they are stored with 24 bits.
 const RATE_TOLERANCE: f64 = 0.01;
@@ -43,22 +43,6 @@ pub fn check_recordings(sources: &[Box<dyn Dataset>], pieces: &[Piece]) -> Resul
         first.path().display()
     );
     Err(DataError::request(source.path(), reason))
-}
-
-/// How two runs differ, as a sentence goes on about each.
-fn difference(here: &Metadata, there: &Metadata) -> Option<[String; 2]> {
-    let runs = [here, there];
-    if here.env != there.env {
-        return Some(runs.map(|run| match run.known_env() {
-            Some(env) => format!("was recorded in {env}"),
-            None => "does not say how it was recorded".to_owned(),
-        }));
-    }
-    if here.settings != there.settings {
-        return Some(runs.map(|run| format!("was recorded with {}", settings_text(&run.settings))));
-    }
-    let skips = || runs.map(|run| format!("was recorded with frame skip {}", run.frame_skip));
-    (here.frame_skip != there.frame_skip).then(skips)
 }
 
 /// Why it is not certain at which rate the rows of a copy follow each other, so that its options have to say it.

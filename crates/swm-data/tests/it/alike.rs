@@ -70,7 +70,8 @@ fn recordings_of_other_settings_are_refused_before_anything_is_lost() {
         assert!(fs::read(&held).unwrap() == before);
     }
     let message = write(&first, &damped).unwrap_err().to_string();
-    let part = "it was recorded with the default settings, not with damping=0.5, mode=soft";
+    let part =
+        "it was recorded with the default settings, what is added was recorded with damping=0.5, mode=soft";
     assert!(message.contains(part), "{message}");
 }
 
@@ -101,4 +102,27 @@ fn another_rate_is_asked_for() {
         assert_eq!(merge(&[&slow, &fast], &to, &append.clone().frames_per_second(Some(20.0))).unwrap(), 2);
         assert_eq!(open(&to).unwrap().metadata().unwrap().rows_per_second, Some(20.0));
     }
+}
+
+#[test]
+fn a_file_of_messages_says_the_rate_of_its_messages() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (source, target) = (path("source.h5"), path("target.mcap"));
+    write(&source, &Metadata { rows_per_second: Some(10.0), ..metadata() }).unwrap();
+    let said = |path: &Path| -> Vec<_> {
+        open(path).unwrap().info().runs.iter().map(|(_, run)| run.rows_per_second).collect()
+    };
+    let at = |rate| WriteOptions::default().frames_per_second(rate);
+    assert_eq!(merge(&[&source], &target, &at(Some(30.0))).unwrap(), 1);
+    assert_eq!(said(&target), [Some(30.0)]);
+    let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
+    let written = text(&target);
+    assert!(written.contains("\"rows_per_second\":30") && !written.contains("\"rows_per_second\":10"));
+    // Times go on at the rate of the file, whatever the record of new episodes says.
+    write(&target, &Metadata { rows_per_second: Some(10.0), ..metadata() }).unwrap();
+    assert_eq!((open(&target).unwrap().num_episodes(), said(&target)), (2, vec![Some(30.0)]));
+    // Without the option, the rate of the source stays.
+    assert_eq!(merge(&[&source], &path("same.mcap"), &at(None)).unwrap(), 1);
+    assert_eq!(said(&path("same.mcap")), [Some(10.0)]);
 }

@@ -7,6 +7,7 @@ use swm_core::{Column, Field, FieldKind, Metadata};
 use swm_data::format::{built_in, by_name};
 use swm_data::{DataError, Steps, WriteMode, WriteOptions, create, create_with, open};
 
+use crate::copied;
 use crate::support::{assert_alike, bits, contents, episode, metadata, psnr, record, rows_of, schema};
 
 /// The formats of this build that are folders.
@@ -263,5 +264,98 @@ fn an_interrupted_folder_is_repaired_on_request() {
         assert!(repair(false).is_empty() && !leftover.exists());
         assert!(fs::read(&array).unwrap() == bytes);
         assert_eq!(contents(&path).len(), 2);
+    }
+}
+
+/// Two episodes in a folder of ours, without one of its files.
+fn without(name: &str, file: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data").with_extension(name);
+    record(&path, WriteMode::Append, 0..2).unwrap();
+    let file = path.join(file);
+    let removed = if file.is_dir() { fs::remove_dir_all(file) } else { fs::remove_file(file) };
+    removed.unwrap();
+    (folder, path)
+}
+
+#[test]
+fn an_index_that_is_gone_is_named_and_made_anew_on_request() {
+    for name in formats() {
+        let format = by_name(built_in(), name).unwrap();
+        let (_folder, path) = without(name, "ep_len.index");
+        let message = open(&path).err().expect("it is refused").to_string();
+        let fix = format!("swm verify {} --fix", path.display());
+        for part in ["`ep_len.index` is missing", "incomplete copy", "the 2 episodes of `ep_len.npz`", &fix] {
+            assert!(message.contains(part), "{part}: {message}");
+        }
+        let plan = format.repair(&path, false).unwrap();
+        assert_eq!(plan, ["restore the records of the last 2 episodes, which the index lacks"]);
+        assert!(open(&path).is_err());
+        assert_eq!(format.repair(&path, true).unwrap(), plan);
+        assert!(format.repair(&path, false).unwrap().is_empty());
+        for (index, batch) in contents(&path).iter().enumerate() {
+            assert_alike(&episode(&schema(), index, rows_of(index)), batch);
+        }
+        assert_eq!(record(&path, WriteMode::Append, 2..3).unwrap(), 2);
+
+        // That of the reference is made from ours.
+        for file in ["ep_len.npz", "ep_offset.npz"] {
+            let (_folder, path) = without(name, file);
+            assert_eq!((open(&path).unwrap().info().format, contents(&path).len()), (name, 2), "{file}");
+            let plan = format.repair(&path, true).unwrap();
+            assert!(plan.len() == 1 && plan[0].contains(file), "{plan:?}");
+            assert!(format.repair(&path, false).unwrap().is_empty() && path.join(file).is_file());
+        }
+    }
+}
+
+#[test]
+fn files_that_no_repair_brings_back_are_named() {
+    for name in formats() {
+        let told = |path: &Path| open(path).err().expect("it is refused").to_string();
+        for (file, lost) in [("state.npz", "`state.npz`"), ("pixels", "`pixels`")] {
+            let (_folder, path) = without(name, file);
+            let message = told(&path);
+            for part in [&format!("{lost} is missing, which holds the column"), "copy it again"] {
+                assert!(message.contains(part), "{message}");
+            }
+            assert_eq!(
+                by_name(built_in(), name).unwrap().repair(&path, true).unwrap_err().to_string(),
+                message
+            );
+        }
+        let (_folder, path) = without(name, "ep_len.index");
+        fs::remove_file(path.join("ep_len.npz")).unwrap();
+        let message = told(&path);
+        assert!(
+            message.contains("`ep_len.index` is missing") && message.contains("copy it again"),
+            "{message}"
+        );
+
+        // Episodes without a description are neither another program's nor a recording that had not begun.
+        let (_folder, path) = without(name, "ep_len.json");
+        assert!(told(&path).contains("`ep_len.json` is missing, which describes the columns"));
+        let refused = create(&path, WriteMode::Append, None).map(drop).unwrap_err();
+        assert!(refused.to_string().contains("`ep_len.json` is missing"), "{refused}");
+    }
+    // Folders of the reference.
+    for (file, holds) in [("ep_len.npz", "the lengths"), ("ep_offset.npz", "the first row")] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.folder");
+        copied(&golden("pusht_up_64_folder"), &path);
+        fs::remove_file(path.join(file)).unwrap();
+        let message = open(&path).err().expect("it is refused").to_string();
+        assert!(message.contains(&format!("`{file}` is missing, which holds {holds}")), "{message}");
+    }
+}
+
+#[test]
+fn a_replacement_that_is_killed_early_leaves_a_folder_to_record_into() {
+    for name in formats() {
+        let (_folder, path) = without(name, "ep_len.json");
+        fs::OpenOptions::new().write(true).open(path.join("ep_len.index")).unwrap().set_len(8).unwrap();
+        assert_eq!(record(&path, WriteMode::Error, 0..1).ok(), None);
+        assert_eq!(record(&path, WriteMode::Overwrite, 0..1).unwrap(), 0);
+        assert_eq!(contents(&path).len(), 1);
     }
 }

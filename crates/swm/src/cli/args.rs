@@ -201,17 +201,18 @@ impl PartArgs {
 }
 
 /// The policy of `--policy NAME:ARGS` for a world; notes tell of settings with which it can hardly search, and of those that its model was
-/// trained with.
+/// trained with and how `ask` says that they are asked for.
 pub(super) fn policy(
     registry: &Registry,
     text: &str,
     world: &World,
+    ask: Ask,
     output: &Output,
 ) -> Result<Box<dyn Policy>, Failure> {
     let args = policy_args(text)?;
     let policy = registry.policy_from(&args, world)?;
     note_elites(registry, world.entry(), &args, output);
-    training_note::of_policy(registry, &args, &world.into(), Ask::Here, output);
+    training_note::of_policy(registry, &args, &world.into(), ask, output);
     Ok(policy)
 }
 

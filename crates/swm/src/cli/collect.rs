@@ -20,6 +20,7 @@ use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
+use super::training_note::Ask;
 use super::work::Plan;
 use super::{Failure, Output, interrupt, memory, usage};
 
@@ -240,7 +241,7 @@ impl Collect {
             WorldError::Option { option: "checkpoints", reason } => usage(format!("--replayable: {reason}")),
             error => error.into(),
         })?;
-        world.set_policy(policy(registry, &self.policy, &world, output)?);
+        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?);
         Ok(world)
     }
 

@@ -8,7 +8,7 @@ use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{fill_factors, split_episodes};
 use swm_data::format::StoredImages;
-use swm_data::tools::alike::{check_recordings, rate_doubt};
+use swm_data::tools::alike::check_recordings;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::arrange;
@@ -214,7 +214,7 @@ impl Convert {
         self.to.check(registry)?;
         let mut sources = vec![self.to.open(registry, &self.source, &self.target, output)?];
         let pieces = all(&sources);
-        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
+        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
         output.result(&result, || line(&result))
     }
@@ -268,7 +268,7 @@ impl Merge {
         let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
-        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
+        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
         output.result(&result, || line(&result))
     }
@@ -349,11 +349,7 @@ impl Split {
             return Err(usage(format!("--parts: `{name}` would get none of the {count} episodes")));
         }
         let pieces = all(&sources);
-        inputs::note_rate(&mut sources, &pieces, self.to.fps, output);
-        // Before the first part is written.
-        if let Some(doubt) = rate_doubt(&mut sources, &pieces).filter(|_| self.to.fps.is_none()) {
-            return Err(usage(DataError::from(doubt)));
-        }
+        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
         let mut results = Vec::new();
         for (name, episodes) in names.iter().zip(divided) {
             let to = PathBuf::from(self.out.replace("{}", name));

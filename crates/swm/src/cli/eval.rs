@@ -15,6 +15,7 @@ use super::args::{
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
 use super::scenario::ScenarioArgs;
+use super::training_note::Ask;
 use super::work::Plan;
 use super::{Failure, Output, held, inputs, interrupt, usage};
 use crate::evaluation::RunOptions;
@@ -187,7 +188,8 @@ impl Eval {
             entry,
             self.world.at_most(self.episodes).options(config, budget).frame_skip(frame_skip),
         )?;
-        world.set_policy(policy(registry, &self.policy, &world, output)?);
+        let ask = if dataset.is_some() { Ask::Dataset } else { Ask::Here };
+        world.set_policy(policy(registry, &self.policy, &world, ask, output)?);
         let factors = &world.spec().factors;
         let reset = match &dataset {
             None => self.scenario.options(entry, factors, output)?,

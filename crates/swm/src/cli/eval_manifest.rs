@@ -26,7 +26,7 @@ pub(super) enum ReferenceArg {
     /// Actions sampled uniformly.
     Random,
     /// Zeros.
-    #[value(alias = "do_nothing")]
+    #[value(aliases = ["no_op", "do_nothing"])]
     NoOp,
     /// The same planner on the true dynamics.
     #[value(alias = "ceiling")]

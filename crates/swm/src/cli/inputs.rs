@@ -80,15 +80,17 @@ pub(super) fn check_distinct(paths: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Says that `--fps` decides, where the rate of a copy is in doubt. Without it the copy is refused.
-pub(super) fn note_rate(
+/// Refuses a copy whose rate is in doubt, before anything is written; with `--fps`, says that this decides.
+pub(super) fn check_rate(
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     fps: Option<f64>,
     output: &Output,
-) {
-    let Some(rate) = fps else { return };
-    if let Some(doubt) = rate_doubt(sources, pieces) {
-        output.note(format!("note: {doubt}; the copy has {rate}, by --fps"));
+) -> Result<(), Failure> {
+    match (rate_doubt(sources, pieces), fps) {
+        (None, _) => {}
+        (Some(doubt), None) => return Err(usage(DataError::from(doubt))),
+        (Some(doubt), Some(rate)) => output.note(format!("note: {doubt}; the copy has {rate}, by --fps")),
     }
+    Ok(())
 }

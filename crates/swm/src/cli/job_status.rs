@@ -196,7 +196,7 @@ impl<'a> Status<'a> {
         let mut rows = vec![("job", dir.clone()), ("command", format!("swm {}", job.command.join(" ")))];
         rows.push(("shards", self.line()));
         if job.episodes > 0 {
-            rows.push(("episodes", format!("{} of {}", self.episodes(), job.episodes)));
+            rows.push(("episodes", format!("{} of {}{}", self.episodes(), job.episodes, what(&job.command))));
         }
         let took: f64 = self.done.values().map(|done| done.seconds).sum();
         if !self.done.is_empty() {
@@ -239,6 +239,15 @@ impl<'a> Status<'a> {
     }
 }
 
+/// What the episodes of a command are, where they are more than those of its manifest.
+fn what(command: &[String]) -> &'static str {
+    match Kind::of(command) {
+        Ok(Kind::Eval) => " (every pair, with the policy and with each reference policy)",
+        Ok(Kind::Sweep) => " (every pair, unchanged and with each change)",
+        _ => "",
+    }
+}
+
 /// Episodes that a shard which is not done has committed: those in its file, or of its log where the file cannot be read now.
 fn episodes_of(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
     let range = folder.job.range(shard);
@@ -275,4 +284,17 @@ pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
         })
         .collect();
     table(&["job", "command", "progress", "result"], &rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn episodes_are_explained_where_a_pair_counts_several_times() {
+        let told = |command: &str| what(&command.split(' ').map(str::to_owned).collect::<Vec<_>>());
+        assert!(told("eval --manifest m.toml --policy cem").contains("each reference policy"));
+        assert!(told("sweep --manifest m.toml --policy cem").contains("each change"));
+        assert_eq!(told("collect swm/PushT-v1 --episodes 3"), "");
+    }
 }

@@ -11,6 +11,7 @@ use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
+use super::training_note::Ask;
 use super::{Failure, Output, usage};
 use crate::video::Video;
 
@@ -55,7 +56,7 @@ impl Render {
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: None };
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
-        world.set_policy(policy(registry, &self.policy, &world, output)?);
+        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?);
         let mut video = Video::first(1);
         let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options(
             entry,

@@ -227,5 +227,9 @@ mod work {
 mod work;
 
 #[cfg(feature = "baselines")]
+#[path = "train_checkpoints.rs"]
+mod checkpoints;
+
+#[cfg(feature = "baselines")]
 #[path = "train_online.rs"]
 mod online;

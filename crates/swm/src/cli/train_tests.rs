@@ -3,6 +3,8 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use swm_baselines::train::RunFolder;
+
 use super::*;
 
 #[test]

@@ -1,5 +1,6 @@
 //! Notes where a policy's model was trained with other settings of the environment than it is used with.
 
+use swm_core::evaluate::PairSource;
 use swm_core::registry::{FRAME_SKIP, TrainedIn, TrainingDifference};
 use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs, PolicyContext, Registry};
 
@@ -10,8 +11,12 @@ use super::Output;
 pub(super) enum Ask {
     /// By options of the command at work.
     Here,
+    /// By options of the command at work, but for the frame skip, which is that of the command's dataset.
+    Dataset,
     /// By options of the command that makes the manifest.
     Manifest,
+    /// The same, but for the frame skip, which is that of the dataset of the manifest.
+    ManifestOfDataset,
 }
 
 /// A note where the model behind a policy was trained with other settings than those of `context`.
@@ -36,7 +41,11 @@ pub(super) fn of_policy_on(
 ) {
     let config = EnvConfig { image: None, settings: manifest.settings.clone() };
     let context = PolicyContext::new(env, &config).frame_skip(manifest.frame_skip);
-    of_policy(registry, args, &context, Ask::Manifest, output);
+    let ask = match manifest.source {
+        PairSource::Online => Ask::Manifest,
+        _ => Ask::ManifestOfDataset,
+    };
+    of_policy(registry, args, &context, ask, output);
 }
 
 /// A note where a model was `trained` with other settings than those of `context`.
@@ -66,9 +75,19 @@ fn text(policy: &str, differences: &[TrainingDifference], ask: Ask) -> String {
         name => format!("--env-option {name}={}", found.trained),
     };
     let options = differences.iter().map(option).collect::<Vec<_>>().join(" ");
+    let skips = differences.iter().any(|found| found.name == FRAME_SKIP);
     let fix = match ask {
-        Ask::Here => format!("{options} uses it as it was trained"),
-        Ask::Manifest => format!("a manifest made with {options} evaluates it as it was trained"),
+        // A dataset is evaluated with its own frame skip: only another dataset has another.
+        Ask::Dataset if skips => {
+            format!("a dataset that is recorded with {options} evaluates it as it was trained")
+        }
+        Ask::ManifestOfDataset if skips => {
+            format!("a manifest of a dataset that is recorded with {options} evaluates it as it was trained")
+        }
+        Ask::Here | Ask::Dataset => format!("{options} uses it as it was trained"),
+        Ask::Manifest | Ask::ManifestOfDataset => {
+            format!("a manifest made with {options} evaluates it as it was trained")
+        }
     };
     format!(
         "note: {policy} was trained with {}, and is used with {}; its results may be far worse: {fix}",
@@ -115,5 +134,13 @@ mod tests {
             "{told}"
         );
         assert_eq!(differences("run", 4), []);
+        // With a dataset, `--frame-skip` is refused.
+        for (ask, of) in [(Ask::Dataset, "a dataset"), (Ask::ManifestOfDataset, "a manifest of a dataset")] {
+            let told = text("agent:runs/a", &differences("run", 1), ask);
+            let fix = format!(": {of} that is recorded with --frame-skip 4 evaluates it as it was trained");
+            assert!(told.ends_with(&fix), "{told}");
+        }
+        let told = text("agent:runs/a", &differences("walk", 4), Ask::Dataset);
+        assert!(told.ends_with(": --env-option task=run uses it as it was trained"), "{told}");
     }
 }

@@ -57,7 +57,8 @@ fn difference(asked: &Receipt, held: &Receipt, roles: &[(Role, Candidate)]) -> O
     } else if (&then.physics, &then.images) != (&now.physics, &now.images) {
         Some("the environment's physics or images have changed since".to_owned())
     } else if held.plan_steps != asked.plan_steps {
-        Some(format!("plans of {} actions, not of {}", held.plan_steps, asked.plan_steps))
+        let actions = if held.plan_steps == 1 { "action" } else { "actions" };
+        Some(format!("plans of {} {actions}, not of {}", held.plan_steps, asked.plan_steps))
     } else {
         other_oracle.map(|known| format!("another oracle, `{}`", known.candidate.policy.name))
     }

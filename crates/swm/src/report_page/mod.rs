@@ -175,10 +175,11 @@ fn lead(receipts: &[(&Receipt, &Label)], has_sweeps: bool) -> String {
         let same = receipts.iter().all(|(receipt, _)| receipt.manifest_hash == first.manifest_hash);
         parts.push(if same {
             format!(
-                "{policies} on {} pairs of the {} tier, up to {} actions each. Success: {}.",
+                "{policies} on {} pairs of the {} tier, up to {} {} each. Success: {}.",
                 first.episodes.len(),
                 first.manifest.tier.name(),
                 first.manifest.budget,
+                if first.manifest.budget == 1 { "action" } else { "actions" },
                 first.manifest.success.describe(),
             )
         } else {

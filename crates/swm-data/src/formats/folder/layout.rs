@@ -6,6 +6,7 @@
 //! it is and what its columns' checksums are, and commits it).
 
 use std::fs::{self, File};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crc32fast::hash;
@@ -21,7 +22,7 @@ pub(super) const EP_LEN: &str = "ep_len";
 pub(super) const EP_OFFSET: &str = "ep_offset";
 
 pub(super) const MANIFEST: &str = "ep_len.json";
-const INDEX: &str = "ep_len.index";
+pub(super) const INDEX: &str = "ep_len.index";
 const INDEX_MAGIC: &[u8; 8] = b"swmidx1\n";
 const VERSION: u32 = 1;
 /// A manifest above this size is taken for damage.
@@ -37,7 +38,35 @@ pub(super) fn array(folder: &Path, column: &str) -> PathBuf {
 /// Whether a recording was killed here before it had begun: the index is the first file of a folder of ours, the manifest
 /// the last.
 pub(super) fn is_unbegun(folder: &Path) -> bool {
-    folder.join(INDEX).is_file() && !folder.join(MANIFEST).exists()
+    index_bytes(folder).is_some_and(|bytes| bytes <= INDEX_MAGIC.len() as u64)
+        && !folder.join(MANIFEST).exists()
+}
+
+/// Refuses a folder of ours whose manifest is gone: its index counts episodes, whose columns nothing describes.
+pub(super) fn check_described(folder: &Path) -> Result<(), DataError> {
+    if index_bytes(folder).is_none_or(|bytes| bytes <= INDEX_MAGIC.len() as u64) {
+        return Ok(());
+    }
+    let reason = format!(
+        "`{MANIFEST}` is missing, which describes the columns and how they were recorded, as after an incomplete copy; copy that file \
+         again. Without `{INDEX}`, too, the folder is read as one of another program"
+    );
+    Err(DataError::damaged(folder, reason))
+}
+
+/// The size of the index; `None`: there is none.
+fn index_bytes(folder: &Path) -> Option<u64> {
+    let there = fs::metadata(folder.join(INDEX)).ok()?;
+    there.is_file().then_some(there.len())
+}
+
+/// The error for a file or subfolder without which a folder cannot be read; `holds` says what is in it.
+pub(super) fn lost(folder: &Path, name: &str, holds: &str) -> DataError {
+    let reason = format!(
+        "`{name}` is missing, which holds {holds}, as after an incomplete copy; no repair brings it back: copy it again from where the \
+         folder came"
+    );
+    DataError::damaged(folder, reason)
 }
 
 /// The description of a folder of ours.
@@ -60,7 +89,7 @@ impl Manifest {
     pub(super) fn read(folder: &Path) -> Result<Option<Self>, DataError> {
         let path = folder.join(MANIFEST);
         let bytes = match fs::metadata(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
             Ok(metadata) if metadata.len() > MAX_MANIFEST => {
                 return Err(DataError::damaged(&path, format!("it has {} bytes", metadata.len())));
             }
@@ -123,14 +152,17 @@ impl Entry {
     }
 }
 
-/// Reads the index of a folder of ours: the episodes that were committed.
-pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Vec<Entry>, DataError> {
+/// Reads the index of a folder of ours: the episodes that were committed; `None`: there is no index.
+pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Option<Vec<Entry>>, DataError> {
     let path = folder.join(INDEX);
-    let bytes = read_regular(&path).map_err(|source| DataError::io(&path, "read", source))?;
+    let bytes = match read_regular(&path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        read => read.map_err(|source| DataError::io(&path, "read", source))?,
+    };
     let Some(records) = bytes.strip_prefix(INDEX_MAGIC) else {
         // Killed before the first episode.
         return match bytes.len() < INDEX_MAGIC.len() {
-            true => Ok(Vec::new()),
+            true => Ok(Some(Vec::new())),
             false => Err(DataError::damaged(&path, "it does not begin as an index")),
         };
     };
@@ -140,7 +172,7 @@ pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Vec<Entry>, Da
     if records.len() >= (entries.len() + 1) * size {
         return Err(DataError::damaged(&path, format!("the record of episode {} is damaged", entries.len())));
     }
-    Ok(entries)
+    Ok(Some(entries))
 }
 
 /// The index of a folder that is being recorded.
@@ -182,11 +214,17 @@ impl IndexWriter {
 /// Removes what makes the folder a dataset: our files, columns, subfolders of columns. Anything else stays.
 pub(super) fn clear(folder: &Path, columns: &[String]) -> Result<(), DataError> {
     let failed = |path: &Path, source| DataError::io(path, "remove", source);
+    if index_bytes(folder).is_some_and(|bytes| bytes > INDEX_MAGIC.len() as u64) {
+        // A kill before it is removed leaves a folder that is unbegun, not one that lost its manifest.
+        let path = folder.join(INDEX);
+        let emptied = open_own(&path, false).and_then(|file| file.set_len(INDEX_MAGIC.len() as u64));
+        emptied.map_err(|source| failed(&path, source))?;
+    }
     let index = [MANIFEST.to_owned(), INDEX.to_owned(), format!("{EP_LEN}.npz"), format!("{EP_OFFSET}.npz")];
     for name in index.into_iter().chain(columns.iter().map(|column| format!("{column}.npz"))) {
         let path = folder.join(name);
         match fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(failed(&path, error)),
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(&path, error)),
             _ => {}
         }
     }
@@ -211,19 +249,22 @@ mod tests {
         for rows in [5, 6, 7] {
             index.push(&entry(rows)).unwrap();
         }
-        assert_eq!(read_index(folder.path(), 2).unwrap(), [5, 6, 7].map(entry));
+        let read = || read_index(folder.path(), 2).map(|entries| entries.expect("there is an index"));
+        assert_eq!(read().unwrap(), [5, 6, 7].map(entry));
         let path = folder.path().join(INDEX);
         let bytes = fs::read(&path).unwrap();
         for cut in 0..bytes.len() {
             fs::write(&path, &bytes[..cut]).unwrap();
-            assert_eq!(read_index(folder.path(), 2).unwrap().len(), cut.saturating_sub(8) / 16);
+            assert_eq!(read().unwrap().len(), cut.saturating_sub(8) / 16);
         }
         for at in 0..bytes.len() {
             let mut bytes = bytes.clone();
             bytes[at] ^= 1;
             fs::write(&path, &bytes).unwrap();
-            assert!(read_index(folder.path(), 2).is_err(), "{at}");
+            assert!(read().is_err(), "{at}");
         }
+        fs::remove_file(&path).unwrap();
+        assert_eq!(read_index(folder.path(), 2).unwrap(), None);
     }
 
     #[test]

@@ -45,8 +45,10 @@ fn storage(format: &Format, store: Store) -> FolderBackend {
     FolderBackend { format: format.name, store }
 }
 
+/// Either file may be gone after an incomplete copy, which is then told by its name.
 fn is_dataset(path: &Path) -> bool {
-    path.is_dir() && path.join("ep_len.npz").is_file()
+    path.is_dir()
+        && [layout::MANIFEST, "ep_len.npz", "ep_offset.npz"].iter().any(|name| path.join(name).is_file())
 }
 
 /// Whether the folder says so, or a subfolder holds a video.

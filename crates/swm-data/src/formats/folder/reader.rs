@@ -9,7 +9,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::images::{ImageReader, Store};
-use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
+use super::layout::{self, EP_LEN, EP_OFFSET, Entry, INDEX, Manifest};
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps};
 use crate::error::{DataError, FormatError, wrong_type};
 use crate::formats::npz::Array;
@@ -53,9 +53,27 @@ enum Source {
 }
 
 impl FolderDataset {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    ///
+    /// It is no dataset, a file of it is missing or damaged.
     pub(super) fn open(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
+        Self::open_with(path, format, store, false)
+    }
+
+    /// As [`FolderDataset::open`]; one of ours without an index is read by the reference's, for a repair that writes ours again.
+    ///
+    /// # Errors
+    ///
+    /// As of [`FolderDataset::open`].
+    pub(super) fn open_to_repair(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
+        Self::open_with(path, format, store, true)
+    }
+
+    fn open_with(path: &Path, format: &'static str, store: Store, repairs: bool) -> Result<Self, DataError> {
         let shared = match Manifest::read(path)? {
-            Some(manifest) => Shared::ours(path, format, store, manifest)?,
+            Some(manifest) => Shared::ours(path, format, store, manifest, repairs)?,
             None => Shared::foreign(path, format, store)?,
         };
         Ok(Self { shared: Arc::new(shared), images: BTreeMap::new(), scratch: Vec::new() })
@@ -71,12 +89,26 @@ impl FolderDataset {
 }
 
 impl Shared {
-    fn ours(path: &Path, format: &'static str, store: Store, manifest: Manifest) -> Result<Self, DataError> {
+    fn ours(
+        path: &Path,
+        format: &'static str,
+        store: Store,
+        manifest: Manifest,
+        repairs: bool,
+    ) -> Result<Self, DataError> {
         let schema =
             Schema::new(manifest.columns.clone()).map_err(|error| DataError::damaged(path, error))?;
         // First: while a recording goes on, it is never behind the index that is read next.
         let witness = lengths_by_reference(path);
-        let mut entries = layout::read_index(path, manifest.columns.len())?;
+        let mut entries = match layout::read_index(path, manifest.columns.len())? {
+            Some(entries) => entries,
+            None if witness.is_empty() => {
+                let holds = "the lengths and checksums of the episodes";
+                return Err(layout::lost(path, INDEX, holds));
+            }
+            None if repairs => Vec::new(),
+            None => return Err(without_index(path, witness.len())),
+        };
         let indexed = entries.len();
         let agrees = entries.iter().zip(&witness).all(|(entry, &rows)| i64::from(entry.rows) == rows);
         let lost = if agrees { witness.get(indexed..).unwrap_or_default() } else { &[] };
@@ -117,6 +149,7 @@ impl Shared {
     }
 
     fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
+        layout::check_described(path)?;
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
         let mut index = BTreeMap::new();
         let mut names = Vec::new();
@@ -171,6 +204,16 @@ impl Shared {
     }
 }
 
+/// The error for a folder of ours without its index, whose other files know so many episodes.
+fn without_index(path: &Path, episodes: usize) -> DataError {
+    let reason = format!(
+        "`{INDEX}` is missing, which holds the lengths and checksums of the episodes, as after an incomplete copy; copy that file again, \
+         or make it anew for the {episodes} episodes of `{EP_LEN}.npz`, with checksums of the files as they are now: swm verify {} --fix",
+        path.display()
+    );
+    DataError::damaged(path, reason)
+}
+
 /// Lengths of episodes by the reference's index; none if it is not whole, as after a kill.
 fn lengths_by_reference(path: &Path) -> Vec<i64> {
     let array = Array::open(&layout::array(path, EP_LEN)).and_then(|array| array.integers());
@@ -183,10 +226,18 @@ fn lengths_by_reference(path: &Path) -> Vec<i64> {
 /// The columns of a folder of ours, which hold so many rows.
 fn sources(path: &Path, store: Store, manifest: &Manifest, rows: usize) -> Result<Vec<Source>, DataError> {
     let source = |field: &Field| {
+        let holds = || format!("the column `{}`", field.name);
         if store.takes(field) {
-            return Ok(Source::Images(path.join(&field.name)));
+            let folder = path.join(&field.name);
+            return match rows == 0 || folder.exists() {
+                true => Ok(Source::Images(folder)),
+                false => Err(layout::lost(path, &field.name, &holds())),
+            };
         }
         let file = layout::array(path, &field.name);
+        if !file.exists() {
+            return Err(layout::lost(path, &format!("{}.npz", field.name), &holds()));
+        }
         let damaged = |error| DataError::damaged(&file, error);
         let array = Array::open_growing(&file, rows).map_err(damaged)?;
         if array.elements().dtype() != field.dtype || array.row_shape() != field.shape {
@@ -224,10 +275,11 @@ fn spans(
     index: &BTreeMap<String, Vec<i64>>,
     shortest: Option<(&str, usize)>,
 ) -> Result<Vec<(usize, usize)>, DataError> {
-    let [Some(lengths), Some(offsets)] = [index.get(EP_LEN), index.get(EP_OFFSET)] else {
-        let reason = format!("it has no `{EP_LEN}.npz` and `{EP_OFFSET}.npz`, which say where episodes lie");
-        return Err(DataError::not_a_dataset(path, reason));
-    };
+    let holds = [(EP_LEN, "the lengths of the episodes"), (EP_OFFSET, "the first row of each episode")];
+    if let Some((name, holds)) = holds.into_iter().find(|(name, _)| !index.contains_key(*name)) {
+        return Err(layout::lost(path, &format!("{name}.npz"), holds));
+    }
+    let (lengths, offsets) = (&index[EP_LEN], &index[EP_OFFSET]);
     if lengths.len() != offsets.len() {
         let reason = format!("{} episodes have a length, {} an offset", lengths.len(), offsets.len());
         return Err(DataError::damaged(path, reason));

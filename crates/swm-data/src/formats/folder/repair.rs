@@ -23,7 +23,7 @@ pub(super) fn repair(
     let path = &recording::resolve(path)?;
     let lock = WriterLock::take(path)?;
     let Some(manifest) = Manifest::read(path)? else { return Ok(Vec::new()) };
-    let dataset = FolderDataset::open(path, format, store)?;
+    let dataset = FolderDataset::open_to_repair(path, format, store)?;
     let known = dataset.known();
     let (episodes, rows) =
         (dataset.num_episodes(), (0..dataset.num_episodes()).map(|e| dataset.episode_len(e)).sum());

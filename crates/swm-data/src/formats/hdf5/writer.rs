@@ -70,6 +70,10 @@ impl Backend for Hdf5Backend {
         }
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        recording::remove_file(path)
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<Hdf5Session, DataError> {
         let &SessionStart { path, schema, fields, metadata, .. } = start;
         let (handles, rows) = match start.existing {

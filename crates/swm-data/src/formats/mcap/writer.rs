@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use crc32fast::Hasher;
 use rayon::prelude::*;
-use swm_core::{Batch, Field, Schema, Slice};
+use swm_core::{Batch, Field, Metadata, Schema, Slice};
 use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
 use super::foxglove;
-use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_image, topic};
+use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, at_rate, is_image, period_ns, topic};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
@@ -76,6 +76,10 @@ impl Backend for McapBackend {
         }
     }
 
+    fn remove(&self, path: &Path) -> Result<(), DataError> {
+        recording::remove_file(path)
+    }
+
     fn start(&self, start: &SessionStart<'_>) -> Result<McapSession, DataError> {
         let &SessionStart { path, options, schema, fields, metadata, .. } = start;
         if fields.len() > MAX_COLUMNS {
@@ -87,13 +91,15 @@ impl Backend for McapBackend {
             if !(rate.is_finite() && rate > 0.0) {
                 return Err(DataError::record(path, format!("{rate} frames per second are no rate")));
             }
-            let head = describe::head(fields, (1e9 / rate).round().max(1.0) as u64);
+            let head = describe::head(fields, period_ns(rate));
             // Complete before it has its name.
             let draft = beside(path, ".new");
             write_new(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
         let file = open_own(path, false).map_err(failed)?;
         let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
+        let rows_per_second = options.frames_per_second.or(metadata.rows_per_second);
+        let metadata = &at_rate(Metadata { rows_per_second, ..metadata.clone() }, index.row_ns);
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
         check_fit(path, &stored, first, fields, metadata)?;

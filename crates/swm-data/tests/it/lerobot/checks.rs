@@ -7,7 +7,8 @@ use serde_json::{Value as Json, json};
 use swm_data::tools::verify::verify;
 use swm_data::{WriteMode, open};
 
-use super::{copied, golden};
+use super::golden;
+use crate::copied;
 use crate::support::record;
 
 /// What is wrong with a folder as a whole.

@@ -6,7 +6,8 @@ use swm_core::Batch;
 use swm_data::testing::mutations::mutate;
 use swm_data::{Steps, WriteMode, open};
 
-use super::{copied, golden};
+use super::golden;
+use crate::copied;
 use crate::support::{bits, contents, record};
 
 #[test]

@@ -7,7 +7,8 @@ use swm_core::Batch;
 use swm_data::testing::mutations::mutate;
 use swm_data::{Steps, open};
 
-use super::{copied, golden};
+use super::golden;
+use crate::copied;
 
 /// A folder of version 3.0 with its images in its table, `file(row)` each; the table's row groups cut through its episodes of 4 and 6 rows.
 fn with_images_in_tables(path: &Path, shape: [usize; 3], file: impl Fn(usize) -> Option<Vec<u8>>) {

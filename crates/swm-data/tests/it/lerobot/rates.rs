@@ -9,7 +9,8 @@ use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, WriteOptions, create_with, open};
 
-use super::{copied, golden};
+use super::golden;
+use crate::copied;
 use crate::support::{assert_same, contents, episode, metadata, schema};
 
 fn join(sources: &[&Path], to: &Path, fps: Option<f64>) -> Result<usize, DataError> {

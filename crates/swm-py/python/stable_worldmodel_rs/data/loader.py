@@ -129,6 +129,8 @@ class Loader:
     ) -> None:
         if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
+        if batch_size < 1:
+            raise _swm.DataError(f"Loader: batch_size={batch_size}: use 1 or more clips")
         self.dataset = dataset
         self.batch_size = batch_size
         self.seed = seed
