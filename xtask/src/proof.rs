@@ -89,7 +89,8 @@ const TASKS: &[Task] = &[
             trial("lewm", "weak.h5", "3000"),
             trial("pldm", "weak.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "weak.h5", steps: "2000", train: PLACES },
-            trial("gcsl", "weak.h5", "1300"),
+            Trial { baseline: "gcsl", data: "weak.h5", steps: "1500", train: DRAWN },
+            trial(KEYPOINT_WM, "weak.h5", "4000"),
             Trial { baseline: "gcbc", data: "weak.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "weak.h5", steps: "1000", train: NEAR_TOO },
         ],
@@ -111,6 +112,7 @@ const TASKS: &[Task] = &[
             trial("pldm", "slow.h5", "3000"),
             Trial { baseline: "conv-jepa", data: "slow.h5", steps: "2000", train: PLACES },
             Trial { baseline: "gcsl", data: "slow.h5", steps: "5200", train: DRAWN },
+            trial(KEYPOINT_WM, "slow.h5", "4000"),
             Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", train: NEAR },
             Trial { baseline: "gciql", data: "slow.h5", steps: "1000", train: NEAR_TOO },
         ],
@@ -118,9 +120,9 @@ const TASKS: &[Task] = &[
 ];
 
 impl Task {
-    /// Whether `--only` with this name means a trial of it.
+    /// Whether `--only` with this name means a trial of it, or one that it needs.
     fn is_named(&self, trial: &Trial, name: &str) -> bool {
-        name == self.name || name == trial.baseline
+        name == self.name || name == trial.baseline || (name == KEYPOINT_WM && trial.baseline == "gcsl")
     }
 
     /// The policy that a trained baseline becomes.
@@ -128,6 +130,7 @@ impl Task {
         let run = run.display();
         match baseline {
             "lewm" | "pldm" | "conv-jepa" => format!("mpc:{run}{}", self.search),
+            KEYPOINT_WM => format!("mpc:{run}{SINGLE_ACTIONS}"),
             acts => format!("{acts}:{run}"),
         }
     }
@@ -176,6 +179,11 @@ const NEAR_TOO: &[&str] = &[
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 /// The same, of which 10 actions are executed before it is planned anew for the rest.
 const REPLANNED: &str = ",samples=100,iterations=8,elites=10,receding_horizon=2,shrinking_horizon=true";
+/// The same for a model of single actions, 5 of which are executed.
+const SINGLE_ACTIONS: &str =
+    ",samples=100,iterations=8,elites=10,sigma=2,horizon=25,receding_horizon=5,shrinking_horizon=true";
+/// A world model over what the encoder of `gcsl` sees: its run comes before.
+const KEYPOINT_WM: &str = "keypoint-wm";
 const HISTORIC: &[&str] =
     &["--tier", "historic", "--episodes", "100", "--goal-offset", "25", "--budget", "50"];
 
@@ -232,10 +240,10 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, program: &Program<'_>) -> R
             swm(&["train", "--resume"], &[("--out", &run)])?;
         } else {
             let words = ["train", trial.baseline, "--preset", "small", "--steps", trial.steps];
-            swm(
-                &[&words[..], trial.train].concat(),
-                &[("--dataset", &out.join(trial.data)), ("--out", &run)],
-            )?;
+            let (data, encoder) = (out.join(trial.data), out.join("gcsl"));
+            let mut paths = vec![("--dataset", data.as_path()), ("--out", &run)];
+            paths.extend((trial.baseline == KEYPOINT_WM).then_some(("--encoder", encoder.as_path())));
+            swm(&[&words[..], trial.train].concat(), &paths)?;
         }
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = task.policy(trial.baseline, &run);

@@ -35,6 +35,7 @@ fn a_model_learns_from_latents_of_a_frozen_encoder_and_goes_on_to_the_same_bits(
     assert!(weights("whole") == weights("broken"), "the weights differ");
 
     // It plans in the environment, alone and beside others.
-    let mpc = format!("mpc:{},horizon=4,receding_horizon=2,samples=8,elites=2,iterations=2", at("whole").display());
+    let mpc =
+        format!("mpc:{},horizon=4,receding_horizon=2,samples=8,elites=2,iterations=2", at("whole").display());
     assert_eq!(paths(&mpc, 1, Some(IMAGE)).unwrap().0, paths(&mpc, 3, Some(IMAGE)).unwrap().0);
 }
