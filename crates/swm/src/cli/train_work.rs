@@ -245,7 +245,8 @@ fn beginning(training: &Training) -> String {
         .collect();
     let numbers = many(model.parameters());
     let (name, preset) = (model.name(), &model.model_config().preset);
-    format!("{name}, preset {preset}, {numbers} parameters; clips: {}", clips.join("; "))
+    let first = if model.trains_on_latents() { "; first, its encoder sees each image once" } else { "" };
+    format!("{name}, preset {preset}, {numbers} parameters; clips: {}{first}", clips.join("; "))
 }
 
 /// A number of parameters.
