@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 use swm_data::loader::GoalWeights;
 use swm_solvers::{Aggregate, Candidates};
 
@@ -132,6 +132,11 @@ pub trait Baseline: Send {
 
     /// A copy of the model as it is now that predicts what plans lead to; `None` if it is no world model.
     fn planner(&self) -> Option<Box<dyn PlanModel>>;
+
+    /// Settings of the MPC policy with which the model plans, where its own defaults are for models of blocks of actions.
+    fn plan_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
 
     /// A copy of the model as it is now that acts by itself; `None` if it is no policy.
     fn policy(&self) -> Option<Box<dyn GoalPolicy>>;

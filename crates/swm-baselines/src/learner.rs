@@ -4,6 +4,7 @@ use std::path::Path;
 
 use burn::module::Module;
 use burn::tensor::Device;
+use serde_json::{Map, Value as Json};
 
 use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step};
 use crate::data::{ClipBatch, Form, Inputs};
@@ -273,6 +274,10 @@ impl<N: Network> Baseline for Learner<N> {
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
         self.computing().planner()
+    }
+
+    fn plan_settings(&self) -> Map<String, Json> {
+        self.network().plan_settings()
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {

@@ -3,6 +3,7 @@
 //! [`Baseline`]: crate::Baseline
 
 use burn::module::Module;
+use serde_json::{Map, Value as Json};
 
 use crate::baseline::{GoalPolicy, InputSpec, Phase, PlanModel};
 use crate::data::{Form, Inputs};
@@ -30,6 +31,11 @@ pub(crate) trait Network: Module + 'static {
     /// The model at work as a world model.
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
         None
+    }
+
+    /// See [`Baseline::plan_settings`](crate::Baseline::plan_settings).
+    fn plan_settings(&self) -> Map<String, Json> {
+        Map::new()
     }
 
     /// The model at work as a policy.

@@ -63,6 +63,11 @@ impl ModelCost {
         ActionScale::MeanStd { mean: scale.mean.clone(), std: scale.std.clone() }
     }
 
+    /// Settings of the plan, unless others are given.
+    pub(super) fn plan_settings(&self) -> Map<String, Json> {
+        self.model.baseline.plan_settings()
+    }
+
     /// Actions of a block: the model's frame skip.
     pub fn action_block(&self) -> usize {
         self.model.baseline.input_spec().frameskip

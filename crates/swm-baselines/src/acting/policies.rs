@@ -1,7 +1,7 @@
 //! Trained models by name: `mpc:RUN,solver=icem,samples=200`, `policy:RUN`, `gcbc:RUN`.
 
 use std::fmt::Display;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
@@ -13,8 +13,10 @@ use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan
 use super::agent_policy::AgentPolicy;
 use super::cost::{self, ModelCost};
 use super::goal_policy::ModelPolicy;
+use crate::baseline::Baseline;
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::models::table::restore;
 use crate::online::{OnlineConfig, TrainedAgent, find_agent, tdmpc2};
 use crate::precision::Precision;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
@@ -31,6 +33,7 @@ pub const POLICIES: &[PolicyEntry] = &[
             let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
             let cost = cost.with_aggregate(aggregate);
             let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
+            with_defaults(&mut given.rest, cost.plan_settings());
             let learned = LearnedCost::new(Box::new(cost), action_block).scaled(scale).with_settings(OF_PLANNERS);
             let policy = plan_on(context, learned, given.rest);
             Ok(Box::new(policy.map_err(|error| args.wrong(error.to_string()))?))
@@ -40,7 +43,15 @@ pub const POLICIES: &[PolicyEntry] = &[
     .image(image_size)
     .trained(trained_in)
     .files(model_files)
-    .oracle(|context, args| on_true_dynamics(context, Given::of(args).ok()?.rest)),
+    .oracle(|context, args| {
+        let mut given = Given::of(args).ok()?;
+        if let Ok(model) = untrained(&given.run) {
+            with_defaults(&mut given.rest, model.plan_settings());
+            let block = Json::from(model.input_spec().frameskip);
+            with_defaults(&mut given.rest, Map::from_iter([("action_block".to_owned(), block)]));
+        }
+        on_true_dynamics(context, given.rest)
+    }),
     acting("policy", "acts as a trained goal-conditioned policy says (`policy:RUN`)", |context, args| {
         model_policy(context, args, None)
     }),
@@ -77,6 +88,18 @@ const AGGREGATE: Setting = Setting::new(
     "Cost of a plan: last, mean or best distance of its predicted states from the goal",
     "last",
 );
+
+/// Adds what was not given.
+fn with_defaults(given: &mut Map<String, Json>, defaults: Map<String, Json>) {
+    for (name, value) in defaults {
+        given.entry(name).or_insert(value);
+    }
+}
+
+/// The model of a run, without its weights.
+fn untrained(run: &Path) -> Result<Box<dyn Baseline>, BaselineError> {
+    restore(&RunConfig::read(&RunFolder::open(run)?)?.model_config, Device::Cpu)
+}
 
 /// What [`AGGREGATE`] is set to.
 fn aggregate(args: &PolicyArgs, given: Option<Json>) -> Result<Aggregate, PolicyError> {

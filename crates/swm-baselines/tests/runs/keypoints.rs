@@ -7,7 +7,7 @@ use swm_baselines::Device;
 use swm_baselines::train::{NewRun, RunFolder, Training};
 use swm_data::format::built_in;
 
-use super::{BreakAt, IMAGE, SIDE, new_run, paths, record};
+use super::{BreakAt, IMAGE, SIDE, made, new_run, paths, record};
 
 #[test]
 fn a_model_learns_from_latents_of_a_frozen_encoder_and_goes_on_to_the_same_bits() {
@@ -33,6 +33,11 @@ fn a_model_learns_from_latents_of_a_frozen_encoder_and_goes_on_to_the_same_bits(
     assert_eq!(resumed.unwrap().run(Vec::new()).unwrap(), whole);
     let weights = |name: &str| fs::read(RunFolder::open(&at(name)).unwrap().weights(9)).unwrap();
     assert!(weights("whole") == weights("broken"), "the weights differ");
+
+    // Unless told otherwise, it plans single actions with the last one in sight.
+    let plan = made(&format!("mpc:{}", at("whole").display())).unwrap().describe();
+    let settings = ["horizon=25", "shrinking_horizon=true", "history_len=2", "action_block=1"];
+    assert!(settings.iter().all(|setting| plan.contains(setting)), "{plan}");
 
     // It plans in the environment, alone and beside others.
     let mpc =

@@ -14,6 +14,7 @@ mod tests;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json, json};
 
 use crate::baseline::{InputSpec, Phase, PlanModel};
 use crate::data::{DataDims, Form, Inputs};
@@ -104,6 +105,9 @@ struct KeypointWm {
     /// Z: values of a latent.
     #[module(skip)]
     dim: usize,
+    /// F: environment steps from one latent to the next.
+    #[module(skip)]
+    frameskip: usize,
 }
 
 /// Network and training of these settings.
@@ -123,6 +127,7 @@ pub(crate) fn make(
         predictor: LatentChange::new(sizes, device),
         form,
         dim,
+        frameskip,
     };
     // The action before the first latent is one of the clip's.
     let input_spec = InputSpec { num_steps: rollout_steps + 2, frameskip, image, proprio: false, batch };
@@ -183,5 +188,17 @@ impl Network for KeypointWm {
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
         Some(Box::new(Planner::new(self.clone())))
+    }
+
+    /// As far as other models plan, of which 5 actions are executed; with the last action in sight.
+    fn plan_settings(&self) -> Map<String, Json> {
+        let blocks = |actions: usize| (actions / self.frameskip).max(1);
+        let settings = json!({
+            "horizon": blocks(25),
+            "receding_horizon": blocks(5),
+            "shrinking_horizon": true,
+            "history_len": 2,
+        });
+        settings.as_object().cloned().unwrap_or_default()
     }
 }
