@@ -253,7 +253,7 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert_eq!(mpc.image_size(&args(&format!("mpc:{run}"))), Some(IMAGE));
     let named = args(&format!("mpc:{run},solver=icem,samples=7,checkpoint=best,aggregate=mean"));
     let oracle = mpc.oracle_args(&PolicyContext::new(&DOT, &config), &named);
-    assert_eq!(oracle, Some(args("icem:samples=7,aggregate=mean")));
+    assert_eq!(oracle, Some(args("icem:samples=7,aggregate=mean,action_block=2")));
     let files = mpc.model_files(&named).unwrap();
     assert_eq!(files[0], Path::new(&run).join("config.json"));
     assert!(made(&format!("mpc:{run}")).unwrap().as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
