@@ -94,13 +94,28 @@ impl<N: Network> Learner<N> {
         })
     }
 
+    /// The network before its first step. A frozen encoder keeps the statistics that came with its weights.
+    fn begun(&self, inputs: &Inputs) -> N {
+        let begun = self.network().clone().begin(inputs);
+        if !self.has_frozen_encoder() {
+            return begun;
+        }
+        let mut before = Vec::new();
+        params::visit(self.network(), |_, tensor| before.push(tensor));
+        let mut before = before.into_iter();
+        params::map(begun, |spec, found| {
+            let known = before.next().expect("a network has the same tensors before and after");
+            if spec.is_below(&[N::ENCODER]) { known } else { found }
+        })
+    }
+
     /// One step. It `waits` for the losses before it changes anything, or leaves them on the device.
     fn step(&mut self, batch: &ClipBatch<'_>, at: &Step, waits: bool) -> Result<Reading, BaselineError> {
         let phase = self.phase(at.phase)?.clone();
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
         let mut pass = Pass::train_on(&self.device, at.seed, at.step);
         let is_first = (at.phase, at.step) == (0, 0);
-        let begun = is_first.then(|| self.network().clone().begin(&inputs));
+        let begun = is_first.then(|| self.begun(&inputs));
         let tracked = params::track(begun.as_ref().unwrap_or_else(|| self.network()), phase.trains);
         let terms = self.precision.copy_of(&tracked).loss(at.phase, &inputs, &mut pass)?;
         let gradients = terms.total.is_tracked().then(|| terms.total.backward());

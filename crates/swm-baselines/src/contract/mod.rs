@@ -366,6 +366,19 @@ fn what_cannot_be_made_says_why() {
 }
 
 #[test]
+fn a_frozen_encoder_keeps_its_background() {
+    let deviation = |train_encoder: bool| {
+        let mut changes = goal();
+        changes["model"]["train_encoder"] = train_encoder.into();
+        let mut model = make("gcbc", &options("small", changes)).unwrap();
+        step(model.as_mut(), 0, 0);
+        weights(model.as_ref())["encoder.background.deviation"].values[0]
+    };
+    assert_eq!(deviation(false), 1.0);
+    assert_ne!(deviation(true), 1.0);
+}
+
+#[test]
 fn a_frozen_encoder_is_known() {
     let frozen = |name, changes| make(name, &options("small", changes)).unwrap().has_frozen_encoder();
     assert!(frozen("dino-wm", Json::Null) && frozen("gcbc", json!({"model": {"train_encoder": false}})));
