@@ -100,12 +100,9 @@ impl<N: Network> Learner<N> {
         if !self.has_frozen_encoder() {
             return begun;
         }
-        let mut before = Vec::new();
-        params::visit(self.network(), |_, tensor| before.push(tensor));
-        let mut before = before.into_iter();
-        params::map(begun, |spec, found| {
-            let known = before.next().expect("a network has the same tensors before and after");
-            if spec.is_below(&[N::ENCODER]) { known } else { found }
+        params::map_both(begun, self.network(), |spec, found, known| match spec.is_below(&[N::ENCODER]) {
+            true => known,
+            false => found,
         })
     }
 
@@ -305,11 +302,7 @@ const ONLINE: &str = "online";
 
 /// The average of weights after a step: of what the phase trains by this decay, of all else as it is now.
 fn averaged<N: Module>(average: N, network: &N, trains: &[&str], decay: f64) -> N {
-    let mut now = Vec::new();
-    params::visit(network, |_, tensor| now.push(tensor));
-    let mut now = now.into_iter();
-    params::map(average, |spec, old| {
-        let new = now.next().expect("a network and its average have the same tensors");
+    params::map_both(average, network, |spec, old, new| {
         if spec.is_buffer() || !spec.is_below(trains) {
             return new;
         }

@@ -207,6 +207,18 @@ pub(crate) fn map<M: Module>(module: M, change: impl FnMut(&Spec, Tensor<1>) -> 
     module.map(&mut Change { path: Path::default(), change })
 }
 
+/// As [`map`]; `change` gets the tensor of `other` as well, a network of the same form.
+pub(crate) fn map_both<M: Module>(
+    module: M,
+    other: &M,
+    mut change: impl FnMut(&Spec, Tensor<1>, Tensor<1>) -> Tensor<1>,
+) -> M {
+    let mut others = Vec::new();
+    visit(other, |_, tensor| others.push(tensor));
+    let mut others = others.into_iter();
+    map(module, |spec, tensor| change(spec, tensor, others.next().expect("networks of one form")))
+}
+
 /// A copy of the network whose tensors of these prefixes take part in differentiation; the others are constants.
 pub(crate) fn track<M: Module>(module: &M, prefixes: &[&str]) -> M {
     struct Track<'a> {
