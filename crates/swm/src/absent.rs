@@ -112,6 +112,7 @@ pub(crate) const NAMES: &[Absent] = &[
     model("lewm"),
     model("pldm"),
     model("dino-wm"),
+    model("keypoint-wm"),
     env("swm/PushTRapier-v0", RAPIER),
     env("swm/PointMaze-v0", RAPIER),
     env("swm/PFRocketLanding-v0", RAPIER),

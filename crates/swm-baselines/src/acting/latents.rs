@@ -1,7 +1,7 @@
 //! A trained world model for `swm quality`: latents of recorded steps, and predictions from them.
 //!
 //! A prediction spans the frame skip F of the model, and sees the latent before it alone, as that of a plan's first step does
-//! where an episode begins: what a history of more frames would add is not measured.
+//! where an episode begins: what a history of more frames, or the last action, would add is not measured.
 
 use swm_core::env::PIXELS;
 use swm_core::evaluate::ModelEntry;
@@ -21,6 +21,7 @@ pub const MODELS: &[ModelEntry] = &[
     model("lewm", "a trained LeWM"),
     model("pldm", "a trained PLDM"),
     model("dino-wm", "a trained DINO-WM"),
+    model("keypoint-wm", "a trained Keypoint-WM"),
 ];
 
 const fn model(name: &'static str, summary: &'static str) -> ModelEntry {

@@ -34,7 +34,7 @@ Examples:
 
 Models that need no training are for comparison: `true` (the environment in its standardized state space), `gain=G` (the same with actions \
 multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes). \
-Trained ones are `lewm:RUN`, `pldm:RUN`, `conv-jepa:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
+Trained ones are `lewm:RUN`, `pldm:RUN`, `conv-jepa:RUN`, `dino-wm:RUN`, `keypoint-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
 time as the frame skip that they were trained with. \
 Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
 scored on the others. The gate says what a model should reach before plans are made on it: an R² of 0.8 of all that is probed, a rank correlation of 0.85. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
