@@ -138,6 +138,8 @@ fn a_crate_with_an_environment_is_made_anywhere() {
     assert!(read("src/main.rs").contains("my_env::POINT"));
     assert!(swm_fails(2, &args).contains("is not empty"));
     assert!(swm_fails(2, &["new-env", "My Env", "--out", &made]).contains("lower-case"));
+    assert!(swm_fails(2, &["new-env", "match", "--out", &made]).contains("`match` is a word of Rust"));
+    assert!(swm_fails(2, &["new-env", "serde", "--out", &made]).contains("the name of another crate"));
     let nowhere = ["new-env", "other", "--out", &folder.path("other"), "--checkout", &folder.path("")];
     assert!(swm_fails(2, &nowhere).contains("no checkout"));
     let git = folder.path("by-git");

@@ -136,7 +136,10 @@ fn a_report_is_written_anew_and_other_files_are_kept() {
     let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
     let (result, page) = (folder.path("random"), folder.path("page.html"));
     let none = ["--reference", "none", "--quiet"];
-    swm_ok(&[&["eval", "--manifest", &manifest, "--policy", "random", "--out", &result][..], &none].concat());
+    let eval = ["eval", "--manifest", &manifest, "--policy", "random", "--out", &result];
+    let both = ["--reference", "none,random"];
+    assert!(swm_fails(2, &[&eval[..], &both].concat()).contains("`none`"));
+    swm_ok(&[&eval[..], &none].concat());
     let report = ["report", result.as_str(), "--videos", "0", "--out", page.as_str()];
     std::fs::write(&page, "<p>My own page.</p>").unwrap();
     let message = swm_fails(2, &report);

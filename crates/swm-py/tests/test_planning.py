@@ -156,7 +156,7 @@ def test_goals_of_joined_latents():
     encoded = default_goal_encode(Split(), info)
     torch.testing.assert_close(encoded, observed()["goal"])
     torch.testing.assert_close(info["proprio_goal_emb"], observed()["goal_proprio"])
-    with pytest.raises(AssertionError, match="goal not in info_dict.*goal_conditioned=True"):
+    with pytest.raises(AssertionError, match=r"goal not in info_dict.*image_shape=\(H, W\).*encode_goal=lambda model, info"):
         default_goal_encode(Latent(), {"pixels": torch.zeros(1, 1, 1)})
 
 

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use swm_core::evaluate::Transfer;
 
-use super::eval_manifest::{at_reset, p_value};
 use super::output::table;
+use super::rates::{at_reset, p_value};
 use super::{Failure, Output, usage};
 use crate::evaluation::{Receipt, Side, compare, read_receipt};
 

@@ -11,6 +11,7 @@ use swm_core::{EnvEntry, Manifest, Registry};
 use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
 use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
+use super::rates::{at_reset, p_value, rate};
 use super::regret::regret_line;
 use super::training_note;
 use super::work::Plan;
@@ -209,6 +210,9 @@ impl EvalManifest<'_> {
             let oracle = Candidate::new(policy_args(text)?).seeded(candidate.seed);
             all.push((Role::Oracle, oracle.on(registry, entry, manifest)));
         }
+        if self.reference.len() > 1 && self.reference.contains(&ReferenceArg::None) {
+            return Err(usage("--reference none goes with no other; leave `none` out, or the others"));
+        }
         let is_wanted = |role: &Role| {
             let arg = match role {
                 Role::Random => ReferenceArg::Random,
@@ -318,25 +322,6 @@ impl Run<'_> {
             ledger.close()?;
         }
         Ok(episodes)
-    }
-}
-
-/// `61.0 % (55.1 to 66.6)`.
-pub(super) fn rate(summary: &Summary) -> String {
-    let [low, high] = summary.ci95;
-    format!("{:.1} % ({low:.1} to {high:.1})", summary.success_rate)
-}
-
-/// A p-value that is not shown as 0.
-pub(super) fn p_value(p: f64) -> String {
-    if p < 0.0001 { "p < 0.0001".to_owned() } else { format!("p = {p:.4}") }
-}
-
-/// ` (3 with success at reset, which counts for every policy)`.
-pub(super) fn at_reset(solved: usize) -> String {
-    match solved {
-        0 => " (0 with success at reset)".to_owned(),
-        solved => format!(" ({solved} with success at reset, which counts for every policy)"),
     }
 }
 

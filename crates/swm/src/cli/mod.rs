@@ -31,6 +31,7 @@ mod plan;
 mod preview;
 mod quality;
 mod quality_checks;
+mod rates;
 mod regret;
 mod render;
 mod replay;

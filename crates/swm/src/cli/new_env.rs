@@ -21,8 +21,28 @@ const FILES: [(&str, &str); 5] = [
 const CRATES: [&str; 3] = ["swm", "swm-core", "swm-fov"];
 
 /// Names that cargo refuses, or that would hide a crate that the template uses.
-const TAKEN: [&str; 11] =
-    ["alloc", "core", "proc_macro", "std", "test", "build", "deps", "examples", "swm", "swm-core", "swm-fov"];
+const TAKEN: [&str; 12] = [
+    "alloc",
+    "core",
+    "proc_macro",
+    "std",
+    "test",
+    "build",
+    "deps",
+    "examples",
+    "serde",
+    "swm",
+    "swm-core",
+    "swm-fov",
+];
+/// Words of Rust, which cannot name a crate.
+const KEYWORDS: [&str; 51] = [
+    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn",
+    "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop",
+    "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref", "return", "self", "static",
+    "struct", "super", "trait", "true", "try", "type", "typeof", "unsafe", "unsized", "use", "virtual",
+    "where", "while", "yield",
+];
 
 /// Make a crate with a small environment, its conformance test and a command, to be changed into your own.
 #[derive(Args)]
@@ -54,6 +74,12 @@ impl NewEnv {
                 self.name
             )));
         }
+        if KEYWORDS.contains(&self.name.as_str()) {
+            return Err(usage(format!(
+                "`{0}` is a word of Rust, and names no crate; use `my-{0}`",
+                self.name
+            )));
+        }
         if TAKEN.contains(&self.name.as_str()) {
             return Err(usage(format!("`{0}` is the name of another crate; use `my-{0}`", self.name)));
         }
@@ -80,10 +106,16 @@ impl NewEnv {
         if let Some(tools) = self.tools() {
             write(".cargo/config.toml", &tools)?;
         } else if !["cmake", "ninja"].into_iter().all(is_installed) {
-            output.note(
+            let of_setup = match &self.checkout {
+                None => "--checkout takes those that `cargo xtask setup` put there".to_owned(),
+                Some(checkout) => {
+                    format!("`cargo xtask setup` puts both into {}, before this command", checkout.display())
+                }
+            };
+            output.note(&format!(
                 "note: `cargo build --features cli` there builds HDF5 with cmake and ninja, which this machine lacks: `pip install cmake \
-                 ninja` installs both, and --checkout takes those that `cargo xtask setup` put there",
-            );
+                 ninja` installs both, and {of_setup}"
+            ));
         }
         let result = json!({"crate": self.name, "folder": folder});
         output.result(&result, || {

@@ -6,9 +6,9 @@ use clap::{Args, ValueEnum};
 use swm_core::{Cancel, FactorSpec, Manifest, Registry, Space};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
-use super::eval_manifest::{at_reset, p_value, rate};
 use super::manifest::note_rewards_only;
 use super::output::{create_folder, table};
+use super::rates::{at_reset, p_value, rate};
 use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};

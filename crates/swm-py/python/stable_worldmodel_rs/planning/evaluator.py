@@ -23,8 +23,9 @@ def _goal_inputs(info_dict: dict[str, Any]) -> dict[str, Any]:
     if "goal" not in info_dict:
         known = ", ".join(info_dict)
         raise AssertionError(
-            f"goal not in info_dict, which has {known}; make the World with goal_conditioned=True, or give the "
-            "evaluator encode_goal=None and an objective that needs none"
+            f"goal not in info_dict, which has {known}. A model of images needs image_shape=(H, W) and goal_conditioned=True of "
+            "World or make_manifest; for a model of other columns, give the evaluator encode_goal=lambda model, info: the "
+            "embedding of a goal's column, such as info['goal_state'][:, 0]; for an objective without a goal, encode_goal=None"
         )
     return {key: value[:, 0] for key, value in info_dict.items() if torch.is_tensor(value)}
 
