@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::Registry;
 
-use super::eval_manifest::rate;
 use super::output::counted;
+use super::rates::rate;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
 use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
