@@ -147,6 +147,13 @@ impl<'a> RowsMut<'a> {
         )
     }
 
+    /// Copies a row of a table with the same schema into the selected row.
+    pub(crate) fn copy_row(&mut self, row: Row<'_>) {
+        for index in 0..self.columns.len() {
+            assert!(self.slice_mut(index).copy_from(row.at(index)), "one schema made both");
+        }
+    }
+
     /// The untyped values of field `index` in the selected row.
     pub fn slice_mut(&mut self, index: usize) -> SliceMut<'_> {
         let dim = self.schema.dim(index);

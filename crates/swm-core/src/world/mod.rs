@@ -4,6 +4,8 @@
 
 mod acting;
 mod fields;
+mod lanes;
+mod parts;
 mod phases;
 mod run;
 mod saved;
@@ -22,6 +24,8 @@ use crate::view::{Frames, Transform};
 
 pub use run::Run;
 pub use saved::SavedSlot;
+
+pub(crate) use parts::{Part, Watcher, Whole};
 
 use fields::CommonFields;
 use phases::{OptionsOf, ResetRules, StepRules};
