@@ -107,8 +107,9 @@ fn take_turns(lanes: &mut [Lane<'_>], rollout: &Rollout, upcoming: &Arc<Upcoming
             if !matches!(next, Next::IsOver) {
                 lock(&waiting).push_back(lane);
             }
-            // Recorded episodes are written between turns.
-            if rayon::yield_now() != Some(Yield::Executed) && waits {
+            // Whatever is ready to be written is written first: what is left to the end is written by one thread alone.
+            while rayon::yield_now() == Some(Yield::Executed) {}
+            if waits {
                 thread::yield_now();
             }
         }
