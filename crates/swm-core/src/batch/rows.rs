@@ -99,6 +99,12 @@ impl<'a> RowsMut<'a> {
         self
     }
 
+    /// The same range, for a shorter time.
+    pub fn reborrow(&mut self) -> RowsMut<'_> {
+        let columns = self.columns.iter_mut().map(SliceMut::reborrow).collect();
+        RowsMut { schema: self.schema, rows: self.rows, selected: self.selected, columns }
+    }
+
     /// Two disjoint ranges: the first `at` rows and the rest.
     pub fn split_at(self, at: usize) -> (RowsMut<'a>, RowsMut<'a>) {
         let (mut left, mut right) = (SmallVec::new(), SmallVec::new());

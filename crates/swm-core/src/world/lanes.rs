@@ -7,6 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
+use std::time::{Duration, Instant};
 
 use rayon::Yield;
 
@@ -18,8 +19,10 @@ use crate::policy::Policy;
 use crate::run::{Rollout, Slot};
 use crate::threads::{Pace, Threads};
 
-/// Steps of one turn: enough that the way of an environment into the cache of another core counts little.
-const TURN_STEPS: usize = 32;
+/// A turn is at least so long, since an environment may have to move into the cache of another core for it: some 10 to 50 µs.
+const TURN: Duration = Duration::from_millis(2);
+/// After so many steps a turn may end.
+const TURN_STEPS: usize = 8;
 
 /// The episodes of a run that are still to begin, and those that do not go on.
 pub(super) struct Upcoming {
@@ -148,8 +151,12 @@ struct Lane<'a> {
 
 impl Lane<'_> {
     fn turn(&mut self, rollout: &Rollout, upcoming: &Arc<Upcoming>) -> Result<Next, WorldError> {
-        let mut steps = 0;
-        while steps < TURN_STEPS {
+        let (started, mut steps) = (Instant::now(), 0);
+        let mut is_over = || {
+            steps += 1;
+            steps % TURN_STEPS == 0 && started.elapsed() >= TURN
+        };
+        loop {
             let is_live = self.world.slots[0].is_live();
             if !is_live && upcoming.is_empty() {
                 return Ok(Next::IsOver);
@@ -168,9 +175,7 @@ impl Lane<'_> {
             if !is_live {
                 run.begin_due()?;
             }
-            while let Some(episode) = run.world.slots[0].live_episode()
-                && steps < TURN_STEPS
-            {
+            while let Some(episode) = run.world.slots[0].live_episode() {
                 if upcoming.is_stopped(episode.index) {
                     return Ok(Next::IsOver);
                 }
@@ -178,10 +183,11 @@ impl Lane<'_> {
                     run.act()?;
                 }
                 run.step()?;
-                steps += 1;
+                if is_over() {
+                    return Ok(Next::GoesOn);
+                }
             }
         }
-        Ok(Next::GoesOn)
     }
 
     /// Which episode failed (0: the run itself), and how, with the environment's place in the world.

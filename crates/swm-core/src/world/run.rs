@@ -53,7 +53,8 @@ impl World {
     /// # Errors
     ///
     /// As [`World::reset`] and [`World::step`]; fewer reset options than episodes; [`WorldError::Cancelled`]; whatever the
-    /// recorder meets.
+    /// recorder meets. With several threads and a policy that can be divided ([`Policy::divide`](crate::Policy::divide)), the failure of the
+    /// first episode that fails is given, and all before it go on to their ends.
     pub fn run(&mut self, rollout: &Rollout, recorder: &mut dyn Recorder) -> Result<(), WorldError> {
         self.run_whole(rollout, &mut Watcher::new(recorder))
     }
