@@ -1,6 +1,7 @@
 //! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
 
 use std::any::Any;
+use std::sync::Arc;
 
 use rand_distr::{Distribution as _, StandardNormal};
 
@@ -36,6 +37,13 @@ pub trait Policy: Send {
         true
     }
 
+    /// Divides the policy for a run in which it acts in each of `rows` environments by itself: one part for each, in their order,
+    /// which goes on with the episode that it is in. The environments then run on different threads and do not wait for each
+    /// other. `None`: the policy wants to see them all at once, or keeps something for all of them.
+    fn divide(&mut self, _rows: usize) -> Option<Vec<Box<dyn Policy>>> {
+        None
+    }
+
     /// The policy as what it is, for callers that do more with a kind that they know: planners show how their plans come
     /// about. A policy that wraps a planner gives the planner.
     fn as_any(&mut self) -> Option<&mut dyn Any> {
@@ -58,6 +66,10 @@ impl Policy for Box<dyn Policy> {
 
     fn is_parallel(&self) -> bool {
         (**self).is_parallel()
+    }
+
+    fn divide(&mut self, rows: usize) -> Option<Vec<Box<dyn Policy>>> {
+        (**self).divide(rows)
     }
 
     fn as_any(&mut self) -> Option<&mut dyn Any> {
@@ -202,7 +214,7 @@ pub trait Actor: Send {
 /// A policy of independent actors, one made for each episode, which act in parallel.
 pub struct PerEpisode<F> {
     description: String,
-    make: F,
+    make: Arc<F>,
     actors: Vec<Option<(u64, Box<dyn Actor>)>>,
     pace: Pace,
 }
@@ -213,13 +225,14 @@ where
 {
     /// `make` is called at the first step of every episode.
     pub fn new(description: impl Into<String>, make: F) -> Self {
-        Self { description: description.into(), make, actors: Vec::new(), pace: Pace::default() }
+        let (description, make) = (description.into(), Arc::new(make));
+        Self { description, make, actors: Vec::new(), pace: Pace::default() }
     }
 }
 
 impl<F> Policy for PerEpisode<F>
 where
-    F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+    F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync + 'static,
 {
     fn describe(&self) -> String {
         self.description.clone()
@@ -229,11 +242,23 @@ where
         self.actors.resize_with(view.rows(), || None);
         let Self { make, actors, pace, .. } = self;
         let actions = actions.column.as_slice_mut();
-        pace.learn(actors.len(), view.threads, |part| act_all(actors, actions, 0, part, view, make))
+        pace.learn(actors.len(), view.threads, |part| act_all(actors, actions, 0, part, view, &**make))
     }
 
     fn is_parallel(&self) -> bool {
         false
+    }
+
+    fn divide(&mut self, rows: usize) -> Option<Vec<Box<dyn Policy>>> {
+        self.actors.resize_with(rows, || None);
+        let Self { description, make, actors, .. } = self;
+        let part = |actor| Self {
+            description: description.clone(),
+            make: Arc::clone(make),
+            actors: vec![actor],
+            pace: Pace::default(),
+        };
+        Some(actors.drain(..).map(|actor| Box::new(part(actor)) as Box<dyn Policy>).collect())
     }
 }
 

@@ -53,15 +53,6 @@ pub trait Recorder: Send {
     /// As of [`Recorder::start`].
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError>;
 
-    /// The rows of several environments, of one step each, in the order of the environments.
-    ///
-    /// # Errors
-    ///
-    /// As of [`Recorder::start`].
-    fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
-        rows.iter().try_for_each(|row| self.step(row))
-    }
-
     /// An episode is over; its last row has been shown.
     ///
     /// # Errors
@@ -128,9 +119,6 @@ macro_rules! forward {
         fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             (**self).step(row)
         }
-        fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
-            (**self).steps(rows)
-        }
         fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
             (**self).episode(end)
         }
@@ -157,10 +145,6 @@ macro_rules! tuple {
             }
             fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
                 $(self.$index.step(row)?;)*
-                Ok(())
-            }
-            fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
-                $(self.$index.steps(rows)?;)*
                 Ok(())
             }
             fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {

@@ -35,6 +35,11 @@ impl Threads {
         Ok(Self { pool: Arc::new(pool), count })
     }
 
+    /// The caller's thread.
+    pub(crate) fn one() -> Self {
+        Self { pool: Arc::default(), count: 1 }
+    }
+
     /// With one thread nothing is divided, and all work stays on the caller's thread.
     pub(crate) fn is_one(&self) -> bool {
         self.count == 1

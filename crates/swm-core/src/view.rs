@@ -69,6 +69,7 @@ pub struct Scratch {
 }
 
 /// A transform, and the fields of a table that it changes.
+#[derive(Clone)]
 pub(crate) struct Frames {
     transform: Arc<dyn Transform>,
     /// Position, height, width.

@@ -99,6 +99,12 @@ impl<'a> RowsMut<'a> {
         self
     }
 
+    /// The same range, for a shorter time.
+    pub fn reborrow(&mut self) -> RowsMut<'_> {
+        let columns = self.columns.iter_mut().map(SliceMut::reborrow).collect();
+        RowsMut { schema: self.schema, rows: self.rows, selected: self.selected, columns }
+    }
+
     /// Two disjoint ranges: the first `at` rows and the rest.
     pub fn split_at(self, at: usize) -> (RowsMut<'a>, RowsMut<'a>) {
         let (mut left, mut right) = (SmallVec::new(), SmallVec::new());
@@ -145,6 +151,13 @@ impl<'a> RowsMut<'a> {
              another shape",
             values.len()
         )
+    }
+
+    /// Copies a row of a table with the same schema into the selected row.
+    pub(crate) fn copy_row(&mut self, row: Row<'_>) {
+        for index in 0..self.columns.len() {
+            assert!(self.slice_mut(index).copy_from(row.at(index)), "one schema made both");
+        }
     }
 
     /// The untyped values of field `index` in the selected row.

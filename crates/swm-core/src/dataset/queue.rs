@@ -1,14 +1,13 @@
 //! Writing beside stepping: finished episodes wait in a queue, which the world's threads empty, one episode at a time and in
 //! order, while others step.
 
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use rayon::{Scope, Yield};
 
-use super::sink::{EpisodeSink, Output};
+use super::sink::{EpisodeSink, InOrder, Output};
 use super::{EncodedBatch, Metadata, RowEncoder};
 use crate::batch::Schema;
 use crate::error::BoxError;
@@ -20,22 +19,25 @@ const MOST_WAITING_BYTES: usize = 256 << 20;
 pub(super) struct Queue<'a> {
     sink: Mutex<&'a mut dyn EpisodeSink>,
     state: Mutex<State>,
+    most_waiting_bytes: usize,
 }
 
 #[derive(Default)]
 struct State {
-    waiting: VecDeque<EncodedBatch>,
+    order: InOrder,
     /// Memory to be filled again.
     spare: Vec<EncodedBatch>,
     /// Whether a thread writes, or soon will.
     is_writing: bool,
-    /// Why nothing more is written.
+    /// After a failure nothing more is written.
+    is_over: bool,
+    /// Why, until somebody has been told.
     failed: Option<BoxError>,
 }
 
 impl<'a> Queue<'a> {
     pub(super) fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self { sink: Mutex::new(sink), state: Mutex::default() }
+        Self { sink: Mutex::new(sink), state: Mutex::default(), most_waiting_bytes: MOST_WAITING_BYTES }
     }
 
     fn sink(&self) -> MutexGuard<'_, &'a mut dyn EpisodeSink> {
@@ -48,7 +50,7 @@ impl<'a> Queue<'a> {
 
     /// Writes the next episode, and has the one behind it written by whichever thread is free then.
     fn write_next<'s>(&'s self, scope: &Scope<'s>) {
-        let Some(rows) = self.state().waiting.pop_front() else { return };
+        let Some(rows) = self.state().order.take() else { return };
         let written = catch_unwind(AssertUnwindSafe(|| self.sink().write_encoded_episode(&rows)));
         // A panic ends the run, too: whoever waits for this episode must hear of it.
         let (failed, panic) = match written {
@@ -58,10 +60,9 @@ impl<'a> Queue<'a> {
         let mut state = self.state();
         state.spare.push(rows);
         if failed.is_some() {
-            state.failed = failed;
-            state.waiting.clear();
+            (state.failed, state.is_over) = (failed, true);
         }
-        state.is_writing = !state.waiting.is_empty();
+        state.is_writing = state.may_write();
         let goes_on = state.is_writing;
         drop(state);
         if let Some(panic) = panic {
@@ -88,24 +89,37 @@ impl<'a> Queue<'a> {
             }
         }
     }
+
+    fn has_room(&self, state: &State) -> bool {
+        state.is_over || state.order.len() <= 1 || state.order.bytes() <= self.most_waiting_bytes
+    }
 }
 
 impl State {
-    fn has_room(&self) -> bool {
-        let bytes: usize = self.waiting.iter().map(EncodedBatch::bytes).sum();
-        self.waiting.len() <= 1 || bytes <= MOST_WAITING_BYTES
+    fn may_write(&self) -> bool {
+        !self.is_over && self.order.has_next()
     }
 }
 
 /// The near end of a queue: what a recorder on one of the world's threads hands its episodes to.
 pub(super) struct Beside<'s, 'scope> {
-    pub(super) queue: &'scope Queue<'scope>,
-    pub(super) scope: &'s Scope<'scope>,
+    queue: &'scope Queue<'scope>,
+    scope: &'s Scope<'scope>,
+    /// Whether it waits for room.
+    waits: bool,
+}
+
+impl<'s, 'scope> Beside<'s, 'scope> {
+    pub(super) fn new(queue: &'scope Queue<'scope>, scope: &'s Scope<'scope>) -> Self {
+        Self { queue, scope, waits: true }
+    }
 }
 
 impl Output for Beside<'_, '_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.queue.sink().begin(schema, metadata)
+        let held = self.queue.sink().begin(schema, metadata)?;
+        self.queue.state().order = InOrder::from(held);
+        Ok(held)
     }
 
     fn holds(&self, column: &str) -> bool {
@@ -120,37 +134,50 @@ impl Output for Beside<'_, '_> {
         self.queue.state().spare.pop()
     }
 
-    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError> {
+    fn write(&mut self, episode: u64, rows: EncodedBatch) -> Result<(), BoxError> {
         let queue = self.queue;
         let mut state = queue.state();
-        state.waiting.push_back(rows);
-        let is_writing = std::mem::replace(&mut state.is_writing, true);
+        state.order.put(episode, rows);
+        let begins = !state.is_writing && state.may_write();
+        state.is_writing |= begins;
         drop(state);
-        if !is_writing {
+        if begins {
             self.scope.spawn(|scope| queue.write_next(scope));
         }
-        queue.help_until(State::has_room)
+        // Where none is written, they wait for an episode that this thread must go on with.
+        queue.help_until(|state| !self.waits || !state.is_writing || queue.has_room(state))
     }
 
     fn finish(&mut self) -> Result<(), BoxError> {
         self.queue.help_until(|state| !state.is_writing)?;
         self.queue.sink().finish()
     }
+
+    fn part(&self) -> Option<Box<dyn Output + '_>> {
+        Some(Box::new(Self { waits: false, ..*self }))
+    }
+
+    fn has_room(&self) -> bool {
+        self.queue.has_room(&self.queue.state())
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::mpsc::{Receiver, Sender, channel};
     use std::time::Duration;
 
     use super::*;
-    use crate::batch::Batch;
+    use crate::batch::{Batch, Value};
+    use crate::env::ResetOptions;
     use crate::error::WorldError;
     use crate::policies;
+    use crate::policy::{scripted, write_action};
     use crate::recorder::{LiveStep, Recorder};
     use crate::run::{EpisodeEnd, Rollout, WorldOptions};
     use crate::testing::TOY;
-    use crate::world::World;
+    use crate::world::{Watcher, World};
 
     /// Keeps the states of every episode; `before` runs first, with the number of episodes before.
     struct Kept<F> {
@@ -243,5 +270,37 @@ mod tests {
         });
         record(2, &mut sink, &mut Told(steps)).unwrap();
         assert_eq!(sink.episodes.len(), 10);
+    }
+
+    #[test]
+    fn few_episodes_begin_while_one_is_waited_for() {
+        let newest = Arc::new(AtomicU64::new(0));
+        let seen = Arc::clone(&newest);
+        let options = WorldOptions::new(4).threads(2).max_episode_steps(20);
+        let mut world = World::new(&TOY, options).expect("the toy is made");
+        world.set_policy(scripted("the first is slow", move |view, action| {
+            if view.episode.index == 0 {
+                thread::sleep(Duration::from_millis(2));
+            } else {
+                newest.fetch_max(view.episode.index, Ordering::Relaxed);
+            }
+            write_action(action, &[0.0]);
+            Ok(())
+        }));
+        let mut begun = None;
+        let mut sink = keep(|index| {
+            if index == 0 {
+                begun = Some(seen.load(Ordering::Relaxed));
+            }
+            Ok(())
+        });
+        let queue = Queue { most_waiting_bytes: 1, ..Queue::new(&mut sink) };
+        let place = |value: f64| Some([("state".to_owned(), Value::vector(&[value]))].into());
+        let options = ResetOptions { start: place(0.0), goal: place(9.0), ..ResetOptions::default() };
+        let rollout = Rollout::new(0..5000).options(options);
+        world.record_beside(&rollout, &queue, Watcher::new(&mut ())).unwrap();
+        assert_eq!(sink.episodes.len(), 5000);
+        // Two that have ended, one of which may wait beyond what there is room for, and those that run.
+        assert!(begun.is_some_and(|begun| begun <= 8), "{begun:?}");
     }
 }

@@ -3,9 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
-use smallvec::SmallVec;
-
 use super::queue::{Beside, Queue};
 use super::sink::{AtOnce, EpisodeSink, Output};
 use super::{EncodedBatch, Metadata, RowEncoder};
@@ -14,7 +11,7 @@ use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
-use crate::world::World;
+use crate::world::{Part, Watcher, Whole, World};
 
 /// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
 /// end.
@@ -25,41 +22,32 @@ pub struct DatasetRecorder<'a> {
     from: Vec<usize>,
     /// Columns whose rows are encoded as they come, by position in the dataset.
     encoded: Vec<usize>,
-    /// Whether threads of the world share the rows of a step among them.
-    is_parallel: bool,
-    /// Episodes that run or wait for an earlier one.
+    /// Episodes that run.
     open: BTreeMap<u64, Buffered>,
     /// Encoders of episodes that are over.
     spare: Vec<Vec<Box<dyn RowEncoder>>>,
-    next: u64,
 }
-
-/// Rows of so many bytes are worth a hand-over to another thread: encoding them takes some 30 µs.
-const PARALLEL_BYTES: usize = 64 << 10;
 
 struct Buffered {
     rows: EncodedBatch,
     /// One for each encoded column of `rows`.
     encoders: Vec<Box<dyn RowEncoder>>,
-    complete: bool,
 }
 
 impl<'a> DatasetRecorder<'a> {
     /// Records into `sink`, on the thread of the run: when an episode's end is seen, all before it are safe.
     pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self::with(AtOnce::new(sink), false)
+        Self::with(Box::new(AtOnce::new(sink)))
     }
 
-    fn with(output: impl Output + 'a, is_parallel: bool) -> Self {
+    fn with(output: Box<dyn Output + 'a>) -> Self {
         Self {
-            output: Box::new(output),
+            output,
             schema: Arc::new(Schema::default()),
             from: Vec::new(),
             encoded: Vec::new(),
-            is_parallel,
             open: BTreeMap::new(),
             spare: Vec::new(),
-            next: 0,
         }
     }
 
@@ -85,16 +73,12 @@ impl<'a> DatasetRecorder<'a> {
         let is_encoded = |column| self.encoded.contains(&column);
         let mut rows = self.output.spare().unwrap_or_else(|| EncodedBatch::new(&self.schema, is_encoded));
         rows.clear();
-        let of_columns =
-            || self.encoded.iter().filter_map(|&column| self.output.row_encoder(column)).collect();
-        let encoders = self.spare.pop().unwrap_or_else(of_columns);
-        Buffered { rows, encoders, complete: false }
+        let encoders = self.spare.pop().unwrap_or_else(|| self.encoders());
+        Buffered { rows, encoders }
     }
 
-    /// Whether threads share `rows` rows among them.
-    fn divides(&self, rows: usize) -> bool {
-        let bytes = || self.encoded.iter().map(|&column| self.schema.dim(column)).sum::<usize>();
-        self.is_parallel && rows > 1 && rows * bytes() >= PARALLEL_BYTES
+    fn encoders(&self) -> Vec<Box<dyn RowEncoder>> {
+        self.encoded.iter().filter_map(|&column| self.output.row_encoder(column)).collect()
     }
 }
 
@@ -119,10 +103,9 @@ fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
 impl Recorder for DatasetRecorder<'_> {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.choose_columns(run)?;
-        self.next = run.rollout.episodes.start;
+        let next = run.rollout.episodes.start;
         let held = self.output.begin(&self.schema, &Metadata::of(run))?;
-        if held != self.next {
-            let next = self.next;
+        if held != next {
             return Err(
                 format!("the dataset holds {held} episodes, so {held} must come next, not {next}").into()
             );
@@ -136,50 +119,45 @@ impl Recorder for DatasetRecorder<'_> {
     }
 
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
-        self.steps(std::slice::from_ref(row))
-    }
-
-    fn steps(&mut self, rows: &[LiveStep<'_>]) -> Result<(), BoxError> {
-        for row in rows {
-            if !self.open.contains_key(&row.episode.index) {
-                let begun = self.begun();
-                self.open.insert(row.episode.index, begun);
-            }
+        let index = row.episode.index;
+        if !self.open.contains_key(&index) {
+            let begun = self.begun();
+            self.open.insert(index, begun);
         }
-        let divides = self.divides(rows.len());
-        // Both are in the order of episodes, so that every row finds its buffer in one pass.
-        let mut rows: SmallVec<[_; 16]> = rows.iter().collect();
-        rows.sort_unstable_by_key(|row| row.episode.index);
-        let mut rows = rows.into_iter().peekable();
-        let pairs = self.open.iter_mut().filter_map(|(&index, buffered)| {
-            Some((rows.next_if(|row| row.episode.index == index)?, buffered))
-        });
-        let push = |(row, buffered): (&LiveStep<'_>, &mut Buffered)| {
-            buffered.rows.push_row(row.values, &self.from, &mut buffered.encoders)
-        };
-        if divides {
-            pairs.collect::<Vec<_>>().into_par_iter().try_for_each(push)?;
-        } else {
-            pairs.into_iter().try_for_each(push)?;
-        }
-        Ok(())
+        let Some(Buffered { rows, encoders }) = self.open.get_mut(&index) else { return Ok(()) };
+        Ok(rows.push_row(row.values, &self.from, encoders)?)
     }
 
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        if let Some(buffered) = self.open.get_mut(&end.index) {
-            buffered.complete = true;
-        }
-        while self.open.get(&self.next).is_some_and(|buffered| buffered.complete) {
-            let Some(buffered) = self.open.remove(&self.next) else { break };
-            self.spare.push(buffered.encoders);
-            self.output.write(buffered.rows)?;
-            self.next += 1;
-        }
-        Ok(())
+        let Some(Buffered { rows, encoders }) = self.open.remove(&end.index) else { return Ok(()) };
+        self.spare.push(encoders);
+        self.output.write(end.index, rows)
     }
 
     fn finish(&mut self) -> Result<(), BoxError> {
         self.output.finish()
+    }
+}
+
+impl Whole for DatasetRecorder<'_> {
+    fn part(&self) -> Option<Box<dyn Part + '_>> {
+        let mut part = DatasetRecorder {
+            output: self.output.part()?,
+            schema: Arc::clone(&self.schema),
+            from: self.from.clone(),
+            encoded: self.encoded.clone(),
+            open: BTreeMap::new(),
+            spare: Vec::new(),
+        };
+        // While an episode is written, a sink cannot be asked for them.
+        part.spare.push(part.encoders());
+        Some(Box::new(part))
+    }
+}
+
+impl Part for DatasetRecorder<'_> {
+    fn has_room(&self) -> bool {
+        self.output.has_room()
     }
 }
 
@@ -209,15 +187,26 @@ impl World {
         sink: &mut dyn EpisodeSink,
         recorder: &mut dyn Recorder,
     ) -> Result<(), WorldError> {
+        let recorder = Watcher::new(recorder);
         if self.threads.is_one() {
-            return self.run(rollout, &mut (DatasetRecorder::new(sink), recorder));
+            return self.run_whole(rollout, &mut (DatasetRecorder::new(sink), recorder));
         }
         let queue = Queue::new(sink);
+        self.record_beside(rollout, &queue, recorder)
+    }
+
+    /// Records through `queue`, which the world's threads empty.
+    pub(super) fn record_beside<'a>(
+        &mut self,
+        rollout: &Rollout,
+        queue: &'a Queue<'a>,
+        recorder: Watcher<'_>,
+    ) -> Result<(), WorldError> {
         let threads = self.threads.clone();
         threads.install(|| {
             rayon::in_place_scope(|scope| {
-                let beside = DatasetRecorder::with(Beside { queue: &queue, scope }, true);
-                self.run(rollout, &mut (beside, recorder))
+                let beside = DatasetRecorder::with(Box::new(Beside::new(queue, scope)));
+                self.run_whole(rollout, &mut (beside, recorder))
             })
         })
     }
@@ -295,7 +284,6 @@ mod tests {
         };
         let plain = record(1, false);
         assert_eq!(plain.len(), 20);
-        const { assert!(7 * SIDE * SIDE * 3 > PARALLEL_BYTES, "threads share the rows") };
         for (threads, encodes) in [(3, false), (1, true), (3, true)] {
             assert!(record(threads, encodes) == plain, "{threads} threads, encoded: {encodes}");
         }

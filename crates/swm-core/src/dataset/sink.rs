@@ -1,5 +1,6 @@
 //! Where recorded episodes go: sinks, and the way into one.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::{EncodedBatch, Metadata, RowEncoder};
@@ -56,7 +57,7 @@ pub trait EpisodeSink: Send {
     fn finish(&mut self) -> Result<(), BoxError>;
 }
 
-/// Where whole episodes go: into a sink at once, or into a queue before one.
+/// Where whole episodes go: into a sink at once, or into a queue before one. They may come in any order.
 pub(super) trait Output: Send {
     /// As [`EpisodeSink::begin`].
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
@@ -71,27 +72,82 @@ pub(super) trait Output: Send {
     fn spare(&mut self) -> Option<EncodedBatch>;
 
     /// Takes an episode. Errors may be those of an earlier one.
-    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError>;
+    fn write(&mut self, episode: u64, rows: EncodedBatch) -> Result<(), BoxError>;
 
     /// As [`EpisodeSink::finish`], after the last episode is written.
     fn finish(&mut self) -> Result<(), BoxError>;
+
+    /// The same output, for another environment that is on a thread of its own; `None`: there is one way in only. Where episodes
+    /// wait for one before them, this way in does not.
+    fn part(&self) -> Option<Box<dyn Output + '_>> {
+        None
+    }
+
+    /// Whether there is room for another episode.
+    fn has_room(&self) -> bool {
+        true
+    }
+}
+
+/// Whole episodes on their way to a sink: those behind one that is not complete wait for it.
+#[derive(Default)]
+pub(super) struct InOrder {
+    next: u64,
+    waiting: BTreeMap<u64, EncodedBatch>,
+    bytes: usize,
+}
+
+impl InOrder {
+    pub(super) fn from(next: u64) -> Self {
+        Self { next, ..Self::default() }
+    }
+
+    pub(super) fn put(&mut self, episode: u64, rows: EncodedBatch) {
+        self.bytes += rows.bytes();
+        self.waiting.insert(episode, rows);
+    }
+
+    /// The next episode, if it is complete.
+    pub(super) fn take(&mut self) -> Option<EncodedBatch> {
+        let rows = self.waiting.remove(&self.next)?;
+        self.next += 1;
+        self.bytes -= rows.bytes();
+        Some(rows)
+    }
+
+    pub(super) fn has_next(&self) -> bool {
+        self.waiting.contains_key(&self.next)
+    }
+
+    /// How many wait.
+    pub(super) fn len(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// How much memory they take.
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
+    }
 }
 
 /// Writes every episode before the next step.
 pub(super) struct AtOnce<'a> {
     sink: &'a mut dyn EpisodeSink,
+    order: InOrder,
     spare: Vec<EncodedBatch>,
 }
 
 impl<'a> AtOnce<'a> {
     pub(super) fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self { sink, spare: Vec::new() }
+        Self { sink, order: InOrder::default(), spare: Vec::new() }
     }
 }
 
 impl Output for AtOnce<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.sink.begin(schema, metadata)
+        let held = self.sink.begin(schema, metadata)?;
+        self.order = InOrder::from(held);
+        Ok(held)
     }
 
     fn holds(&self, column: &str) -> bool {
@@ -106,9 +162,12 @@ impl Output for AtOnce<'_> {
         self.spare.pop()
     }
 
-    fn write(&mut self, rows: EncodedBatch) -> Result<(), BoxError> {
-        self.sink.write_encoded_episode(&rows)?;
-        self.spare.push(rows);
+    fn write(&mut self, episode: u64, rows: EncodedBatch) -> Result<(), BoxError> {
+        self.order.put(episode, rows);
+        while let Some(rows) = self.order.take() {
+            self.sink.write_encoded_episode(&rows)?;
+            self.spare.push(rows);
+        }
         Ok(())
     }
 

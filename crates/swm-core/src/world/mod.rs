@@ -4,6 +4,8 @@
 
 mod acting;
 mod fields;
+mod lanes;
+mod parts;
 mod phases;
 mod run;
 mod saved;
@@ -22,6 +24,8 @@ use crate::view::{Frames, Transform};
 
 pub use run::Run;
 pub use saved::SavedSlot;
+
+pub(crate) use parts::{Part, Watcher, Whole};
 
 use fields::CommonFields;
 use phases::{OptionsOf, ResetRules, StepRules};
@@ -304,9 +308,12 @@ impl World {
     }
 
     fn reset_phase(&mut self, options: OptionsOf<'_>) -> Result<(), WorldError> {
+        if self.slots.iter().all(|slot| slot.next.is_none()) {
+            return Ok(());
+        }
         let Self { slots, infos, fields, judge, frames, threads, .. } = self;
         let rules = ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() };
-        phases::reset_all(slots, infos.rows_mut(), options, &rules, threads)
+        phases::reset_all(slots, &mut infos.rows_mut(), options, &rules, threads)
     }
 
     fn step_phase(&mut self, mask: Option<&[bool]>) -> Result<(), WorldError> {
@@ -317,7 +324,7 @@ impl World {
             mask,
             reset: ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() },
         };
-        phases::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace, threads)
+        phases::step_all(slots, &mut infos.rows_mut(), actions.as_slice(), &rules, pace, threads)
     }
 }
 

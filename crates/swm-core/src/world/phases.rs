@@ -41,7 +41,7 @@ pub(super) fn checkpoints(slot: &mut Slot, every: usize) -> Result<Checkpoints, 
 /// Resets every slot that has a next episode.
 pub(super) fn reset_all(
     slots: &mut [Slot],
-    rows: RowsMut<'_>,
+    rows: &mut RowsMut<'_>,
     options: OptionsOf<'_>,
     rules: &ResetRules<'_>,
     threads: &Threads,
@@ -51,18 +51,17 @@ pub(super) fn reset_all(
         Some(next) => slot.reset(next, options(index, next.index), rules, out).map_err(at(index, next)),
         None => Ok(()),
     };
-    match due {
-        0 => Ok(()),
-        1 => for_each_slot(slots, rows, 0, usize::MAX, &reset),
-        _ if threads.is_one() => for_each_slot(slots, rows, 0, usize::MAX, &reset),
-        _ => threads.install(|| for_each_slot(slots, rows, 0, 1, &reset)),
+    if due <= 1 || threads.is_one() {
+        for_each_slot(slots, rows, 0, usize::MAX, &reset)
+    } else {
+        threads.install(|| for_each_slot(slots, rows, 0, 1, &reset))
     }
 }
 
 /// Steps the live slots, each by its own of `actions` (`[N, …action shape]`).
 pub(super) fn step_all(
     slots: &mut [Slot],
-    rows: RowsMut<'_>,
+    rows: &mut RowsMut<'_>,
     actions: Slice<'_>,
     rules: &StepRules<'_>,
     pace: &mut Pace,
@@ -90,7 +89,7 @@ fn at(slot: usize, episode: LiveEpisode) -> impl Fn(EnvError) -> WorldError {
 /// is allocated; if several fail, the lowest slot's error is returned, whatever the order in which they ran.
 fn for_each_slot<F>(
     slots: &mut [Slot],
-    mut rows: RowsMut<'_>,
+    rows: &mut RowsMut<'_>,
     first: usize,
     part: usize,
     work: &F,
@@ -105,10 +104,10 @@ where
     }
     let middle = slots.len() / 2;
     let (left, right) = slots.split_at_mut(middle);
-    let (left_rows, right_rows) = rows.split_at(middle);
+    let (mut left_rows, mut right_rows) = rows.reborrow().split_at(middle);
     let (a, b) = rayon::join(
-        || for_each_slot(left, left_rows, first, part, work),
-        || for_each_slot(right, right_rows, first + middle, part, work),
+        || for_each_slot(left, &mut left_rows, first, part, work),
+        || for_each_slot(right, &mut right_rows, first + middle, part, work),
     );
     a.and(b)
 }

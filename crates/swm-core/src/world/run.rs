@@ -1,11 +1,11 @@
 //! The one loop. It names exactly which episodes run; a slot whose episode ends takes the next index or idles.
 //! No bias toward short episodes, no auto-reset modes.
 
-use std::ops::Range;
-
-use smallvec::SmallVec;
+use std::sync::Arc;
 
 use super::World;
+use super::lanes::{self, Upcoming};
+use super::parts::{Watcher, Whole};
 use crate::batch::Slice;
 use crate::error::WorldError;
 use crate::policy::View;
@@ -37,12 +37,12 @@ const EXTERNAL: &str = "external";
 /// It ends when [`Run::needs_actions`] says `None`. A run that is dropped before is cut off: its recorder is not finished,
 /// and what it committed stays.
 pub struct Run<'a> {
-    world: &'a mut World,
-    rollout: &'a Rollout,
-    recorder: &'a mut dyn Recorder,
-    upcoming: Range<u64>,
-    started: bool,
-    has_actions: bool,
+    pub(super) world: &'a mut World,
+    pub(super) rollout: &'a Rollout,
+    pub(super) recorder: &'a mut dyn Recorder,
+    pub(super) upcoming: Arc<Upcoming>,
+    pub(super) started: bool,
+    pub(super) has_actions: bool,
 }
 
 impl World {
@@ -53,14 +53,33 @@ impl World {
     /// # Errors
     ///
     /// As [`World::reset`] and [`World::step`]; fewer reset options than episodes; [`WorldError::Cancelled`]; whatever the
-    /// recorder meets.
+    /// recorder meets. With several threads and a policy that can be divided ([`Policy::divide`](crate::Policy::divide)), the failure of the
+    /// first episode that fails is given, and all before it go on to their ends.
     pub fn run(&mut self, rollout: &Rollout, recorder: &mut dyn Recorder) -> Result<(), WorldError> {
+        self.run_whole(rollout, &mut Watcher::new(recorder))
+    }
+
+    /// As [`World::run`], with a recorder of which every environment may have a part of its own.
+    pub(crate) fn run_whole(&mut self, rollout: &Rollout, whole: &mut dyn Whole) -> Result<(), WorldError> {
         let divides = self.policy.as_ref().ok_or(WorldError::NoPolicy)?.is_parallel();
         let threads = self.threads.clone();
         let mut drive = || {
-            let mut run = self.begin(rollout, recorder)?;
+            let mut run = self.begin(rollout, whole)?;
+            if run.needs_actions().is_none() {
+                return Ok(());
+            }
+            run.act()?;
+            run.prepare()?;
+            let upcoming = Arc::clone(&run.upcoming);
+            if let Some(result) = lanes::run(self, rollout, &upcoming, whole) {
+                return result;
+            }
+            let mut run =
+                Run { world: self, rollout, recorder: whole, upcoming, started: true, has_actions: true };
             while run.needs_actions().is_some() {
-                run.act()?;
+                if !run.has_actions {
+                    run.act()?;
+                }
                 run.advance()?;
             }
             Ok(())
@@ -80,13 +99,11 @@ impl World {
         recorder: &'a mut dyn Recorder,
     ) -> Result<Run<'a>, WorldError> {
         rollout.check()?;
-        let mut upcoming = rollout.episodes.clone();
-        for slot in &mut self.slots {
-            slot.progress = None;
-            slot.next = upcoming.next().map(|index| LiveEpisode::of(rollout.seed, index));
-        }
+        let upcoming = Arc::new(Upcoming::new(rollout.episodes.clone()));
+        self.slots.iter_mut().for_each(|slot| slot.progress = None);
         let mut run = Run { world: self, rollout, recorder, upcoming, started: false, has_actions: false };
-        run.reset_due()?;
+        run.begin_due()?;
+        run.finish_if_over()?;
         Ok(run)
     }
 }
@@ -132,13 +149,26 @@ impl Run<'_> {
     /// [`WorldError::NoActions`], [`WorldError::Cancelled`], a failure of an environment, or whatever the recorder meets. The
     /// run is over then.
     pub fn advance(&mut self) -> Result<(), WorldError> {
+        self.step()?;
+        self.begin_due()?;
+        self.finish_if_over()
+    }
+
+    /// Makes sure that a step may be taken, and that the recorder knows of the run.
+    fn prepare(&mut self) -> Result<(), WorldError> {
         if self.rollout.cancelled_by().is_some_and(Cancel::is_cancelled) {
             return Err(WorldError::Cancelled);
         }
-        if !std::mem::take(&mut self.has_actions) {
+        if !self.has_actions {
             return Err(WorldError::NoActions);
         }
-        self.start()?;
+        self.start()
+    }
+
+    /// Records this step of every live episode, steps them, and tells of those that are over.
+    pub(super) fn step(&mut self) -> Result<(), WorldError> {
+        self.prepare()?;
+        self.has_actions = false;
         self.record(Slot::is_live)?;
         self.world.step_phase(None)?;
         self.record(|slot| slot.finished().is_some())?;
@@ -146,15 +176,21 @@ impl Run<'_> {
             let Some(progress) = slot.finished() else { continue };
             self.recorder.episode(&progress.summary()).map_err(WorldError::Record)?;
             slot.progress = None;
-            slot.next = self.upcoming.next().map(|index| LiveEpisode::of(self.rollout.seed, index));
         }
-        self.reset_due()
+        Ok(())
     }
 
-    /// Begins the episodes that are due; where none is live, the run is over.
-    fn reset_due(&mut self) -> Result<(), WorldError> {
+    /// Begins an episode in every slot that has none, as long as some are left.
+    pub(super) fn begin_due(&mut self) -> Result<(), WorldError> {
         let rollout = self.rollout;
-        self.world.reset_phase(&|_, episode| rollout.options_of(episode))?;
+        for slot in self.world.slots.iter_mut().filter(|slot| slot.progress.is_none()) {
+            slot.next = self.upcoming.take().map(|index| LiveEpisode::of(rollout.seed, index));
+        }
+        self.world.reset_phase(&|_, episode| rollout.options_of(episode))
+    }
+
+    /// Where no episode is live, the run is over.
+    fn finish_if_over(&mut self) -> Result<(), WorldError> {
         if self.world.slots.iter().any(Slot::is_live) {
             return Ok(());
         }
@@ -183,14 +219,12 @@ impl Run<'_> {
 
     /// Shows the chosen slots to the recorder, in their order.
     fn record(&mut self, chosen: impl Fn(&Slot) -> bool) -> Result<(), WorldError> {
-        let slots = self.world.slots.iter().enumerate().filter(|(_, slot)| chosen(slot));
-        let rows: SmallVec<[LiveStep<'_>; 16]> = slots
-            .map(|(index, slot)| {
-                let progress = slot.progress.as_ref().expect("chosen slots have an episode");
-                let (episode, success) = (progress.episode, progress.success_now);
-                LiveStep { values: self.world.infos.row(index), episode, success, env: slot.env() }
-            })
-            .collect();
-        if rows.is_empty() { Ok(()) } else { self.recorder.steps(&rows).map_err(WorldError::Record) }
+        for (index, slot) in self.world.slots.iter().enumerate().filter(|(_, slot)| chosen(slot)) {
+            let progress = slot.progress.as_ref().expect("chosen slots have an episode");
+            let (episode, success) = (progress.episode, progress.success_now);
+            let row = LiveStep { values: self.world.infos.row(index), episode, success, env: slot.env() };
+            self.recorder.step(&row).map_err(WorldError::Record)?;
+        }
+        Ok(())
     }
 }
