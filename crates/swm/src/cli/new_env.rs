@@ -112,7 +112,7 @@ impl NewEnv {
                     format!("`cargo xtask setup` puts both into {}, before this command", checkout.display())
                 }
             };
-            output.note(&format!(
+            output.note(format!(
                 "note: `cargo build --features cli` there builds HDF5 with cmake and ninja, which this machine lacks: `pip install cmake \
                  ninja` installs both, and {of_setup}"
             ));
