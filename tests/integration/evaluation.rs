@@ -28,6 +28,22 @@ pub(crate) fn manifest(folder: &Folder, tier: &str, name: &str, extra: &[&str]) 
     out
 }
 
+#[test]
+fn a_manifest_says_which_factors_are_set_and_so_not_sampled() {
+    let folder = Folder::new();
+    let (data, out) = (dataset(&folder), folder.path("m.toml"));
+    let make =
+        ["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "2", "--out", &out, "--overwrite"];
+    let factors = ["--set", "agent.color=red", "--vary", "agent.color,block.color"];
+    for source in [&["--dataset", &data][..], &[]] {
+        let made = swm(&[&make[..], &factors, source].concat()).output().unwrap();
+        let said = String::from_utf8_lossy(&made.stderr);
+        let note = "note: --vary agent.color samples nothing, since --set agent.color sets it";
+        assert!(made.status.success() && said.contains(note), "{said}");
+        assert!(!said.contains("--vary block.color samples nothing"), "{said}");
+    }
+}
+
 pub(crate) fn read(path: &str) -> Json {
     serde_json::from_str(&std::fs::read_to_string(path).expect("it was written")).expect("it is JSON")
 }

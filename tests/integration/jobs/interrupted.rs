@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Stdio;
 
 use super::{Cluster, collect, ok, signal, wait_for, whole};
-use crate::evaluation::read;
+use crate::evaluation::{manifest, read};
 use crate::support::{swm, swm_fails, swm_json, swm_ok};
 
 /// A long shard that is killed or stopped once some episodes are committed, and then continued.
@@ -99,4 +99,57 @@ fn parts_that_are_lost_or_damaged_are_made_again() {
     // Once they are joined, nobody needs the parts.
     fs::remove_file(&part).unwrap();
     assert_eq!(swm_json(&["jobs", &job])["done"], 3);
+    let nothing = ok(&cluster.swm(&["submit", "--job", &job]).output().unwrap());
+    assert!(nothing.contains("nothing to submit: of 3 shards 3 are done"), "{nothing}");
+
+    // Without the result, they are needed again.
+    let result = cluster.path("job/result.h5");
+    fs::remove_file(&result).unwrap();
+    let page = swm_ok(&["jobs", &job]);
+    assert!(
+        page.contains("2 done, 1 lost") && page.contains(&format!("lost: {result} is missing")),
+        "{page}"
+    );
+    let status = swm_json(&["jobs", &job]);
+    assert_eq!(
+        (&status["result"], &status["lost_result"]),
+        (&serde_json::Value::Null, &result.clone().into())
+    );
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains(&format!("{result} was there before and is missing")), "{message}");
+    assert!(message.contains("parts are missing: 2;") && message.contains(&to_run), "{message}");
+    swm_ok(&["task", &job, "--all"]);
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains(&format!("to join it again: swm task {job} --finish")), "{page}");
+    let left = ok(&cluster.swm(&["submit", "--job", &job]).output().unwrap());
+    assert!(left.contains("--finish") && !left.contains("--index"), "{left}");
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::read(&result).unwrap() == whole);
+    assert!(swm_ok(&["jobs", &job]).contains("result.h5 ("));
+}
+
+#[test]
+fn a_lost_receipt_is_made_again() {
+    let cluster = Cluster::new();
+    let manifest = manifest(&cluster.folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let job = cluster.path("job");
+    let eval = ["eval", "--manifest", &manifest, "--policy", "random", "--reference", "none"];
+    ok(&cluster.submit(&["--on", "script"], "2", &eval));
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert_eq!(swm_json(&["jobs", &job])["done"], 2);
+    let receipt = cluster.path("job/receipt.json");
+    let episodes = |path: &str| read(path)["episodes"].clone();
+    let before = episodes(&receipt);
+    fs::remove_file(&receipt).unwrap();
+    let page = swm_ok(&["jobs", &job]);
+    assert!(
+        page.contains("2 shards: 2 lost") && page.contains(&format!("lost: {receipt} is missing")),
+        "{page}"
+    );
+    let message = swm_fails(1, &["task", &job, "--finish"]);
+    assert!(message.contains(&format!("swm task {job} --all")), "{message}");
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(before.is_array() && before == episodes(&receipt), "{before}");
 }

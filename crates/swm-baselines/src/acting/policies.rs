@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
-use swm_core::registry::{MakePolicy, Setting, TrainedIn};
+use swm_core::registry::{MakePolicy, Setting, TrainedIn, TrainedOn};
 use swm_core::settings::{Table, WrongSetting, text};
 use swm_core::{ImageSize, Metadata, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
@@ -164,12 +164,13 @@ fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
     Some(ImageSize { height: side, width: side })
 }
 
-/// The environment that the model of these arguments was trained in; `None` also for runs that are not there, and for datasets that
+/// The environment and the dataset that the model of these arguments was trained in and on; `None` also for runs that are not there, and for datasets that
 /// do not say how they were recorded.
 pub(super) fn trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
     let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
     let data = RunConfig::read(&run).ok()?.data;
-    let trained = TrainedIn::new(data.env?).frame_skip(data.frame_skip);
+    let dataset = TrainedOn::new(data.path, (data.episodes, data.rows), data.split.held_out);
+    let trained = TrainedIn::new(data.env?).frame_skip(data.frame_skip).dataset(dataset);
     Some(match data.env_settings {
         Some(settings) => trained.settings(settings),
         None => trained,

@@ -75,17 +75,22 @@ fn a_run_tells_with_which_settings_it_was_trained() {
     trained(folder.path(), "lewm", "run");
     let run = folder.path().join("run");
     let config = EnvConfig::default();
-    let told = |name: &str, frame_skip: u32| {
+    let trained_in = |name: &str| {
         let args = PolicyArgs::parse(&format!("{name}:{}", run.display())).unwrap();
         let policy = POLICIES.iter().find(|entry| entry.name == name).map(|entry| entry.trained_in(&args));
         let model = || MODELS.iter().find(|entry| entry.name == name).unwrap().trained_in(&args);
-        let trained = policy.unwrap_or_else(model).expect("the run says so");
-        trained.differences(&PolicyContext::new(&DOT, &config).frame_skip(frame_skip))
+        policy.unwrap_or_else(model).expect("the run says so")
+    };
+    let told = |name: &str, frame_skip: u32| {
+        trained_in(name).differences(&PolicyContext::new(&DOT, &config).frame_skip(frame_skip))
     };
     for name in ["mpc", "lewm"] {
         assert_eq!(told(name, 1), []);
         let [skip] = &told(name, 3)[..] else { panic!("one difference") };
         assert_eq!([&skip.name, &skip.trained, &skip.used], ["frame skip", "1", "3"]);
+        let dataset = trained_in(name).dataset.expect("the run says so");
+        assert!(dataset.path.is_file() && dataset.episodes > 0 && dataset.rows > dataset.episodes);
+        assert!(dataset.has_seen(0.2) && !dataset.has_seen(1.0));
     }
 
     // A run of an earlier version does not say, and does once it is resumed.

@@ -30,4 +30,4 @@ pub use context::PolicyContext;
 pub use entry::{Entry, EnvEntry, EnvTask, MakeEnv};
 pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry, TrainedOf};
 pub use store::Registry;
-pub use trained::{FRAME_SKIP, TrainedIn, TrainingDifference};
+pub use trained::{FRAME_SKIP, TrainedIn, TrainedOn, TrainingDifference};

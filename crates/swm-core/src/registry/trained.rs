@@ -1,5 +1,7 @@
 //! The environment that the model behind a policy was trained in, compared with the one that it is used in.
 
+use std::path::PathBuf;
+
 use serde_json::{Map, Value as Json};
 
 use super::PolicyContext;
@@ -28,6 +30,43 @@ pub struct TrainedIn {
     pub settings: Option<Map<String, Json>>,
     /// Environment steps per action; `None`: not recorded.
     pub frame_skip: Option<u32>,
+    /// The dataset that it learned from; `None`: none, or not recorded.
+    pub dataset: Option<TrainedOn>,
+}
+
+/// The dataset that a model was trained on.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct TrainedOn {
+    /// Where it was.
+    pub path: PathBuf,
+    /// Episodes that it held.
+    pub episodes: usize,
+    /// Rows of all of them.
+    pub rows: usize,
+    /// The share of them that was left out of the training, from 0 to 1: [`crate::evaluate::is_held_out`].
+    pub held_out: f64,
+}
+
+impl TrainedOn {
+    /// A dataset of `episodes` with `rows` in all, of which the share `held_out` of the episodes was left out.
+    pub fn new(path: impl Into<PathBuf>, (episodes, rows): (usize, usize), held_out: f64) -> Self {
+        Self { path: path.into(), episodes, rows, held_out }
+    }
+
+    /// Whether it trained on episodes that a share `held_out` of the same dataset holds out. A share of 1 holds out nothing: it takes
+    /// all episodes.
+    ///
+    /// ```
+    /// use swm_core::registry::TrainedOn;
+    ///
+    /// let trained = TrainedOn::new("pusht.h5", (100, 5000), 0.2);
+    /// assert!(trained.has_seen(0.25));
+    /// assert!(!trained.has_seen(0.2) && !trained.has_seen(1.0));
+    /// ```
+    pub fn has_seen(&self, held_out: f64) -> bool {
+        held_out < 1.0 && self.held_out < held_out
+    }
 }
 
 /// A setting that was another in training.
@@ -61,6 +100,12 @@ impl TrainedIn {
     #[must_use]
     pub fn frame_skip(self, frame_skip: impl Into<Option<u32>>) -> Self {
         Self { frame_skip: frame_skip.into(), ..self }
+    }
+
+    /// The dataset that it learned from.
+    #[must_use]
+    pub fn dataset(self, dataset: TrainedOn) -> Self {
+        Self { dataset: Some(dataset), ..self }
     }
 
     /// What is another in `context` than in training. Nothing where the environments are two: their settings mean different things.

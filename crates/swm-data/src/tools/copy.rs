@@ -12,13 +12,12 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use swm_core::error::BoxError;
-use swm_core::{Column, Dtype, Field, Metadata, Registry, Schema};
+use swm_core::{Dtype, Field, Metadata, Registry, Schema};
 
-use super::alike;
-use crate::dataset::{self, Dataset, EncodedBatch, Steps, WriteMode, WriteOptions};
+use super::{alike, begun};
+use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
-use crate::recording::EP_IDX;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);
@@ -40,7 +39,8 @@ pub struct Copied {
 ///
 /// The copy is a part of a recording ([`Metadata::part`]) only if it holds all of one dataset that is.
 ///
-/// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy.
+/// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy. The columns and
+/// all lengths are compared, and of some episodes the values of some rows; images only where the target keeps them without loss.
 /// Where the rate of rows is in doubt ([`alike::rate_doubt`]), the copy's record says [`WriteOptions::frames_per_second`].
 ///
 /// # Errors
@@ -84,7 +84,8 @@ pub fn copy_in(
         Some(doubt) if options.frames_per_second.is_none() => return Err(doubt.into()),
         doubt => options.frames_per_second.filter(|_| doubt.is_some()),
     };
-    let resumed = if options.mode == WriteMode::Append { held(registry, sources, pieces, to)? } else { 0 };
+    let resumed =
+        if options.mode == WriteMode::Append { begun::held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
     let done = copy_rest(registry, sources, pieces, to, (format, options, rate), &mut copied, watch);
     done.map_err(|error| unfinished(error, to, &copied, pieces.len()))?;
@@ -239,79 +240,6 @@ fn read(
             }
         }
     }
-}
-
-/// How many of `pieces` the target holds already; an error if it holds something else.
-fn held(
-    registry: &Registry,
-    sources: &mut [Box<dyn Dataset>],
-    pieces: &[Piece],
-    to: &Path,
-) -> Result<usize, DataError> {
-    if !to.exists() || to.is_dir() && std::fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_none())
-    {
-        return Ok(0);
-    }
-    let mut there = format::open_in(registry, to)?;
-    let count = there.num_episodes();
-    let differs =
-        |what: String| Err(DataError::mismatch(to, format!("it is not the beginning of this copy: {what}")));
-    if count > pieces.len() {
-        return differs(format!("it holds {count} episodes, the source {}", pieces.len()));
-    }
-    let shape = |dataset: &dyn Dataset, name: &str| {
-        let schema = dataset.schema();
-        schema.index(name).map(|index| schema.fields()[index].shape.clone())
-    };
-    let wanted = sources.first().map_or(&[][..], |source| source.schema().fields());
-    for field in wanted.iter().filter(|field| field.dtype == Dtype::U8 && field.shape.len() == 3) {
-        if let Some(found) = shape(there.as_ref(), &field.name).filter(|found| *found != field.shape) {
-            return differs(format!("its images `{}` are {found:?}, not {:?}", field.name, field.shape));
-        }
-    }
-    for (index, &(source, episode)) in pieces[..count].iter().enumerate() {
-        let (rows, expected) = (there.episode_len(index), sources[source].episode_len(episode));
-        if rows != expected {
-            return differs(format!("its episode {index} has {rows} rows, not {expected}"));
-        }
-    }
-    // Lengths are often all equal: some rows tell whether it is the same data.
-    let probes = [0, count / 2, count.saturating_sub(1)];
-    for &index in probes.iter().filter(|&&index| index < count) {
-        let (source, episode) = pieces[index];
-        let row = there.episode_len(index) / 2;
-        if let Some(column) = different_column(there.as_mut(), index, sources[source].as_mut(), episode, row)?
-        {
-            return differs(format!("column `{column}` of its episode {index} is another one"));
-        }
-    }
-    Ok(count)
-}
-
-/// The first column (not of images, which may have been stored with loss) that differs in a row.
-fn different_column(
-    there: &mut dyn Dataset,
-    there_episode: usize,
-    here: &mut dyn Dataset,
-    here_episode: usize,
-    row: usize,
-) -> Result<Option<String>, DataError> {
-    let schema = there.schema().clone();
-    for (column, field) in schema.fields().iter().enumerate() {
-        let Some(other) = here.schema().index(&field.name) else { continue };
-        let differs = here.schema().fields()[other].dtype != field.dtype || field.name == EP_IDX;
-        if differs || field.shape.len() > 1 || row >= here.episode_len(here_episode) {
-            continue;
-        }
-        let steps = Steps { first: row, count: 1, stride: 1 };
-        let [mut a, mut b] = [(); 2].map(|()| Column::zeros(field.dtype, field.dim()));
-        there.read_column(column, there_episode, steps, a.as_slice_mut())?;
-        here.read_column(other, here_episode, steps, b.as_slice_mut())?;
-        if super::compare::difference(&a.as_slice(), &b.as_slice(), 0.0).is_some() {
-            return Ok(Some(field.name.clone()));
-        }
-    }
-    Ok(None)
 }
 
 fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError> {

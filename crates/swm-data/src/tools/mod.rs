@@ -2,6 +2,7 @@
 //! is in memory, never a dataset.
 
 pub mod alike;
+mod begun;
 pub mod compare;
 pub mod copy;
 pub mod part_folder;

@@ -2,14 +2,15 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use swm_core::{Batch, Dtype, Field, Schema};
+use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{Copied, all, copy};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, FORMATS, WriteMode, WriteOptions, create, open};
 
-use crate::support::{assert_alike, assert_same, contents, metadata, record};
+use crate::support::{self, assert_alike, assert_same, contents, metadata, record};
 
 fn convert(from: &Path, to: &Path) -> Result<Copied, DataError> {
     let mut sources = vec![open(from)?];
@@ -74,6 +75,65 @@ fn a_copy_is_continued_and_nothing_else_is() {
     assert!(message.contains("not the beginning") && message.contains("column"), "{message}");
     let message = convert(&source, &source).unwrap_err().to_string();
     assert!(message.contains("one of the sources"), "{message}");
+}
+
+/// Two episodes of 4 rows of `schema`, with 1 added to the values of `changed` in row `row` of the second one.
+fn changed(path: &Path, schema: &Arc<Schema>, changed: &str, row: usize) {
+    let mut writer = create(path, WriteMode::Overwrite, None).unwrap();
+    writer.begin(schema, &metadata()).unwrap();
+    for index in 0..2 {
+        let mut batch = support::episode(schema, index, 4);
+        if let Some(column) = schema.index(changed).filter(|_| index == 1) {
+            let width = schema.fields()[column].dim();
+            match batch.column_mut(column) {
+                SliceMut::U8(values) => values[row * width..][..width].iter_mut().for_each(|v| *v ^= 1),
+                SliceMut::F64(values) => values[row * width..][..width].iter_mut().for_each(|v| *v += 1.0),
+                _ => panic!("a column of another type"),
+            }
+        }
+        writer.write_rows(&batch).unwrap();
+        writer.end_episode().unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_copy_of_other_images_or_columns_is_no_beginning() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, other, target] = ["a.h5", "b.h5", "c.h5"].map(|name| folder.path().join(name));
+    let schema = support::schema();
+    changed(&source, &schema, "", 0);
+    convert(&source, &target).unwrap();
+    let refused = |from: &Path, wanted: &str| {
+        let message = convert(from, &target).unwrap_err().to_string();
+        assert!(message.contains("not the beginning of this copy") && message.contains(wanted), "{message}");
+        assert!(message.contains(&from.display().to_string()), "{message}");
+    };
+    // Of the same lengths and numbers, as a copy with loss has.
+    for (column, row) in
+        [("pixels", 0), ("pixels", 3), ("goal", 0), ("state", 0), ("state", 3), ("heights", 3)]
+    {
+        changed(&other, &schema, column, row);
+        refused(&other, &format!("`{column}` in episode 1, row {row}"));
+    }
+    let without = |name: &str| {
+        Schema::new(schema.fields().iter().filter(|f| f.name != name).cloned().collect()).unwrap()
+    };
+    changed(&other, &without("pixels"), "", 0);
+    refused(&other, "it has a column `pixels`");
+    changed(&target, &without("task"), "", 0);
+    refused(&source, "it has no column `task`");
+    // Where images are stored with loss, they cannot tell.
+    let lossy = folder.path().join("d.folder");
+    convert(&source, &lossy).unwrap();
+    assert_eq!(counts(&convert(&source, &lossy).unwrap()), [2, 0, 0]);
+    let message = {
+        fs::remove_file(&target).unwrap();
+        convert(&lossy, &target).unwrap();
+        convert(&source, &target).unwrap_err().to_string()
+    };
+    assert!(message.contains("its images `pixels` in episode 0, row 0 differ"), "{message}");
+    assert_eq!(counts(&convert(&lossy, &target).unwrap()), [2, 0, 0]);
 }
 
 #[test]

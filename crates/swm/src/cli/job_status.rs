@@ -1,6 +1,7 @@
 //! What is done of a job, and how it is told: for `swm jobs` and the page of `swm ui`.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
@@ -56,6 +57,8 @@ pub(super) struct Status<'a> {
     /// What shards are called that nobody began, and those of `started`.
     words: [&'static str; 2],
     pub(super) finished: Option<Finished>,
+    /// What of the result is gone, where it was made.
+    lost_result: Option<PathBuf>,
 }
 
 impl<'a> Status<'a> {
@@ -82,12 +85,26 @@ impl<'a> Status<'a> {
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
-        let finished = read_json(&folder.finished())?;
+        let finished = if progress.is_finished { Finished::of(folder)? } else { None };
+        let lost_result = progress.lost_result;
         let words = match folder.is_with_an_engine() {
             true => ["not submitted", "started, not queued"],
             false => ["not started", "interrupted"],
         };
-        Ok(Self { folder, done, failed, held, missing, begun, by_hand, lost, started, words, finished })
+        Ok(Self {
+            folder,
+            done,
+            failed,
+            held,
+            missing,
+            begun,
+            by_hand,
+            lost,
+            started,
+            words,
+            finished,
+            lost_result,
+        })
     }
 
     fn episodes(&self) -> u64 {
@@ -117,6 +134,7 @@ impl<'a> Status<'a> {
             "episodes": self.episodes(),
             "total_episodes": job.episodes,
             "result": self.finished,
+            "lost_result": self.lost_result,
             "progress": self.line(),
             "each": (1..=job.shards).map(|shard| self.shard(shard)).collect::<Vec<_>>(),
         })
@@ -206,9 +224,18 @@ impl<'a> Status<'a> {
         }
         if let Some(finished) = &self.finished {
             rows.push(("result", format!("{dir}/{} ({} bytes)", finished.result, finished.bytes)));
+        } else if let (Some(lost), true) = (&self.lost_result, self.awaits_join()) {
+            let lost = lost.display();
+            rows.push((
+                "result",
+                format!("lost: {lost} is missing; to join it again: swm task {dir} --finish"),
+            ));
         } else if self.awaits_join() {
             rows.push(("result", format!("not joined yet: swm task {dir} --finish")));
         } else if !self.missing.is_empty() {
+            if let Some(lost) = &self.lost_result {
+                rows.push(("result", format!("lost: {} is missing", lost.display())));
+            }
             let missing = ranges(&self.missing);
             rows.push(("to do", format!("shards {missing}, by: {}", self.folder.command_for_the_rest())));
         }
@@ -272,6 +299,7 @@ pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
             let dir = status.folder.dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let result = match &status.finished {
                 Some(finished) => finished.result.clone(),
+                None if status.lost_result.is_some() => "lost".to_owned(),
                 None if status.awaits_join() => "not joined yet".to_owned(),
                 None => "–".to_owned(),
             };

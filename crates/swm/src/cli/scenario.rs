@@ -36,12 +36,7 @@ impl ScenarioArgs {
         let variation = self.variation(true)?;
         check_selected(variation.iter().flatten(), env, factors)?;
         let values = factor_values(&self.set, env, factors, output)?;
-        for name in values
-            .keys()
-            .filter(|name| self.vary.iter().flatten().any(|asked| asked.trim_start_matches('+') == **name))
-        {
-            output.note(format!("note: --vary {name} samples nothing, since --set {name} sets it"));
-        }
+        self.note_set(&values, output);
         if let Some(asked) = &variation
             && !asked.is_empty()
         {
@@ -72,7 +67,19 @@ impl ScenarioArgs {
         let variation = self.variation(false)?;
         check_selected(variation.iter().flatten(), env, factors)?;
         let variation_values = factor_values(&self.set, env, factors, output)?;
+        self.note_set(&variation_values, output);
         Ok(ResetOptions { variation, variation_values, ..ResetOptions::default() })
+    }
+
+    /// Says which factors of `--vary` are not sampled, since `--set` gives their values.
+    fn note_set(&self, values: &BTreeMap<String, Value>, output: &Output) {
+        let is_asked = |name: &str| {
+            let mut asked = self.vary.iter().flatten();
+            asked.any(|asked| asked.trim().trim_start_matches('+').trim_start() == name)
+        };
+        for name in values.keys().filter(|name| is_asked(name)) {
+            output.note(format!("note: --vary {name} samples nothing, since --set {name} sets it"));
+        }
     }
 
     /// The names of `--vary`; `none` samples nothing. With `samples_defaults`, the default factors are what is sampled without

@@ -123,6 +123,9 @@ impl Submit {
         self.measure(registry, &folder, output)?;
         let submissions = Submission::all(&folder)?;
         let on = self.on.clone().or_else(|| Some(submissions.last()?.on.clone()));
+        // Where nothing is left to run, no scheduler is needed.
+        let is_done = || Ok::<_, Failure>(Progress::of(&folder)?.missing(&folder).is_empty());
+        let on = if on.is_none() && is_done()? { Some("script".to_owned()) } else { on };
         let on = on.ok_or_else(|| {
             let here = folder.command_for_the_rest();
             usage(format!(

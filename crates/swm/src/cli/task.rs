@@ -184,7 +184,9 @@ impl Run<'_> {
         let of = folder.job.shards;
         let lock = WriterLock::take(&folder.shard_lock(shard))?;
         // A part that was lost is made again, unless the result is there.
-        if done.is_file() && (folder.written(shard).exists() || folder.finished().is_file()) {
+        let has_result =
+            || Ok::<_, Failure>(Finished::of(folder)?.is_some_and(|made| made.lost(folder).is_none()));
+        if done.is_file() && (folder.written(shard).exists() || has_result()?) {
             output.note(format!("shard {shard} of {of} was done already"));
             return Ok(());
         }
@@ -273,6 +275,12 @@ impl Run<'_> {
         if progress.is_finished {
             output.note(format!("{} was there already", path.display()));
             return Ok(());
+        }
+        if let Some(lost) = &progress.lost_result {
+            output.note(format!(
+                "{} was there before and is missing: the shards are joined again",
+                lost.display()
+            ));
         }
         let missing = progress.missing(folder);
         if !missing.is_empty() {

@@ -1,10 +1,15 @@
-//! Notes where a policy's model was trained with other settings of the environment than it is used with.
+//! Notes where a policy's model was trained with other settings of the environment than it is used with, or on the episodes of the pairs.
 
 use swm_core::evaluate::PairSource;
-use swm_core::registry::{FRAME_SKIP, TrainedIn, TrainingDifference};
+use swm_core::registry::{FRAME_SKIP, TrainedIn, TrainedOn, TrainingDifference};
 use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs, PolicyContext, Registry};
 
 use super::Output;
+use crate::evaluation::file_hash;
+use crate::jobs::files::bytes;
+
+/// Datasets up to this size are recognized by their content, larger ones by their name.
+const MOST_HASHED: u64 = 1 << 30;
 
 /// How the settings of training are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +50,36 @@ pub(super) fn of_policy_on(
         PairSource::Online => Ask::Manifest,
         _ => Ask::ManifestOfDataset,
     };
-    of_policy(registry, args, &context, ask, output);
+    let trained = registry.policy_entry(env, &args.name).ok().and_then(|entry| entry.trained_in(args));
+    of_model(args, trained.as_ref(), &context, ask, output);
+    let dataset = trained.and_then(|trained| trained.dataset);
+    if let Some(note) = dataset.and_then(|dataset| seen_pairs(&args.to_string(), &dataset, &manifest.source))
+    {
+        output.note(note);
+    }
+}
+
+/// A note where the model of `policy` was trained on episodes that the pairs' source holds out from training.
+fn seen_pairs(policy: &str, trained: &TrainedOn, source: &PairSource) -> Option<String> {
+    let PairSource::Dataset { name, hash, episodes, rows, held_out, .. } = source else { return None };
+    let is_as_large = (trained.episodes, trained.rows) == (*episodes, *rows);
+    if !is_as_large || !trained.has_seen(*held_out) || !is_same(trained, name, hash) {
+        return None;
+    }
+    Some(format!(
+        "note: {policy} was trained on episodes of {name} that this manifest holds out from training; its results say little of new \
+         episodes: a model trained with --held-out {held_out} can claim them, and this one was with {}",
+        trained.held_out
+    ))
+}
+
+/// Whether a model was trained on the dataset of this file name and hash, as far as is known: by content, where it is still there and
+/// not large; else by name.
+fn is_same(trained: &TrainedOn, name: &str, hash: &str) -> bool {
+    match bytes(&trained.path) {
+        Ok(size) if size <= MOST_HASHED => file_hash(&trained.path).is_ok_and(|found| found == hash),
+        _ => trained.path.file_name().is_some_and(|of| of == name),
+    }
 }
 
 /// A note where a model was `trained` with other settings than those of `context`.
@@ -118,6 +152,43 @@ mod tests {
         let args = PolicyArgs::parse("agent:runs/a").unwrap();
         let trained = registry.policy_entry(&WALKER, "agent").unwrap().trained_in(&args).unwrap();
         trained.differences(&PolicyContext::new(&WALKER, &config).frame_skip(frame_skip))
+    }
+
+    #[test]
+    fn a_model_that_has_seen_the_pairs_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.h5");
+        std::fs::write(&path, "a dataset").unwrap();
+        let source = |hash: &str, held_out| PairSource::Dataset {
+            name: "a.h5".to_owned(),
+            hash: hash.to_owned(),
+            episodes: 20,
+            rows: 300,
+            goal_offset: 25,
+            held_out,
+        };
+        let note = |path: &std::path::Path, rows, share, source: &PairSource| {
+            seen_pairs("mpc:runs/a", &TrainedOn::new(path, (20, rows), share), source)
+        };
+        let hash = file_hash(&path).unwrap();
+        let told = note(&path, 300, 0.0, &source(&hash, 0.2)).unwrap();
+        assert!(
+            told.contains("mpc:runs/a was trained on episodes of a.h5 that this manifest holds out"),
+            "{told}"
+        );
+        assert!(
+            told.contains("trained with --held-out 0.2 can claim them, and this one was with 0"),
+            "{told}"
+        );
+        assert_eq!(note(&path, 300, 0.2, &source(&hash, 0.2)), None);
+        assert_eq!(note(&path, 300, 0.0, &source(&hash, 1.0)), None);
+        assert_eq!(note(&path, 301, 0.0, &source(&hash, 0.2)), None);
+        assert_eq!(note(&path, 300, 0.0, &source("another", 0.2)), None);
+        assert_eq!(note(&path, 300, 0.0, &PairSource::Online), None);
+        // What is gone is known by its name alone.
+        let gone = folder.path().join("gone/a.h5");
+        assert!(note(&gone, 300, 0.1, &source("another", 0.2)).is_some());
+        assert_eq!(note(&folder.path().join("gone/b.h5"), 300, 0.1, &source(&hash, 0.2)), None);
     }
 
     #[test]

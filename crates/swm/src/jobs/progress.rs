@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
@@ -48,6 +48,26 @@ pub(crate) struct Finished {
     pub(crate) episodes: u64,
 }
 
+impl Finished {
+    /// What `finished.json` says, whether or not the result is still there; `None` if the shards were never joined.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read.
+    pub(crate) fn of(folder: &JobFolder) -> Result<Option<Self>, BoxError> {
+        read_json(&folder.finished())
+    }
+
+    /// What of the result is not there any more: its file, or the first folder of a training run.
+    pub(crate) fn lost(&self, folder: &JobFolder) -> Option<PathBuf> {
+        let result = folder.dir.join(&self.result);
+        // Training runs are not joined: they are the result.
+        let runs = (1..=folder.job.shards).map(|shard| folder.written(shard));
+        let runs = runs.filter(|run| run.starts_with(&result));
+        std::iter::once(result.clone()).chain(runs).find(|path| !path.exists())
+    }
+}
+
 /// What `done/` lists, without the shards whose parts are gone.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Progress {
@@ -57,6 +77,8 @@ pub(crate) struct Progress {
     pub(crate) failed: BTreeSet<u64>,
     /// Whether the result is there.
     pub(crate) is_finished: bool,
+    /// What of the result is not there any more, where the shards were joined: it is to be made again.
+    pub(crate) lost_result: Option<PathBuf>,
 }
 
 impl Progress {
@@ -67,7 +89,10 @@ impl Progress {
     /// The folder cannot be read.
     pub(crate) fn of(folder: &JobFolder) -> Result<Self, BoxError> {
         let dir = folder.dir.join("done");
-        let mut progress = Self { is_finished: folder.finished().is_file(), ..Self::default() };
+        let finished = Finished::of(folder)?;
+        let lost_result = finished.as_ref().and_then(|finished| finished.lost(folder));
+        let is_finished = finished.is_some() && lost_result.is_none();
+        let mut progress = Self { is_finished, lost_result, ..Self::default() };
         let entries = match fs::read_dir(&dir) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(progress),
             entries => entries.map_err(|error| cannot("read the folder", &dir, error))?,
@@ -85,7 +110,7 @@ impl Progress {
                 _ => false,
             };
         }
-        // Once they are joined, nobody needs the parts.
+        // While the result is there, nobody needs the parts.
         if !progress.is_finished && !progress.done.is_empty() {
             let there = names_beside(&folder.written(1))?;
             // Listings of shared file systems can be older than a look at the file itself.
