@@ -37,48 +37,48 @@ fn encode(
 ) -> Result<MemoryDataset, BaselineError> {
     let mut dataset = dataset.share();
     let column = dataset.schema().index(ACTION).expect("no training without actions");
-    let dim = encoder.latent_dim();
-    let fields = [Field::step(LATENT, Dtype::F32, &[dim]), dataset.schema().fields()[column].clone()];
+    let fields =
+        [Field::step(LATENT, Dtype::F32, &[encoder.latent_dim()]), dataset.schema().fields()[column].clone()];
     let schema = Schema::new(fields.into()).expect("two columns of different names");
-    let latents = latents(dataset.as_ref(), encoder, data)?;
-    let mut rest = &latents[..];
     let mut episodes = Vec::with_capacity(dataset.num_episodes());
     for episode in 0..dataset.num_episodes() {
         let rows = dataset.episode_len(episode);
         let mut table = Batch::new(schema.clone(), rows);
-        let (own, others) = rest.split_at(rows * dim);
-        rest = others;
-        if let SliceMut::F32(out) = table.column_mut(0) {
-            out.copy_from_slice(own);
-        }
         let steps = Steps { first: 0, count: rows, stride: 1 };
         dataset.rows(column, episode, steps, table.column_mut(1))?;
-        episodes.push(Arc::new(table));
+        episodes.push(table);
     }
+    if !episodes.is_empty() {
+        fill_latents(&mut episodes, dataset, encoder, data)?;
+    }
+    let episodes = episodes.into_iter().map(Arc::new);
     Ok(MemoryDataset::new(&data.config.path.to_string_lossy(), schema, None, episodes)?)
 }
 
-/// `[R, Z]`: the latents of all rows, episode by episode.
-fn latents(
-    dataset: &dyn Dataset,
+/// Encodes the frames of all episodes, in their order.
+fn fill_latents(
+    episodes: &mut [Batch],
+    dataset: Box<dyn Dataset>,
     encoder: &mut dyn PlanModel,
     data: &TrainData,
-) -> Result<Vec<f32>, BaselineError> {
-    let mut all = Vec::new();
-    if dataset.num_episodes() == 0 {
-        return Ok(all);
-    }
+) -> Result<(), BaselineError> {
+    let dim = encoder.latent_dim();
     let options: ClipOptions = data.options.clone().num_steps(1).frameskip(1);
-    let frames = Loader::new(dataset.share(), &options)?;
+    let frames = Loader::new(dataset, &options)?;
     let mut batches = frames.batches(&BatchOptions::default().size(FRAMES).epochs(Some(1)))?;
     let mut batch = batches.new_batch();
     let mut feed = ClipFeed::new(&data.config.scales);
+    let mut latents = Vec::new();
+    let mut places = episodes.iter_mut().flat_map(|table| match table.column_mut(0) {
+        SliceMut::F32(values) => values.chunks_exact_mut(dim),
+        _ => unreachable!("the column was made as f32"),
+    });
     while batches.next_batch(&mut batch)? {
         let clips = feed.clips(&batch)?;
-        let before = all.len();
-        all.resize(before + batch.rows() * encoder.latent_dim(), 0.0);
+        latents.resize(batch.rows() * dim, 0.0);
         let seen = Observations { pixels: clips.pixels, proprio: clips.proprio };
-        encoder.encode(&seen, &mut all[before..])?;
+        encoder.encode(&seen, &mut latents)?;
+        latents.chunks_exact(dim).zip(&mut places).for_each(|(latent, place)| place.copy_from_slice(latent));
     }
-    Ok(all)
+    Ok(())
 }
