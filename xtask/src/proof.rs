@@ -179,8 +179,8 @@ const NEAR_TOO: &[&str] = &[
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 /// The same, of which 10 actions are executed before it is planned anew for the rest.
 const REPLANNED: &str = ",samples=100,iterations=8,elites=10,receding_horizon=2,shrinking_horizon=true";
-/// The same for plans of single actions, of which there are many: within the bounds, and never narrower than a tenth of the
-/// standard deviation of the data's actions.
+/// The same for plans of single actions, of which there are many: within the bounds, and never narrower than a tenth of the std
+/// of the data's actions.
 const SINGLE_ACTIONS: &str =
     ",samples=100,iterations=8,elites=10,sigma=2,sigma_min=0.1,clip=true,return_best=true";
 /// A world model over what the encoder of `gcsl` sees: its run comes before.

@@ -175,6 +175,17 @@ impl Start {
             goal_proprio: form.state("goal_proprio", goal_proprio.as_ref(), rows, device)?,
         })
     }
+
+    /// `[1, 1, 3, S, S]`: the present image of planning problem `row`.
+    pub(crate) fn image(&self, row: usize) -> Tensor<5> {
+        let newest = self.pixels.dims()[1] - 1;
+        self.pixels.clone().narrow(0, row, 1).narrow(1, newest, 1)
+    }
+
+    /// `[1, 1, 3, S, S]`: its goal.
+    pub(crate) fn goal_image(&self, row: usize) -> Tensor<5> {
+        self.goal_pixels.clone().narrow(0, row, 1)
+    }
 }
 
 fn goal_to_tensor(

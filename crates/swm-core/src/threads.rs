@@ -3,7 +3,7 @@
 //!
 //! The cost of a slot is learned from the clock. It decides who works, never what comes out.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
@@ -114,6 +114,11 @@ impl Pace {
         let nanos = nanos.clamp(1.0, MOST_GROWTH * self.nanos_per_slot);
         self.nanos_per_slot += LEARNING * (nanos - self.nanos_per_slot);
     }
+}
+
+/// What a mutex holds. A panic of another holder, which poisons it, ends the run by itself.
+pub(crate) fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

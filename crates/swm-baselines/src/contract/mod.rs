@@ -367,15 +367,15 @@ fn what_cannot_be_made_says_why() {
 
 #[test]
 fn a_frozen_encoder_keeps_its_background() {
-    let deviation = |train_encoder: bool| {
+    let std = |train_encoder: bool| {
         let mut changes = goal();
         changes["model"]["train_encoder"] = train_encoder.into();
         let mut model = make("gcbc", &options("small", changes)).unwrap();
         step(model.as_mut(), 0, 0);
         weights(model.as_ref())["encoder.background.deviation"].values[0]
     };
-    assert_eq!(deviation(false), 1.0);
-    assert_ne!(deviation(true), 1.0);
+    assert_eq!(std(false), 1.0);
+    assert_ne!(std(true), 1.0);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Clips of a dot on black, which tests learn from.
 
-use crate::Images;
+use crate::{ClipBatch, Images, Vectors};
 
 pub(super) const SIDE: usize = 16;
 pub(super) const BYTES: usize = SIDE * SIDE * 3;
@@ -20,7 +20,19 @@ pub(super) fn images(values: &[u8], steps: usize) -> Images<'_> {
     Images { values, rows: CLIPS, steps, height: SIDE, width: SIDE, channels_last: true }
 }
 
-/// Those of one step of all clips.
+/// Clips of so many steps, with `[CLIPS, steps, 2]` actions.
+pub(super) fn clips<'a>(pixels: &'a [u8], actions: &'a [f32], steps: usize) -> ClipBatch<'a> {
+    ClipBatch {
+        pixels: images(pixels, steps),
+        latents: None,
+        action: Vectors { values: actions, rows: CLIPS, steps, dim: 2 },
+        proprio: None,
+        goal_pixels: None,
+        goal_proprio: None,
+    }
+}
+
+/// The images of one step of all clips.
 pub(super) fn of_step(values: &[u8], steps: usize, step: usize) -> Vec<u8> {
     let clips = values.chunks(steps * BYTES);
     clips.flat_map(|clip| &clip[step * BYTES..][..BYTES]).copied().collect()

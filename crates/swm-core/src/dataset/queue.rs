@@ -2,7 +2,7 @@
 //! order, while others step.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 
 use rayon::{Scope, Yield};
@@ -11,6 +11,7 @@ use super::sink::{EpisodeSink, InOrder, Output};
 use super::{EncodedBatch, Metadata, RowEncoder};
 use crate::batch::Schema;
 use crate::error::BoxError;
+use crate::threads::lock;
 
 /// So many bytes of episodes may wait; one that is larger waits alone.
 const MOST_WAITING_BYTES: usize = 256 << 20;
@@ -41,11 +42,11 @@ impl<'a> Queue<'a> {
     }
 
     fn sink(&self) -> MutexGuard<'_, &'a mut dyn EpisodeSink> {
-        self.sink.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.sink)
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Writes the next episode, and has the one behind it written by whichever thread is free then.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ use crate::batch::Batch;
 use crate::error::WorldError;
 use crate::policy::Policy;
 use crate::run::{Rollout, Slot};
-use crate::threads::{Pace, Threads};
+use crate::threads::{Pace, Threads, lock};
 
 /// A turn is at least so long, since an environment may have to move into the cache of another core for it: some 10 to 50 µs.
 const TURN: Duration = Duration::from_millis(2);
@@ -119,10 +119,6 @@ fn take_turns(lanes: &mut [Lane<'_>], rollout: &Rollout, upcoming: &Arc<Upcoming
     });
     let failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
     failed.map_or(Ok(()), |(_, error)| Err(error))
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The lane that has waited longest. Where there is none, all that are not over have a thread each.

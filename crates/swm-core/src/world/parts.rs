@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::error::BoxError;
 use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, RunInfo};
+use crate::threads::lock;
 
 /// A recorder that can be divided once it has been told of the start of a run. It alone is told of the finish.
 pub(crate) trait Whole: Recorder {
@@ -78,11 +79,11 @@ struct Watching<'s, 'a>(&'s Mutex<&'a mut dyn Recorder>);
 
 impl Recorder for Watching<'_, '_> {
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).step(row)
+        lock(self.0).step(row)
     }
 
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).episode(end)
+        lock(self.0).episode(end)
     }
 }
 

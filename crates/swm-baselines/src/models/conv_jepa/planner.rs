@@ -33,11 +33,8 @@ impl LatentDynamics for ConvJepa {
     }
 
     fn problem(&self, start: &Start, row: usize) -> Problem {
-        let newest = start.pixels.dims()[1] - 1;
-        let encode = |pixels: &Tensor<5>, step| {
-            self.encode(pixels.clone().narrow(0, row, 1).narrow(1, step, 1), &mut Pass::evaluate())
-        };
-        Problem { map: encode(&start.pixels, newest), goal: encode(&start.goal_pixels, 0) }
+        let encode = |image| self.encode(image, &mut Pass::evaluate());
+        Problem { map: encode(start.image(row)), goal: encode(start.goal_image(row)) }
     }
 
     fn latent_dim(&self) -> usize {

@@ -6,7 +6,7 @@ use swm_solvers::Candidates;
 
 use rand::RngExt as _;
 
-use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
+use crate::models::dots::{CLIPS, SIDE, clips, image, images, of_step};
 use crate::{Baseline, ClipBatch, DataDims, MakeOptions, Observations, PlanningBatch, Step, Vectors, make};
 
 /// Where a dot goes: `CLIPS` clips of `steps` images, and the moves between them.
@@ -33,14 +33,7 @@ impl Dots {
     }
 
     fn batch(&self) -> ClipBatch<'_> {
-        ClipBatch {
-            pixels: images(&self.pixels, self.steps),
-            latents: None,
-            action: Vectors { values: &self.moves, rows: CLIPS, steps: self.steps, dim: 2 },
-            proprio: None,
-            goal_pixels: None,
-            goal_proprio: None,
-        }
+        clips(&self.pixels, &self.moves, self.steps)
     }
 
     /// The images of one step of all clips.

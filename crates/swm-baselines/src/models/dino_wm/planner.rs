@@ -40,11 +40,10 @@ impl LatentDynamics for DinoWm {
     fn problem(&self, start: &Start, row: usize) -> Problem {
         let state = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
         let pixels = start.pixels.clone().narrow(0, row, 1);
-        let goal = start.goal_pixels.clone().narrow(0, row, 1);
         Problem {
             frames: self.observe(pixels, state(&start.proprio)),
             action: state(&start.action),
-            goal: self.observe(goal, state(&start.goal_proprio)),
+            goal: self.observe(start.goal_image(row), state(&start.goal_proprio)),
         }
     }
 

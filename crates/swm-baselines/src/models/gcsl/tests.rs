@@ -4,7 +4,7 @@ use rand::RngExt as _;
 use serde_json::{Value as Json, json};
 use swm_core::seed::keyed;
 
-use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
+use crate::models::dots::{CLIPS, SIDE, clips, image, images, of_step};
 use crate::{
     Baseline, BaselineError, ClipBatch, DataDims, GoalPolicy, MakeOptions, PlanningBatch, Step, Vectors, make,
 };
@@ -35,14 +35,7 @@ impl Dots {
     }
 
     fn batch(&self) -> ClipBatch<'_> {
-        ClipBatch {
-            pixels: images(&self.pixels, FRAMES),
-            latents: None,
-            action: Vectors { values: &self.paces, rows: CLIPS, steps: FRAMES, dim: 2 },
-            proprio: None,
-            goal_pixels: None,
-            goal_proprio: None,
-        }
+        clips(&self.pixels, &self.paces, FRAMES)
     }
 
     /// The images of one step of all clips.

@@ -41,7 +41,7 @@ impl LatentDynamics for Joint {
     fn problem(&self, start: &Start, row: usize) -> Problem {
         let pass = &mut Pass::evaluate();
         let states = self.encode(start.pixels.clone().narrow(0, row, 1), pass);
-        let goal = self.encode(start.goal_pixels.clone().narrow(0, row, 1), pass);
+        let goal = self.encode(start.goal_image(row), pass);
         let action = start.action.as_ref().map(|action| action.clone().narrow(0, row, 1));
         Problem { states, action, goal: goal.squeeze_dim(1) }
     }

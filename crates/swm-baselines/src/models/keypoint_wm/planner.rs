@@ -33,15 +33,15 @@ impl LatentDynamics for KeypointWm {
     }
 
     fn problem(&self, start: &Start, row: usize) -> Problem {
-        let newest = start.pixels.dims()[1] - 1;
-        let encode = |pixels: &Tensor<5>, step| {
-            self.encode(pixels.clone().narrow(0, row, 1).narrow(1, step, 1)).squeeze_dim(1)
-        };
+        let encode = |image| self.encode(image).squeeze_dim(1);
         let before = match &start.action {
-            Some(actions) => actions.clone().narrow(0, row, 1).narrow(1, newest - 1, 1).squeeze_dim(1),
+            Some(actions) => {
+                let last = actions.dims()[1] - 1;
+                actions.clone().narrow(0, row, 1).narrow(1, last, 1).squeeze_dim(1)
+            }
             None => Tensor::zeros([1, self.form.action], &start.pixels.device()),
         };
-        Problem { latent: encode(&start.pixels, newest), before, goal: encode(&start.goal_pixels, 0) }
+        Problem { latent: encode(start.image(row)), before, goal: encode(start.goal_image(row)) }
     }
 
     fn latent_dim(&self) -> usize {

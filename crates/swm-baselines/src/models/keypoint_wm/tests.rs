@@ -5,7 +5,7 @@ use serde_json::json;
 use swm_core::seed::keyed;
 use swm_solvers::Candidates;
 
-use crate::models::dots::{CLIPS, SIDE, image, images, of_step};
+use crate::models::dots::{CLIPS, SIDE, clips, image, images, of_step};
 use crate::{Baseline, ClipBatch, DataDims, MakeOptions, Observations, PlanningBatch, Step, Vectors, make};
 
 const STEPS: usize = 4;
@@ -36,14 +36,7 @@ impl Dots {
     }
 
     fn batch(&self) -> ClipBatch<'_> {
-        ClipBatch {
-            pixels: images(&self.pixels, STEPS),
-            latents: None,
-            action: Vectors { values: &self.actions, rows: CLIPS, steps: STEPS, dim: 2 },
-            proprio: None,
-            goal_pixels: None,
-            goal_proprio: None,
-        }
+        clips(&self.pixels, &self.actions, STEPS)
     }
 
     /// `[CLIPS, STEPS, Z]`.

@@ -38,13 +38,12 @@ pub(super) fn array(folder: &Path, column: &str) -> PathBuf {
 /// Whether a recording was killed here before it had begun: the index is the first file of a folder of ours, the manifest
 /// the last.
 pub(super) fn is_unbegun(folder: &Path) -> bool {
-    index_bytes(folder).is_some_and(|bytes| bytes <= INDEX_MAGIC.len() as u64)
-        && !folder.join(MANIFEST).exists()
+    index_counts_episodes(folder) == Some(false) && !folder.join(MANIFEST).exists()
 }
 
 /// Refuses a folder of ours whose manifest is gone: its index counts episodes, whose columns nothing describes.
 pub(super) fn check_described(folder: &Path) -> Result<(), DataError> {
-    if index_bytes(folder).is_none_or(|bytes| bytes <= INDEX_MAGIC.len() as u64) {
+    if index_counts_episodes(folder) != Some(true) {
         return Ok(());
     }
     let reason = format!(
@@ -54,10 +53,10 @@ pub(super) fn check_described(folder: &Path) -> Result<(), DataError> {
     Err(DataError::damaged(folder, reason))
 }
 
-/// The size of the index; `None`: there is none.
-fn index_bytes(folder: &Path) -> Option<u64> {
+/// Whether the index goes on after its head; `None`: there is none.
+fn index_counts_episodes(folder: &Path) -> Option<bool> {
     let there = fs::metadata(folder.join(INDEX)).ok()?;
-    there.is_file().then_some(there.len())
+    there.is_file().then_some(there.len() > INDEX_MAGIC.len() as u64)
 }
 
 /// The error for a file or subfolder without which a folder cannot be read; `holds` says what is in it.
@@ -214,7 +213,7 @@ impl IndexWriter {
 /// Removes what makes the folder a dataset: our files, columns, subfolders of columns. Anything else stays.
 pub(super) fn clear(folder: &Path, columns: &[String]) -> Result<(), DataError> {
     let failed = |path: &Path, source| DataError::io(path, "remove", source);
-    if index_bytes(folder).is_some_and(|bytes| bytes > INDEX_MAGIC.len() as u64) {
+    if index_counts_episodes(folder) == Some(true) {
         // A kill before it is removed leaves a folder that is unbegun, not one that lost its manifest.
         let path = folder.join(INDEX);
         let emptied = open_own(&path, false).and_then(|file| file.set_len(INDEX_MAGIC.len() as u64));

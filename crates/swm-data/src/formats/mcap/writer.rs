@@ -86,8 +86,9 @@ impl Backend for McapBackend {
             return Err(DataError::record(path, format!("{} columns are too many", fields.len())));
         }
         let failed = |source| DataError::io(path, "write", source);
+        let rows_per_second = options.frames_per_second.or(metadata.rows_per_second);
         if start.existing != Existing::Continued {
-            let rate = options.frames_per_second.or(metadata.rows_per_second).unwrap_or(ROWS_PER_SECOND);
+            let rate = rows_per_second.unwrap_or(ROWS_PER_SECOND);
             if !(rate.is_finite() && rate > 0.0) {
                 return Err(DataError::record(path, format!("{rate} frames per second are no rate")));
             }
@@ -98,7 +99,6 @@ impl Backend for McapBackend {
         }
         let file = open_own(path, false).map_err(failed)?;
         let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
-        let rows_per_second = options.frames_per_second.or(metadata.rows_per_second);
         let metadata = &at_rate(Metadata { rows_per_second, ..metadata.clone() }, index.row_ns);
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
