@@ -2,7 +2,7 @@
 // `run` and `job`; screenshots go to SHOTS. Every view is opened with that data, an episode of PushT is steered by the pointer to
 // success, recorded and loaded back, and any message on the console is a failure. `cargo xtask ui` makes DATA and calls this.
 import { spawn, spawnSync } from "node:child_process";
-import { existsSync, mkdirSync, readFileSync, mkdtempSync, rmSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync, mkdtempSync, renameSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
@@ -358,11 +358,23 @@ const parts = {
     const states = () => page.evaluate(() => [...document.querySelectorAll(".result td:nth-child(2)")].map((cell) => cell.innerText).join());
     await until("its shards", async () => (await states()) === "not submitted,done,not submitted");
     await shot("results-job");
-    const task = spawnSync(program, ["task", join(data, "job"), "--index", "3"], { encoding: "utf8" });
-    check(task.status === 0, task.stderr);
+    const task = (...rest) => {
+      const ran = spawnSync(program, ["task", join(data, "job"), ...rest], { encoding: "utf8" });
+      check(ran.status === 0, ran.stderr);
+    };
+    const facts = (part) => async () => (await text(".result .facts")).includes(part);
+    task("--index", "3");
     await until("the third one", async () => (await states()) === "not submitted,done,done");
-    check((await text(".result .facts")).includes("2 done"), "the sum is another one");
+    check(await facts("2 done")(), "the sum is another one");
     await downloaded("CSV", "job.csv", (text) => text.startsWith("shard,state,episodes,of,seconds\n"));
+    task("--all");
+    await until("how to join them", facts("not joined yet: swm task"));
+    task("--finish");
+    await until("the result", facts("result.h5 ("));
+    renameSync(join(data, "job/result.h5"), join(data, "job/moved.h5"));
+    await until("that it is lost", facts("result.h5 is missing"));
+    await shot("results-job-lost");
+    renameSync(join(data, "job/moved.h5"), join(data, "job/result.h5"));
     quiet("jobs");
   },
 

@@ -126,6 +126,9 @@ fn parts_that_are_lost_or_damaged_are_made_again() {
     swm_ok(&["task", &job, "--finish"]);
     assert!(fs::read(&result).unwrap() == whole);
     assert!(swm_ok(&["jobs", &job]).contains("result.h5 ("));
+    fs::write(&result, &whole[..100]).unwrap();
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains("result.h5 (100 bytes, where ") && page.contains("cut short"), "{page}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ import { CommandLine, Notice, Panel, Save, number, quoted, useGet } from "./kit"
 
 interface Shard { shard: number; state: string; running?: boolean; episodes: number; of: number; seconds?: number; message?: string }
 interface Job {
-  job: string; name: string; command: string[]; shards: number; done: number; progress: string; episodes: number; total_episodes: number; result: { result: string; bytes: number } | null; each: Shard[]; note: string | null;
+  job: string; name: string; command: string[]; shards: number; done: number; progress: string; episodes: number; total_episodes: number; result: { result: string; bytes: number } | null; lost_result: string | null; result_line: string | null; each: Shard[]; note: string | null;
 }
 
 export function JobView({ id }: { id: string }) {
@@ -25,7 +25,7 @@ export function JobView({ id }: { id: string }) {
           <span>{value.progress}</span>
           {value.total_episodes > 0 && <span>{number(value.episodes)} of {number(value.total_episodes)} episodes</span>}
           {total > 0 && <span>{number(total, 3)} episodes/s now</span>}
-          {value.result && <span class="good">result: {value.result.result}</span>}
+          {value.result_line && <span class={value.lost_result ? "bad" : value.result ? "good" : ""}>result: {value.result_line}</span>}
         </div>
         <progress max={1} value={part ?? 0} aria-label="Progress of the job" />
         <Notice text={value.note} />

@@ -85,8 +85,7 @@ impl<'a> Status<'a> {
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
-        let finished = if progress.is_finished { Finished::of(folder)? } else { None };
-        let lost_result = progress.lost_result;
+        let Progress { finished, lost_result, .. } = progress;
         let words = match folder.is_with_an_engine() {
             true => ["not submitted", "started, not queued"],
             false => ["not started", "interrupted"],
@@ -135,6 +134,7 @@ impl<'a> Status<'a> {
             "total_episodes": job.episodes,
             "result": self.finished,
             "lost_result": self.lost_result,
+            "result_line": self.result(),
             "progress": self.line(),
             "each": (1..=job.shards).map(|shard| self.shard(shard)).collect::<Vec<_>>(),
         })
@@ -209,6 +209,25 @@ impl<'a> Status<'a> {
         self.finished.is_none() && self.done.len() as u64 == self.folder.job.shards
     }
 
+    /// Where the result is, that it is lost or not as it was joined, or how to make it; `None` while there is nothing to join.
+    fn result(&self) -> Option<String> {
+        let dir = self.folder.dir.display();
+        if let Some(finished) = &self.finished {
+            let joined = finished.bytes;
+            let size = match finished.changed_bytes(self.folder) {
+                Some(bytes) => format!("{bytes} bytes, where the shards were joined to {joined}: it was changed or cut short"),
+                None => format!("{joined} bytes"),
+            };
+            return Some(format!("{dir}/{} ({size})", finished.result));
+        }
+        let lost = self.lost_result.as_ref().map(|lost| format!("lost: {} is missing", lost.display()));
+        match (lost, self.awaits_join()) {
+            (Some(lost), true) => Some(format!("{lost}; to join it again: swm task {dir} --finish")),
+            (None, true) => Some(format!("not joined yet: swm task {dir} --finish")),
+            (lost, false) => lost,
+        }
+    }
+
     fn page(&self) -> String {
         let (job, dir) = (&self.folder.job, self.folder.dir.display().to_string());
         let mut rows = vec![("job", dir.clone()), ("command", format!("swm {}", job.command.join(" ")))];
@@ -222,20 +241,8 @@ impl<'a> Status<'a> {
             let mean = took / self.done.len() as f64;
             rows.push(("time per shard", format!("{mean:.1} s, longest {longest:.1} s")));
         }
-        if let Some(finished) = &self.finished {
-            rows.push(("result", format!("{dir}/{} ({} bytes)", finished.result, finished.bytes)));
-        } else if let (Some(lost), true) = (&self.lost_result, self.awaits_join()) {
-            let lost = lost.display();
-            rows.push((
-                "result",
-                format!("lost: {lost} is missing; to join it again: swm task {dir} --finish"),
-            ));
-        } else if self.awaits_join() {
-            rows.push(("result", format!("not joined yet: swm task {dir} --finish")));
-        } else if !self.missing.is_empty() {
-            if let Some(lost) = &self.lost_result {
-                rows.push(("result", format!("lost: {} is missing", lost.display())));
-            }
+        rows.extend(self.result().map(|result| ("result", result)));
+        if self.finished.is_none() && !self.awaits_join() && !self.missing.is_empty() {
             let missing = ranges(&self.missing);
             rows.push(("to do", format!("shards {missing}, by: {}", self.folder.command_for_the_rest())));
         }

@@ -272,7 +272,7 @@ impl Sending<'_> {
         let missing: Vec<u64> = progress.missing(folder).into_iter().filter(is_free).collect();
         let waiting = held.keys().filter(|shard| !progress.done.contains(shard)).count();
         let is_finish = progress.done.len() as u64 == shards
-            && !progress.is_finished
+            && progress.finished.is_none()
             && tasks.iter().all(|task| task.entry.is_some());
         let entry = |shard: &u64| (shard - 1) % entries + 1;
         let indices: Vec<u64> = missing.iter().map(entry).collect::<BTreeSet<u64>>().into_iter().collect();
@@ -363,13 +363,13 @@ fn wait(folder: &JobFolder, engine: &'static Engine) -> Result<(), Failure> {
     loop {
         std::thread::sleep(pause);
         pause = (pause * 2).min(ASK_EVERY);
-        if Progress::of(folder)?.is_finished {
+        if Progress::of(folder)?.finished.is_some() {
             return Ok(());
         }
         if queued(folder, &[], Some(engine))?.is_empty() {
             // It may have ended between the two looks.
             let progress = Progress::of(folder)?;
-            if progress.is_finished {
+            if progress.finished.is_some() {
                 return Ok(());
             }
             let dir = folder.dir.display();

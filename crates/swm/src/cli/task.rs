@@ -272,7 +272,7 @@ impl Run<'_> {
         let result = kind.result(&folder.job.command);
         let path = folder.dir.join(&result);
         let progress = Progress::of(folder)?;
-        if progress.is_finished {
+        if progress.finished.is_some() {
             output.note(format!("{} was there already", path.display()));
             return Ok(());
         }

@@ -66,6 +66,12 @@ impl Finished {
         let runs = runs.filter(|run| run.starts_with(&result));
         std::iter::once(result.clone()).chain(runs).find(|path| !path.exists())
     }
+
+    /// The size of the result's file, if it is not what it was.
+    pub(crate) fn changed_bytes(&self, folder: &JobFolder) -> Option<u64> {
+        let there = fs::metadata(folder.dir.join(&self.result)).ok()?;
+        (there.is_file() && there.len() != self.bytes).then_some(there.len())
+    }
 }
 
 /// What `done/` lists, without the shards whose parts are gone.
@@ -75,8 +81,8 @@ pub(crate) struct Progress {
     /// Shards that were done, and what they wrote is not there any more: they are to be run again.
     pub(crate) lost: BTreeSet<u64>,
     pub(crate) failed: BTreeSet<u64>,
-    /// Whether the result is there.
-    pub(crate) is_finished: bool,
+    /// What was joined, if the result is there.
+    pub(crate) finished: Option<Finished>,
     /// What of the result is not there any more, where the shards were joined: it is to be made again.
     pub(crate) lost_result: Option<PathBuf>,
 }
@@ -91,8 +97,8 @@ impl Progress {
         let dir = folder.dir.join("done");
         let finished = Finished::of(folder)?;
         let lost_result = finished.as_ref().and_then(|finished| finished.lost(folder));
-        let is_finished = finished.is_some() && lost_result.is_none();
-        let mut progress = Self { is_finished, lost_result, ..Self::default() };
+        let finished = finished.filter(|_| lost_result.is_none());
+        let mut progress = Self { finished, lost_result, ..Self::default() };
         let entries = match fs::read_dir(&dir) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(progress),
             entries => entries.map_err(|error| cannot("read the folder", &dir, error))?,
@@ -111,7 +117,7 @@ impl Progress {
             };
         }
         // While the result is there, nobody needs the parts.
-        if !progress.is_finished && !progress.done.is_empty() {
+        if progress.finished.is_none() && !progress.done.is_empty() {
             let there = names_beside(&folder.written(1))?;
             // Listings of shared file systems can be older than a look at the file itself.
             let is_there = |shard: &u64| {
@@ -127,7 +133,7 @@ impl Progress {
 
     /// The command that makes the result, where all shards are done and nobody has joined them.
     pub(crate) fn join_command(&self, folder: &JobFolder) -> Option<String> {
-        let awaits_join = !self.is_finished && self.done.len() as u64 == folder.job.shards;
+        let awaits_join = self.finished.is_none() && self.done.len() as u64 == folder.job.shards;
         awaits_join.then(|| format!("swm task {} --finish", folder.dir.display()))
     }
 
