@@ -81,7 +81,7 @@ pub(super) fn held(
     Ok(count)
 }
 
-fn is_image(field: &Field) -> bool {
+pub(super) fn is_image(field: &Field) -> bool {
     field.dtype == Dtype::U8 && field.shape.len() == 3
 }
 

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use swm_core::error::BoxError;
-use swm_core::{Dtype, Field, Metadata, Registry, Schema};
+use swm_core::{Field, Metadata, Registry, Schema};
 
 use super::{alike, begun};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
@@ -41,7 +41,7 @@ pub struct Copied {
 ///
 /// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy. The columns and
 /// all lengths are compared, and of some episodes the values of some rows; images only where the target keeps them without loss.
-/// Where the rate of rows is in doubt ([`alike::rate_doubt`]), the copy's record says [`WriteOptions::frames_per_second`].
+/// [`WriteOptions::frames_per_second`], where given, is also the rate of rows that the copy's record says.
 ///
 /// # Errors
 ///
@@ -80,14 +80,15 @@ pub fn copy_in(
             return Err(DataError::record(to, "it is one of the sources"));
         }
     }
-    let rate = match alike::rate_doubt(sources, pieces) {
-        Some(doubt) if options.frames_per_second.is_none() => return Err(doubt.into()),
-        doubt => options.frames_per_second.filter(|_| doubt.is_some()),
-    };
+    if options.frames_per_second.is_none()
+        && let Some(doubt) = alike::rate_doubt(sources, pieces)
+    {
+        return Err(doubt.into());
+    }
     let resumed =
         if options.mode == WriteMode::Append { begun::held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
-    let done = copy_rest(registry, sources, pieces, to, (format, options, rate), &mut copied, watch);
+    let done = copy_rest(registry, sources, pieces, to, (format, options), &mut copied, watch);
     done.map_err(|error| unfinished(error, to, &copied, pieces.len()))?;
     Ok(copied)
 }
@@ -125,19 +126,20 @@ fn unfinished(error: DataError, to: &Path, copied: &Copied, of: usize) -> DataEr
     }
 }
 
-/// Copies what is not there yet, and counts it; `rate` replaces the one that the records of the sources say.
+/// Copies what is not there yet, and counts it.
 fn copy_rest(
     registry: &Registry,
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     to: &Path,
-    (format, options, rate): (Option<&str>, &WriteOptions, Option<f64>),
+    (format, options): (Option<&str>, &WriteOptions),
     copied: &mut Copied,
     watch: &mut dyn FnMut(usize),
 ) -> Result<(), DataError> {
     let Some(first) = sources.first() else { return Ok(()) };
     let schema = first.schema().clone();
     let mut options = options.clone();
+    let rate = options.frames_per_second;
     let keeps_part = sources.len() == 1 && pieces == all(sources);
     let metadata_of = |sources: &[Box<dyn Dataset>], piece| {
         let metadata = metadata_of(sources, piece);
@@ -274,7 +276,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 
 /// What helps where only some sources have a column.
 fn fix(field: &Field) -> &'static str {
-    match field.dtype == Dtype::U8 && field.shape.len() == 3 {
+    match begun::is_image(field) {
         true => "; `swm merge … --image-size HEIGHTxWIDTH` renders images for all sources",
         false => "",
     }

@@ -40,8 +40,8 @@ pub(super) struct TargetArgs {
     /// Frames between key frames of a video; larger values give smaller files and slower random access. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
-    /// Rows per second, in formats with time stamps or videos. Default: as many as in the environment's time (`mcap`, and `lerobot`, which
-    /// takes whole numbers); in `video`, 25. Needed where sources have different rates, or timestamps of another rate than
+    /// Rows per second that the copy says: in its record, its time stamps, its videos. Default: as many as in the environment's time,
+    /// in `lerobot` rounded to a whole number; videos of `video` play 25 frames per second. Needed where sources have different rates, or timestamps of another rate than
     /// their dataset says.
     #[arg(long, value_name = "RATE", value_parser = rate)]
     fps: Option<f64>,
