@@ -72,7 +72,7 @@ impl OnlineTraining {
         fit.check()?;
         let settings = entry.settings(new.preset, &new.changes, &task)?;
         let image = image(observe, entry, &settings)?;
-        let interface = Interface::new(&world(env, 1, env_settings, image, fit)?, observe)?;
+        let interface = Interface::new(&world(env, 1, env_settings, image, fit.max_episode_steps)?, observe)?;
         let agent = new.agent(settings, &interface)?;
         let config = new.config(env.id, env_settings, interface, agent.as_ref());
         let held = Held::Worlds(Box::new(worlds(env, agent.as_ref(), &config)?));
@@ -183,10 +183,12 @@ impl OnlineTraining {
         if let Some(data) = data {
             return [data.rows as u64, bytes(data.rows as u64)];
         }
-        let CollectConfig { num_envs, capacity, .. } = *self.agent.collect();
+        let collect = self.agent.collect();
+        let CollectConfig { num_envs, capacity, .. } = *collect;
         // Episodes are collected whole, and each has a last observation.
-        let collected = fit.steps.saturating_add((num_envs as u64).saturating_mul(fit.max_episode_steps));
-        let rows = collected.saturating_add(collected / fit.max_episode_steps).min(capacity as u64);
+        let episode_steps = collect.episode_steps(fit);
+        let collected = fit.steps.saturating_add((num_envs as u64).saturating_mul(episode_steps));
+        let rows = collected.saturating_add(collected / episode_steps).min(capacity as u64);
         [rows, bytes(rows)]
     }
 
@@ -324,8 +326,9 @@ fn worlds(
     config: &OnlineConfig,
 ) -> Result<[World; 2], BaselineError> {
     let image = config.interface.image;
-    let of = |num_envs| world(env, num_envs, &config.env_settings, image, &config.fit);
-    Ok([of(agent.collect().num_envs)?, of(1)?])
+    let (collect, fit) = (agent.collect(), &config.fit);
+    let of = |num_envs, steps| world(env, num_envs, &config.env_settings, image, steps);
+    Ok([of(collect.num_envs, collect.episode_steps(fit))?, of(1, fit.max_episode_steps)?])
 }
 
 /// Environments with images of this side, if any, on the caller's thread: an agent's updates take longer than its steps.
@@ -334,10 +337,10 @@ fn world(
     num_envs: usize,
     settings: &Map<String, Json>,
     image: Option<usize>,
-    fit: &OnlineSettings,
+    max_episode_steps: u64,
 ) -> Result<World, BaselineError> {
     let image = image.map(|side| ImageSize { height: side, width: side });
     let config = EnvConfig { image, settings: settings.clone() };
-    let options = WorldOptions::new(num_envs).env(config).max_episode_steps(fit.max_episode_steps);
+    let options = WorldOptions::new(num_envs).env(config).max_episode_steps(max_episode_steps);
     Ok(World::new(env, options.threads(1))?)
 }

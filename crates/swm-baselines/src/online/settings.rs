@@ -16,21 +16,33 @@ pub struct CollectConfig {
     pub updates_per_step: f64,
     /// Steps that the replay buffer holds; the oldest episodes leave.
     pub capacity: usize,
+    /// Steps after which an episode that is collected is truncated, if that is before [`OnlineSettings::max_episode_steps`]: more
+    /// starts and goals for as many steps. Evaluations have whole episodes.
+    pub max_episode_steps: Option<u64>,
 }
 
 impl Default for CollectConfig {
     /// One environment, 1,000 random steps, an update per step, a million steps in the buffer.
     fn default() -> Self {
-        Self { num_envs: 1, random_steps: 1_000, updates_per_step: 1.0, capacity: 1_000_000 }
+        Self {
+            num_envs: 1,
+            random_steps: 1_000,
+            updates_per_step: 1.0,
+            capacity: 1_000_000,
+            max_episode_steps: None,
+        }
     }
 }
 
 impl CollectConfig {
     /// What is wrong with it, if anything is.
     pub(crate) fn check(&self) -> Result<(), String> {
-        let Self { num_envs, random_steps: _, updates_per_step, capacity } = *self;
+        let Self { num_envs, random_steps: _, updates_per_step, capacity, max_episode_steps } = *self;
         if num_envs == 0 || capacity == 0 {
             return Err("`collect.num_envs` and `collect.capacity` must be at least 1".to_owned());
+        }
+        if max_episode_steps == Some(0) {
+            return Err("`collect.max_episode_steps` must be at least 1".to_owned());
         }
         match updates_per_step > 0.0 && updates_per_step <= MOST_UPDATES {
             true => Ok(()),
@@ -38,6 +50,11 @@ impl CollectConfig {
                 "`collect.updates_per_step` is {updates_per_step}; it must be above 0 and at most {MOST_UPDATES}"
             )),
         }
+    }
+
+    /// Steps after which an episode that is collected is truncated.
+    pub(crate) fn episode_steps(&self, fit: &OnlineSettings) -> u64 {
+        self.max_episode_steps.unwrap_or(u64::MAX).min(fit.max_episode_steps)
     }
 
     /// Updates that are due once `step` steps have been taken.

@@ -228,6 +228,24 @@ fn refuses_another_dataset(tiny: &Tiny) {
 }
 
 #[test]
+fn short_episodes_are_collected_and_whole_ones_evaluated() {
+    // Only random steps, so that all runs evaluate the initial weights.
+    let run = |collected: Option<u64>, max_episode_steps| {
+        let folder = tempfile::tempdir().unwrap();
+        let fit = OnlineSettings { steps: 40, max_episode_steps, ..OnlineSettings::default() };
+        let mut changes = (TINY[0].changes)();
+        changes["collect"] = json!({ "random_steps": 40, "max_episode_steps": collected });
+        let mut run = begin_with(TINY[0].agent, KINDS[0], folder.path(), &changes, &fit).unwrap();
+        let state = run.run(Vec::new(), &Cancel::new()).unwrap();
+        (state.episodes, state.evaluation)
+    };
+    let (short, whole, all_short) = (run(Some(4), 20), run(None, 20), run(None, 4));
+    assert!(short.0 >= 10 && short.0 == all_short.0 && short.0 > whole.0, "{short:?} {whole:?}");
+    assert!(short.1 == whole.1 && short.1 != all_short.1, "{short:?} {all_short:?}");
+    assert_eq!(run(Some(50), 20), whole, "the longer one never ends an episode");
+}
+
+#[test]
 fn agents_learn_to_reach_the_goal() {
     for_each(learns_to_reach_the_goal);
 }

@@ -126,8 +126,9 @@ fn a_file_of_messages_says_the_rate_of_its_messages() {
     assert_eq!(merge(&[&source], &path("same.mcap"), &at(None)).unwrap(), 1);
     assert_eq!(said(&path("same.mcap")), [Some(10.0)]);
     // Formats without time stamps say it in their record.
-    for (name, rate) in [("copy.h5", Some(30.0)), ("copy", Some(30.0)), ("same.h5", None)] {
+    for (name, rate) in [("copy.h5", Some(30.0)), ("copy.folder", Some(30.0)), ("same.h5", None)] {
         assert_eq!(merge(&[&source], &path(name), &at(rate)).unwrap(), 1);
-        assert_eq!(said(&path(name)), [rate.or(Some(10.0))], "{name}");
+        let copy = open(&path(name)).unwrap();
+        assert_eq!(copy.metadata().unwrap().rows_per_second, rate.or(Some(10.0)), "{name}");
     }
 }

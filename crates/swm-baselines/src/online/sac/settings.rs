@@ -43,7 +43,7 @@ impl SacConfig {
                 num_envs: 4,
                 random_steps: 10_000,
                 updates_per_step: 0.25,
-                capacity: 1_000_000,
+                ..CollectConfig::default()
             },
         }
     }
@@ -144,6 +144,7 @@ mod tests {
             (json!({ "tau": 2.0 }), "`tau` is 2"),
             (json!({ "hidden": [256, 0] }), "`hidden`"),
             (json!({ "collect": { "updates_per_step": -1.0 } }), "`collect.updates_per_step` is -1"),
+            (json!({ "collect": { "max_episode_steps": 0 } }), "`collect.max_episode_steps`"),
             (json!({ "collect": { "num_env": 3 } }), "did you mean `collect.num_envs`?"),
         ] {
             let message = settings("small", &of("x"), &changes).unwrap_err().to_string();
