@@ -19,33 +19,31 @@ pub(super) fn lost(folder: &JobFolder, progress: &Progress) -> String {
     })
 }
 
-/// Why the parts cannot be joined, with the shards whose parts are damaged and what to do about them.
-pub(super) fn explained(failure: Failure, folder: &JobFolder, kind: Kind, progress: &Progress) -> Failure {
-    if failure.is_cancelled() || kind == Kind::Train {
-        return failure;
+/// Refuses to join parts that are not what their shards wrote, byte for byte, and says of which shards they are and what to do.
+pub(super) fn check_parts(folder: &JobFolder, kind: Kind, progress: &Progress) -> Result<(), Failure> {
+    if kind == Kind::Train {
+        // Runs are not joined, and go on when they are resumed.
+        return Ok(());
     }
-    let Ok(done) = Done::all(folder, progress) else { return failure };
-    let mut damaged = Vec::new();
-    for (&shard, done) in &done {
+    let (mut shards, mut parts) = (Vec::new(), Vec::new());
+    for (shard, done) in Done::all(folder, progress)? {
         let part = work::shard_output(folder, kind, shard);
-        if bytes(&part).is_ok_and(|bytes| bytes == done.bytes)
-            && file_hash(&part).is_ok_and(|sha256| sha256 == done.sha256)
-        {
-            continue;
+        if bytes(&part)? != done.bytes || file_hash(&part)? != done.sha256 {
+            shards.push(shard);
+            parts.push(part);
         }
-        damaged.push((shard, part));
     }
-    let Some((_, first)) = damaged.first() else { return failure };
-    let shards: Vec<u64> = damaged.iter().map(|(shard, _)| *shard).collect();
-    let of = if shards.len() == 1 { "shard" } else { "shards" };
-    format!(
-        "{failure}; what {of} {} wrote has changed since: remove {}, and make the missing parts again: {}",
+    let Some(first) = parts.first() else { return Ok(()) };
+    let first = match parts.len() {
+        1 => first.display().to_string(),
+        more => format!("{} and the {} others", first.display(), more - 1),
+    };
+    Err(format!(
+        "the parts of {} cannot be joined: what {} {} wrote has changed since: remove {first}, and make the missing parts again: {}",
+        folder.dir.display(),
+        if shards.len() == 1 { "shard" } else { "shards" },
         ranges(&shards),
-        match damaged.len() {
-            1 => first.display().to_string(),
-            more => format!("{} and the {} others", first.display(), more - 1),
-        },
         folder.command_for_the_rest()
     )
-    .into()
+    .into())
 }

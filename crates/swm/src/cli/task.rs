@@ -303,8 +303,8 @@ impl Run<'_> {
         }
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;
-            let joined = work::join(registry, folder, kind, &Output::new(false, false));
-            let joined = joined.map_err(|failure| damage::explained(failure, folder, kind, &progress));
+            let joined = damage::check_parts(folder, kind, &progress)
+                .and_then(|()| work::join(registry, folder, kind, &Output::new(false, false)));
             if let Err(failure) = &joined {
                 eprintln!("{failure}");
             }
