@@ -6,11 +6,8 @@ use swm_core::BoxError;
 use super::data::DataConfig;
 use crate::baseline::Baseline;
 
-/// Measures a model every so many steps of its training.
+/// Measures a model on the way, every [`quality_every`](super::FitSettings::quality_every) steps.
 pub trait Diagnosis {
-    /// Steps from one measurement to the next; there is one at the end, too.
-    fn every(&self) -> u64;
-
     /// Measures the model as it is now, which was trained on data of this form: values by name.
     ///
     /// # Errors

@@ -212,11 +212,9 @@ impl Fit<'_, '_, '_> {
 
     /// Measures the model, if it is time to.
     fn diagnose(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
-        let Some(every) = self.diagnosis.as_ref().map(|diagnosis| diagnosis.every().max(1)) else {
-            return Ok(());
-        };
-        let step = self.state.step;
-        if !step.is_multiple_of(every) && step != self.totals.iter().sum::<u64>() {
+        let (step, every) = (self.state.step, self.settings.quality_every);
+        let is_time = step.is_multiple_of(every) || step == self.totals.iter().sum::<u64>();
+        if every == 0 || self.diagnosis.is_none() || !is_time {
             return Ok(());
         }
         self.estimate_statistics(clips)?;

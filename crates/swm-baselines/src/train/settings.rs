@@ -30,9 +30,17 @@ pub struct FitSettings {
     pub norm_batches: usize,
     /// Stop when so many validations in a row were not better than the best; 0: never.
     pub patience: u64,
+    /// Steps from one measurement of the model ([`super::Diagnosis`]) to the next, and there is one at the end; 0: never.
+    #[serde(skip_serializing_if = "is_never")]
+    pub quality_every: u64,
     /// The precision of linear layers and attention.
     #[serde(skip_serializing_if = "Precision::is_fp32")]
     pub precision: Precision,
+}
+
+/// Files need not name a default that came after them.
+fn is_never(steps: &u64) -> bool {
+    *steps == 0
 }
 
 impl Default for FitSettings {
@@ -49,6 +57,7 @@ impl Default for FitSettings {
             validation_clips: 1024,
             norm_batches: 0,
             patience: 0,
+            quality_every: 0,
             precision: Precision::Fp32,
         }
     }

@@ -259,16 +259,12 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(made(&format!("mpc:{run}")).unwrap().as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
 }
 
-/// Keeps the step counts at which it measured, and gives the size of a latent.
-struct LatentSize(u64, u64);
+/// Counts its measurements, and gives the size of a latent.
+struct LatentSize(u64);
 
 impl Diagnosis for LatentSize {
-    fn every(&self) -> u64 {
-        self.0
-    }
-
     fn measure(&mut self, model: &dyn Baseline, data: &DataConfig) -> Result<Vec<(String, f64)>, BoxError> {
-        self.1 += 1;
+        self.0 += 1;
         let model = LatentModel::of(model, data).ok_or("it predicts nothing")?;
         Ok(vec![("latent_dim".to_owned(), model.latent_dim() as f64)])
     }
@@ -279,15 +275,19 @@ fn models_are_measured_while_they_train() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = record(folder.path());
     let whole = trained(folder.path(), "lewm", "whole");
+    let run_measured = |baseline| {
+        let run = new_run(baseline);
+        NewRun { fit: FitSettings { quality_every: 4, ..run.fit.clone() }, ..run }
+    };
     let path = folder.path().join("measured");
-    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new_run("lewm")).unwrap();
-    let mut diagnosis = LatentSize(4, 0);
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &run_measured("lewm")).unwrap();
+    let mut diagnosis = LatentSize(0);
     assert_eq!(
         training.run_with(Vec::new(), Some(&mut diagnosis), &Cancel::new()).unwrap(),
         whole,
         "training does not see it"
     );
-    assert_eq!(diagnosis.1, 3, "after 4, 8 and 9 steps");
+    assert_eq!(diagnosis.0, 3, "after 4, 8 and 9 steps");
     let metrics = std::fs::read_to_string(path.join("metrics.jsonl")).unwrap();
     let lines = metrics.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
     let measured: Vec<u64> = lines
@@ -297,10 +297,10 @@ fn models_are_measured_while_they_train() {
     assert_eq!(measured, [4, 8, 9]);
 
     let mut training =
-        Training::create(built_in(), &folder.path().join("policy"), dataset.as_ref(), &new_run("gcbc"))
+        Training::create(built_in(), &folder.path().join("policy"), dataset.as_ref(), &run_measured("gcbc"))
             .unwrap();
     let error =
-        training.run_with(Vec::new(), Some(&mut LatentSize(4, 0)), &Cancel::new()).unwrap_err().to_string();
+        training.run_with(Vec::new(), Some(&mut LatentSize(0)), &Cancel::new()).unwrap_err().to_string();
     assert!(error.contains("cannot measure the model at step 4: it predicts nothing"), "{error}");
 }
 

@@ -89,7 +89,7 @@ pub(super) struct Train {
     #[arg(long, value_name = "BATCHES", conflicts_with = "resume")]
     norm_batches: Option<usize>,
     /// Measure the model every so many steps as `swm quality` does (probes, ranking of plans, open-loop error), for
-    /// metrics.jsonl and TensorBoard. Default: never.
+    /// metrics.jsonl and TensorBoard; 0: never. Default: 0, or the run's.
     #[arg(long, value_name = "STEPS")]
     quality_every: Option<u64>,
     /// Early stopping: validations without improvement after which training stops.

@@ -22,7 +22,6 @@ const PREDICTIONS: usize = 5;
 
 /// What is measured, and on what.
 pub(super) struct OnTheWay {
-    every: u64,
     env: Box<dyn Env>,
     recorded: Vec<Batch>,
     probed: Vec<ProbeTarget>,
@@ -30,19 +29,15 @@ pub(super) struct OnTheWay {
 }
 
 impl OnTheWay {
-    /// Measures every so many steps, in the environment of the dataset.
+    /// Measures in the environment of the dataset.
     pub(super) fn new(
         registry: &Registry,
-        every: u64,
         dataset: &dyn Dataset,
         split: Split,
         input: &InputSpec,
         seed: u64,
     ) -> Result<Self, Failure> {
         let metadata = dataset.metadata().cloned().unwrap_or_default();
-        if every == 0 {
-            return Err(usage("--quality-every 0: use 1 or more"));
-        }
         let Some(env) = metadata.known_env() else {
             return Err(usage(
                 "--quality-every: the dataset does not say which environment it was recorded in",
@@ -67,15 +62,11 @@ impl OnTheWay {
         let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0).saturating_sub(1);
         let horizon = PREDICTIONS.min(longest / input.frameskip).max(1) * input.frameskip;
         let options = QualityOptions { episodes: 0, starts: STARTS, rows: ROWS, horizon, plans: PLANS, seed };
-        Ok(Self { every, env, recorded, probed, options })
+        Ok(Self { env, recorded, probed, options })
     }
 }
 
 impl Diagnosis for OnTheWay {
-    fn every(&self) -> u64 {
-        self.every
-    }
-
     fn measure(&mut self, model: &dyn Baseline, data: &DataConfig) -> Result<Vec<(String, f64)>, BoxError> {
         let Some(mut model) = LatentModel::of(model, data) else {
             return Err(format!("{} is no world model; leave --quality-every out", model.name()).into());

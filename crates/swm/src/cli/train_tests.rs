@@ -92,7 +92,6 @@ fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
             "gcbc --preset small --quality-every 1",
             "--quality-every measures world models, and gcbc is a policy; leave it out",
         ),
-        ("lewm --preset small --quality-every 0", "--quality-every 0: use 1 or more"),
         ("lewm --preset small --quality-every 1 --split 0.8", "needs 2 or more"),
         ("conv-jepa --preset paper", "it has: small"),
     ] {
@@ -102,6 +101,23 @@ fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
     }
     bench.train("gcbc --preset small", "a.h5", "run").unwrap();
     assert!(bench.path("run").exists());
+}
+
+#[test]
+fn a_resumed_run_is_measured_on() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    bench.train("lewm --preset small --quality-every 1 --split 0.5", "a.h5", "run").unwrap();
+    let run = bench.path("run");
+    let resume = |words: &str| {
+        let words = format!("swm --resume {} {words}", run.display());
+        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
+        train.run(&bench.registry, &Output::new(false, true)).unwrap();
+        let metrics = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+        metrics.lines().filter(|line| line.contains(r#""part":"quality""#)).count()
+    };
+    assert_eq!(resume("--steps 2"), 2);
+    assert_eq!(resume("--steps 3 --quality-every 0"), 2);
 }
 
 #[test]

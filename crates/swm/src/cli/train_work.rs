@@ -36,7 +36,7 @@ impl Train {
         let precision: Option<Precision> =
             self.precision.as_deref().map(str::parse).transpose().map_err(failure)?;
         let measured = |model: &dyn Baseline, config: &RunConfig| {
-            self.quality_every.map(|every| on_the_way(registry, every, model, config)).transpose()
+            (config.fit.quality_every > 0).then(|| on_the_way(registry, model, config)).transpose()
         };
         let (mut training, mut measured) = if self.resume.is_some() {
             let training = Training::resume(registry, out, device, self.dataset.as_deref(), |fit| {
@@ -113,7 +113,12 @@ impl Train {
         if model.preset == "paper" && self.device == "cpu" {
             notes.push("the preset paper is made for a GPU; --preset small is for a CPU".to_owned());
         }
-        let (batch, usual) = (config.fit.batch, training.model().input_spec().batch);
+        let (wanted, usual) = (config.fit.batch, training.model().input_spec().batch);
+        let clips = training.clips().into_iter().map(|[train, _]| train).min().unwrap_or(wanted);
+        let batch = wanted.min(clips);
+        if batch < wanted {
+            notes.push(format!("a step takes all {clips} clips that there are to learn from, not {wanted}"));
+        }
         let weight = model.settings.pointer("/sigreg/weight").and_then(Json::as_f64);
         let is_set = self.set.iter().any(|option| option.starts_with("sigreg"));
         if let Some(weight) = weight.filter(|_| self.resume.is_none() && !is_set && batch != usual) {
@@ -138,6 +143,7 @@ impl Train {
             keep,
             norm_batches,
             patience,
+            quality_every,
             ..
         } = self;
         if let Some(epochs) = *epochs {
@@ -151,17 +157,13 @@ impl Train {
         fit.keep = keep.unwrap_or(fit.keep);
         fit.norm_batches = norm_batches.unwrap_or(fit.norm_batches);
         fit.patience = patience.unwrap_or(fit.patience);
+        fit.quality_every = quality_every.unwrap_or(fit.quality_every);
         fit.precision = precision.unwrap_or(fit.precision);
     }
 }
 
 /// Measurements of what is trained, on the episodes of its dataset that validate.
-fn on_the_way(
-    registry: &Registry,
-    every: u64,
-    model: &dyn Baseline,
-    config: &RunConfig,
-) -> Result<OnTheWay, Failure> {
+fn on_the_way(registry: &Registry, model: &dyn Baseline, config: &RunConfig) -> Result<OnTheWay, Failure> {
     let RunConfig { data, fit, .. } = config;
     if model.planner().is_none() {
         let name = model.name();
@@ -172,7 +174,7 @@ fn on_the_way(
     let dataset = inputs::open(registry, &data.path)?;
     let dataset =
         with_images(dataset.as_ref(), registry, model.name(), model.input_spec().image).map_err(failure)?;
-    OnTheWay::new(registry, every, dataset.as_ref(), data.split, model.input_spec(), fit.seed)
+    OnTheWay::new(registry, dataset.as_ref(), data.split, model.input_spec(), fit.seed)
 }
 
 /// Wrong settings and folders are wrong requests.
