@@ -17,7 +17,7 @@ const MAX_TRIES: usize = 1000;
 #[non_exhaustive]
 pub enum FovError {
     /// No factor or group has this name.
-    #[error("unknown factor `{name}`{}; `swm fovs` lists them", did_you_mean(.nearest.as_deref()))]
+    #[error("unknown factor `{name}`{}; `swm fovs ENV` lists them", did_you_mean(.nearest.as_deref()))]
     Unknown {
         /// The name asked for.
         name: String,

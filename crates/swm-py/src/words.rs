@@ -3,7 +3,7 @@
 /// What the core says, and what it is here.
 const WORDS: &[(&str, &str)] = &[
     ("`swm envs` lists", "`swm.envs.WORLDS` lists"),
-    ("`swm fovs` lists", "`variation_space` of the environment lists"),
+    ("`swm fovs ENV` lists", "`variation_space` of the environment lists"),
     ("`swm solvers` lists", "`swm.planning` holds"),
     ("`swm convert --help` lists", "`swm.data.list_formats()` lists"),
     ("`swm manifest make`", "`swm.make_manifest`"),
@@ -49,6 +49,8 @@ fn with_feature(told: &str) -> String {
     let Some((before, build)) = told.split_once(": in a checkout, cargo install") else {
         return told.to_owned();
     };
+    // No one has a crate of their own here.
+    let build = build.split("; in a crate of your own").next().unwrap_or(build);
     if before.contains("the feature `lance`") {
         return format!("{before}; in a checkout, `cargo xtask wheel --lance` builds a wheel that has it");
     }

@@ -36,7 +36,10 @@ macro_rules! build_with {
             baselines!(),
             lance!(),
             lerobot!(),
-            onnx!()
+            onnx!(),
+            "; in a crate of your own, add `",
+            $feature,
+            "` to the features of `swm` in Cargo.toml"
         )
     };
 }

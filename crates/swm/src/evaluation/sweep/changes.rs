@@ -57,7 +57,7 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
     {
         let near = swm_core::env::nearest_factor(unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
-        return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs` lists them"));
+        return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs ENV` lists them"));
     }
     let wanted: Vec<&str> = factors
         .iter()
