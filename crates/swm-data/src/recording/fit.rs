@@ -23,6 +23,10 @@ pub fn check_fit(
     metadata: &Metadata,
 ) -> Result<(), DataError> {
     let mismatch = |reason| Err(DataError::mismatch(path, reason));
+    // Another environment has other columns, but that is not what is wrong.
+    if let Some([there, here]) = difference(first, metadata) {
+        return mismatch(format!("it {there}, what is added {here}"));
+    }
     for field in fields {
         match columns.iter().find(|there| there.name == field.name) {
             None if field.name.starts_with(VARIATION_PREFIX) => {
@@ -44,9 +48,6 @@ pub fn check_fit(
     }
     if let Some(missing) = columns.iter().find(|there| fields.iter().all(|field| field.name != there.name)) {
         return mismatch(format!("the new episodes have no column `{}`", missing.name));
-    }
-    if let Some([there, here]) = difference(first, metadata) {
-        return mismatch(format!("it {there}, what is added {here}"));
     }
     match first.image == metadata.image {
         true => Ok(()),

@@ -123,7 +123,9 @@ impl std::str::FromStr for ImageArg {
         }
         let (height, width) = text.split_once('x').unwrap_or((text, text));
         let side = |side: &str| {
-            side.parse::<usize>().map_err(|_| "write HEIGHTxWIDTH, such as 64x64, or `none`".to_owned())
+            side.parse::<usize>().map_err(|_| {
+                "write HEIGHTxWIDTH, such as 64x64, or `none` where images are optional".to_owned()
+            })
         };
         ImageSize::new(side(height)?, side(width)?).map(|size| Self(Some(size)))
     }

@@ -1,4 +1,7 @@
-//! Options that exclude each other, are missing or do not exist: what to do instead.
+//! Options that exclude each other, are missing, do not exist or are no numbers: what to do instead.
+
+use std::error::Error as StdError;
+use std::num::{ParseFloatError, ParseIntError};
 
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
@@ -74,12 +77,24 @@ pub(super) fn explained(mut error: Error) -> Error {
             Some("a number below 0 is allowed where the option says so, and is then written --option=-3")
         }
         ErrorKind::UnknownArgument => of(ELSEWHERE),
+        ErrorKind::ValueValidation => error.source().and_then(number_tip),
         _ => None,
     };
     if let Some(tip) = tip {
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(tip)]));
     }
     error
+}
+
+/// What to write in place of what is no number.
+fn number_tip(source: &(dyn StdError + 'static)) -> Option<&'static str> {
+    if source.is::<ParseIntError>() {
+        Some("write a whole number of 0 or more, such as 100, without unit, point or exponent")
+    } else if source.is::<ParseFloatError>() {
+        Some("write a number, such as 0.5 or 1e-3")
+    } else {
+        None
+    }
 }
 
 #[cfg(test)]
@@ -127,6 +142,18 @@ mod tests {
             assert!(message.contains("tip: ") && message.contains(words), "{message}");
         }
         assert!(!message("swm eval swm/PushT-v1 --epsodes 3").contains("--option="));
+    }
+
+    #[test]
+    fn what_is_no_number_is_told_with_one() {
+        for (line, words) in [
+            ("swm train sac --steps=-3", "whole number of 0 or more"),
+            ("swm eval swm/PushT-v1 --policy weak --episodes ten", "such as 100"),
+            ("swm train lewm --split half", "such as 0.5"),
+        ] {
+            let message = message(line);
+            assert!(message.contains("tip: ") && message.contains(words), "{message}");
+        }
     }
 
     #[test]

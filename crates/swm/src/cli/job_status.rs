@@ -215,7 +215,9 @@ impl<'a> Status<'a> {
         if let Some(finished) = &self.finished {
             let joined = finished.bytes;
             let size = match finished.changed_bytes(self.folder) {
-                Some(bytes) => format!("{bytes} bytes, where the shards were joined to {joined}: it was changed or cut short"),
+                Some(bytes) => format!(
+                    "{bytes} bytes, where the shards were joined to {joined}: it was changed or cut short"
+                ),
                 None => format!("{joined} bytes"),
             };
             return Some(format!("{dir}/{} ({size})", finished.result));

@@ -100,11 +100,15 @@ pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, BoxError
 pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let is_folder = path.is_dir();
     if is_folder && !path.join("receipt.json").exists() {
-        let advice = "`swm eval --manifest TASK --out DIR` writes one";
-        let below = results_below(path);
-        let advice =
-            if below.is_empty() { advice.to_owned() } else { format!("but these do: {}", below.join(", ")) };
-        return Err(format!("{} holds no receipt: {advice}", path.display()).into());
+        let (folder, below) = (path.display(), results_below(path));
+        let advice = if path.join("sweep.json").exists() {
+            format!("it is the result of a sweep, which `swm report {folder}` shows")
+        } else if below.is_empty() {
+            "`swm eval --manifest TASK --out DIR` writes one".to_owned()
+        } else {
+            format!("but these do: {}", below.join(", "))
+        };
+        return Err(format!("{folder} holds no receipt: {advice}").into());
     }
     let path = if is_folder { path.join("receipt.json") } else { path.to_owned() };
     let text = read(&path, "receipt")?;
