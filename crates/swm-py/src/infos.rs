@@ -49,7 +49,7 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
     let wrong = |found: String| {
         let shape: Vec<usize> = std::iter::once(num_envs).chain(spec.action.shape()).collect();
         SwmError::new_err(format!(
-            "actions must be {wanted} of shape {shape:?}, one row per environment, found {found}"
+            "actions must be numbers of shape {shape:?}, one row per environment, found {found}"
         ))
     };
     // The usual case without a detour: an array of the space's own type.

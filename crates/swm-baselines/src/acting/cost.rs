@@ -130,9 +130,16 @@ impl ModelCost {
     }
 }
 
+impl ModelCost {
+    /// The most observations that the model makes use of.
+    pub(super) fn history(&self) -> usize {
+        self.copies[0].model.history().max(1)
+    }
+}
+
 impl Cost for ModelCost {
     fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        let (block, longest) = (self.action_block(), self.copies[0].model.history().max(1));
+        let (block, longest) = (self.action_block(), self.history());
         let frames_of = |index| context.history(index).map_or(1, |past| past.frames().min(longest));
         self.copies_for((0..context.len()).map(frames_of).max().unwrap_or(1));
         for (frames, copy) in (1..).zip(&mut self.copies) {

@@ -32,6 +32,7 @@ pub const POLICIES: &[PolicyEntry] = &[
             let aggregate = aggregate(args, given.rest.shift_remove(AGGREGATE.name))?;
             let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
             let cost = cost.with_aggregate(aggregate);
+            check_history(args, &given.rest, cost.history())?;
             let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
             with_defaults(&mut given.rest, cost.plan_settings());
             let learned = LearnedCost::new(Box::new(cost), action_block).scaled(scale).with_settings(OF_PLANNERS);
@@ -93,6 +94,16 @@ const AGGREGATE: Setting = Setting::new(
 fn with_defaults(given: &mut Map<String, Json>, defaults: Map<String, Json>) {
     for (name, value) in defaults {
         given.entry(name).or_insert(value);
+    }
+}
+
+/// Refuses a longer history than the model sees.
+fn check_history(args: &PolicyArgs, given: &Map<String, Json>, longest: usize) -> Result<(), PolicyError> {
+    match given.get("history_len").and_then(Json::as_u64).filter(|&wanted| wanted > longest as u64) {
+        Some(wanted) => {
+            Err(args.wrong(format!("setting `history_len`: {wanted}; the model sees at most {longest}")))
+        }
+        None => Ok(()),
     }
 }
 

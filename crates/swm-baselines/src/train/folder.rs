@@ -63,7 +63,12 @@ impl RunFolder {
         let run = Self { path: path.to_owned() };
         match run.config_file().is_file() {
             true => Ok(run),
-            false => Err(run.wrong("it holds no config.json; `swm train … --out DIR` makes a run")),
+            false if path.exists() => {
+                Err(run.wrong("it holds no config.json; `swm train … --out DIR` makes a run"))
+            }
+            false => Err(run.wrong(
+                "there is no such folder; `swm train … --out DIR` makes a run, and a relative path counts from the current folder",
+            )),
         }
     }
 

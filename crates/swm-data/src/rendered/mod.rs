@@ -122,7 +122,17 @@ impl Rendered {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
             return Err(refuse(reason.into()));
         }
-        let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.into()))?;
+        let entry = *registry.env(&metadata.env).map_err(|error| match error.fix {
+            Some(_) => refuse(error.into()),
+            None => refuse(
+                format!(
+                    "images cannot be drawn: it was recorded in `{}`, which is no environment of this program; use the program that \
+                     has it, such as the command of a plugin crate",
+                    metadata.env
+                )
+                .into(),
+            ),
+        })?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };

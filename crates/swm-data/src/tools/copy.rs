@@ -11,6 +11,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
+use swm_core::checkpoint::CHECKPOINT;
 use swm_core::error::BoxError;
 use swm_core::{Field, Metadata, Registry, Schema};
 
@@ -276,7 +277,8 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 
 /// What helps where only some sources have a column.
 fn fix(field: &Field) -> &'static str {
-    match begun::is_image(field) {
+    // Recordings without images have the states that images are rendered from.
+    match begun::is_image(field) || field.name == CHECKPOINT {
         true => "; `swm merge … --image-size HEIGHTxWIDTH` renders images for all sources",
         false => "",
     }

@@ -53,8 +53,12 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "--overwrite",
         "`swm collect` replaces a dataset by --mode overwrite, `swm eval` and `swm sweep` replace a result by --again",
     ),
+    ("--out", "`swm convert SOURCE TARGET` names what it writes without an option"),
     ("--key-frames", "`swm convert --key-frames` sets the period of key frames of a video"),
 ];
+
+/// Commands that `swm submit` divides.
+const DIVIDED: [&str; 4] = ["collect", "eval", "sweep", "train"];
 
 /// The error with a tip, where there is one for the options that it is about.
 pub(super) fn explained(mut error: Error) -> Error {
@@ -74,8 +78,11 @@ pub(super) fn explained(mut error: Error) -> Error {
         // Where an argument of another name is near, that is said already.
         ErrorKind::UnknownArgument if error.get(ContextKind::SuggestedArg).is_some() => None,
         ErrorKind::UnknownArgument if names.trim().parse::<f64>().is_ok() => {
-            Some("a number below 0 is allowed where the option says so, and is then written --option=-3")
+            Some("most options take numbers of 0 or more; one that takes others is written --option=-3")
         }
+        ErrorKind::UnknownArgument if DIVIDED.contains(&names.trim()) => Some(
+            "the command to divide comes after `--`: swm submit --shards 4 -- collect swm/PushT-v1 --episodes 1000",
+        ),
         ErrorKind::UnknownArgument => of(ELSEWHERE),
         ErrorKind::ValueValidation => error.source().and_then(number_tip),
         _ => None,
@@ -137,6 +144,8 @@ mod tests {
             ),
             ("swm eval swm/PushT-v1 --policy weak --episodes -3", "--option=-3"),
             ("swm collect swm/PushT-v1 --episodes 3 --out a.h5 --overwrite", "--mode overwrite"),
+            ("swm convert a.h5 --out b.mcap", "swm convert SOURCE TARGET"),
+            ("swm submit --shards 2 collect swm/PushT-v1 --episodes 3", "comes after `--`"),
         ] {
             let message = message(line);
             assert!(message.contains("tip: ") && message.contains(words), "{message}");

@@ -52,7 +52,7 @@ Examples:
   swm new-env my-env --checkout ~/stable-worldmodel-rs     (build from this checkout, without the network)
 
 In the new folder, `cargo test` builds the environment and its conformance test only: seconds, and no build tools. The command \
-(`cargo run --features cli -- …`) builds in minutes, and needs a C compiler, cmake and ninja; MuJoCo's environments, MP4, training and \
+(`cargo run --release --features cli -- …`) builds in minutes, and needs a C compiler, cmake and ninja; MuJoCo's environments, MP4, training and \
 others are features of `swm` in its Cargo.toml.")]
 pub(super) struct NewEnv {
     /// Name of the crate: lower-case letters, digits, `-` and `_`.

@@ -47,6 +47,11 @@ impl Kind {
             Some("eval") => Self::Eval,
             Some("sweep") => Self::Sweep,
             Some("train") => Self::Train,
+            Some("swm") => {
+                return Err(usage(
+                    "name the command to divide without `swm`, such as `-- collect swm/PushT-v1 --episodes 1000`",
+                ));
+            }
             Some(other) => {
                 return Err(usage(format!(
                     "`swm {other}` cannot be divided; jobs are of collect, eval --manifest, sweep and train"

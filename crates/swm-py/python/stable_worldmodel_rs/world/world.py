@@ -45,7 +45,7 @@ class World(Runs):
             environment.
         num_envs: Environments side by side. Results do not depend on it.
         image_shape: (height, width) of the images; needed unless ``add_pixels=False``.
-        max_episode_steps: Steps after which an episode is truncated; None: never.
+        max_episode_steps: Steps after which an episode is truncated; None: never. The command `swm eval` has 200 (``--budget``).
         goal_conditioned: Whether the infos hold the goal image.
         image_transform: Applied to each image of the infos ``(H, W, 3)`` before the policy sees it.
         goal_transform: The same for goal images.
