@@ -314,8 +314,10 @@ impl Run<'_> {
         let finished = Finished { result, bytes: bytes(&path)?, sha256, episodes: folder.job.episodes };
         write_json(&folder.finished(), &finished)?;
         let told = json!({ "job": folder.dir, "result": path, "bytes": finished.bytes, "episodes": finished.episodes });
-        output
-            .result(&told, || format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")))
+        output.result(&told, || match kind {
+            Kind::Train => format!("all runs are in {}", path.display()),
+            _ => format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")),
+        })
     }
 }
 
