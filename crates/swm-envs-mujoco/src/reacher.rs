@@ -8,6 +8,7 @@ use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, listed, make, planner,
     randomize_joints, uniform,
@@ -26,7 +27,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=15,samples=32,iterations=2,elites=6,sigma=0.5,aggregate=mean"),
-    policies: &[],
+    policies: &[learned_expert!("reacher", TASKS, "hard")],
     infos: &[("finger_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::GeomPosition("target") },
