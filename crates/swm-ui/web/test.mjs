@@ -356,7 +356,7 @@ const parts = {
     await page.goto(`${origin}/#results`);
     await page.locator(".files a", { hasText: "job" }).last().click();
     const states = () => page.evaluate(() => [...document.querySelectorAll(".result td:nth-child(2)")].map((cell) => cell.innerText).join());
-    await until("its shards", async () => (await states()) === "not submitted,done,not submitted");
+    await until("its shards", async () => (await states()) === "not started,done,not started");
     await shot("results-job");
     const task = (...rest) => {
       const ran = spawnSync(program, ["task", join(data, "job"), ...rest], { encoding: "utf8" });
@@ -364,7 +364,7 @@ const parts = {
     };
     const facts = (part) => async () => (await text(".result .facts")).includes(part);
     task("--index", "3");
-    await until("the third one", async () => (await states()) === "not submitted,done,done");
+    await until("the third one", async () => (await states()) === "not started,done,done");
     check(await facts("2 done")(), "the sum is another one");
     await downloaded("CSV", "job.csv", (text) => text.startsWith("shard,state,episodes,of,seconds\n"));
     task("--all");
