@@ -128,9 +128,7 @@ impl ModelCost {
         }
         Ok(())
     }
-}
 
-impl ModelCost {
     /// The most observations that the model makes use of.
     pub(super) fn history(&self) -> usize {
         self.copies[0].model.history().max(1)

@@ -239,6 +239,8 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(fails(",checkpont=4").contains("did you mean `checkpoint`"));
     assert!(fails(",aggregate=worst").contains("setting `aggregate`: \"worst\"; use last, mean or best"));
     assert!(fails(",action_block=5").contains("blocks of 2"));
+    assert!(fails(",history_len=4").contains("setting `history_len`: 4; the model sees at most 3"));
+    assert!(made(&format!("mpc:{run},history_len=3")).is_ok());
     assert!(fails(",checkpoint=4").contains("[3, 6, 9]"));
     assert!(fails(",device=gpu").contains("use cpu, cuda"));
     assert!(fails(",device=cuda:999").contains("device `cuda:999`"));
