@@ -43,11 +43,22 @@ const HALF: &[&str] = &["--set", "batch=128"];
 /// A target is one of an episode's few facts: short episodes show more of them, and many evaluations tell whether all are reached.
 const MANY_GOALS: &[&str] = &["--set", "collect.max_episode_steps=100", "--eval-episodes", "20"];
 
+/// The reward is sparse: it is found from starts near the top.
+const MANY_STARTS: &[&str] =
+    &["--set", "batch=128", "--set", "collect.max_episode_steps=100", "--eval-episodes", "10"];
+
 const EXPERTS: &[Expert] = &[
     Expert { name: "ball_in_cup", env: "swm/BallInCupDMControl-v0", steps: "40000", task: &[], train: HALF },
     // The sparse reward of the default task is rarely met by chance.
     Expert { name: "cartpole", env: "swm/CartpoleDMControl-v0", steps: "60000", task: SWINGUP, train: &[] },
     Expert { name: "cheetah", env: "swm/CheetahDMControl-v0", steps: "100000", task: &[], train: &[] },
+    Expert {
+        name: "pendulum",
+        env: "swm/PendulumDMControl-v0",
+        steps: "80000",
+        task: &[],
+        train: MANY_STARTS,
+    },
     Expert { name: "reacher", env: "swm/ReacherDMControl-v0", steps: "60000", task: &[], train: MANY_GOALS },
     Expert { name: "walker", env: "swm/WalkerDMControl-v0", steps: "60000", task: &[], train: HALF },
 ];

@@ -8,6 +8,7 @@ use swm_core::{EnvEntry, EnvTask};
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
+use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, listed, make, planner,
     unchanged, uniform,
@@ -26,7 +27,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     camera: 0,
     tasks: TASKS,
     planner: planner!("horizon=40,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
-    policies: &[],
+    policies: &[learned_expert!("pendulum", TASKS, "swingup")],
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,
