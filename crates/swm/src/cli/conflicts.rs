@@ -6,6 +6,8 @@ use std::num::{ParseFloatError, ParseIntError};
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 
+use super::work::Kind;
+
 /// An option, and the remedy for whoever gives it with one that it excludes.
 const REMEDIES: &[(&str, &str)] = &[
     (
@@ -57,8 +59,9 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("--key-frames", "`swm convert --key-frames` sets the period of key frames of a video"),
 ];
 
-/// Commands that `swm submit` divides.
-const DIVIDED: [&str; 4] = ["collect", "eval", "sweep", "train"];
+/// For a command that `swm submit` divides.
+const DIVIDED: &str =
+    "the command to divide comes after `--`: swm submit --shards 4 -- collect swm/PushT-v1 --episodes 1000";
 
 /// The error with a tip, where there is one for the options that it is about.
 pub(super) fn explained(mut error: Error) -> Error {
@@ -80,9 +83,7 @@ pub(super) fn explained(mut error: Error) -> Error {
         ErrorKind::UnknownArgument if names.trim().parse::<f64>().is_ok() => {
             Some("most options take numbers of 0 or more; one that takes others is written --option=-3")
         }
-        ErrorKind::UnknownArgument if DIVIDED.contains(&names.trim()) => Some(
-            "the command to divide comes after `--`: swm submit --shards 4 -- collect swm/PushT-v1 --episodes 1000",
-        ),
+        ErrorKind::UnknownArgument if Kind::of(&[names.trim().to_owned()]).is_ok() => Some(DIVIDED),
         ErrorKind::UnknownArgument => of(ELSEWHERE),
         ErrorKind::ValueValidation => error.source().and_then(number_tip),
         _ => None,

@@ -59,6 +59,8 @@ pub(super) struct Status<'a> {
     pub(super) finished: Option<Finished>,
     /// What of the result is gone, where it was made.
     lost_result: Option<PathBuf>,
+    /// The command that joins the shards, where all are done and nobody has.
+    join_command: Option<String>,
 }
 
 impl<'a> Status<'a> {
@@ -85,6 +87,7 @@ impl<'a> Status<'a> {
         let started = unexplained
             .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
             .collect();
+        let join_command = progress.join_command(folder);
         let Progress { finished, lost_result, .. } = progress;
         let words = match folder.is_with_an_engine() {
             true => ["not submitted", "started, not queued"],
@@ -103,6 +106,7 @@ impl<'a> Status<'a> {
             words,
             finished,
             lost_result,
+            join_command,
         })
     }
 
@@ -204,14 +208,8 @@ impl<'a> Status<'a> {
         format!("{} shards: {}", self.folder.job.shards, counts.join(", "))
     }
 
-    /// Whether all shards are done, and nobody has joined them.
-    fn awaits_join(&self) -> bool {
-        self.finished.is_none() && self.done.len() as u64 == self.folder.job.shards
-    }
-
     /// Where the result is, that it is lost or not as it was joined, or how to make it; `None` while there is nothing to join.
     fn result(&self) -> Option<String> {
-        let dir = self.folder.dir.display();
         if let Some(finished) = &self.finished {
             let joined = finished.bytes;
             let size = match finished.changed_bytes(self.folder) {
@@ -220,19 +218,19 @@ impl<'a> Status<'a> {
                 ),
                 None => format!("{joined} bytes"),
             };
-            return Some(format!("{dir}/{} ({size})", finished.result));
+            return Some(format!("{}/{} ({size})", self.folder.dir.display(), finished.result));
         }
         let lost = self.lost_result.as_ref().map(|lost| format!("lost: {} is missing", lost.display()));
-        match (lost, self.awaits_join()) {
-            (Some(lost), true) => Some(format!("{lost}; to join it again: swm task {dir} --finish")),
-            (None, true) => Some(format!("not joined yet: swm task {dir} --finish")),
-            (lost, false) => lost,
+        match (lost, &self.join_command) {
+            (Some(lost), Some(join)) => Some(format!("{lost}; to join it again: {join}")),
+            (None, Some(join)) => Some(format!("not joined yet: {join}")),
+            (lost, None) => lost,
         }
     }
 
     fn page(&self) -> String {
         let (job, dir) = (&self.folder.job, self.folder.dir.display().to_string());
-        let mut rows = vec![("job", dir.clone()), ("command", format!("swm {}", job.command.join(" ")))];
+        let mut rows = vec![("job", dir), ("command", format!("swm {}", job.command.join(" ")))];
         rows.push(("shards", self.line()));
         if job.episodes > 0 {
             rows.push(("episodes", format!("{} of {}{}", self.episodes(), job.episodes, what(&job.command))));
@@ -244,7 +242,7 @@ impl<'a> Status<'a> {
             rows.push(("time per shard", format!("{mean:.1} s, longest {longest:.1} s")));
         }
         rows.extend(self.result().map(|result| ("result", result)));
-        if self.finished.is_none() && !self.awaits_join() && !self.missing.is_empty() {
+        if self.finished.is_none() && !self.missing.is_empty() {
             let missing = ranges(&self.missing);
             rows.push(("to do", format!("shards {missing}, by: {}", self.folder.command_for_the_rest())));
         }
@@ -309,7 +307,7 @@ pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
             let result = match &status.finished {
                 Some(finished) => finished.result.clone(),
                 None if status.lost_result.is_some() => "lost".to_owned(),
-                None if status.awaits_join() => "not joined yet".to_owned(),
+                None if status.join_command.is_some() => "not joined yet".to_owned(),
                 None => "–".to_owned(),
             };
             vec![

@@ -36,6 +36,8 @@ const OWN: &[(Kind, &[&str])] = &[
     (Kind::Sweep, &["--shard", "--join", "--again", "--out", "-o"]),
     (Kind::Train, &["--resume", "--list", "--out", "-o"]),
 ];
+/// How a command to divide is named.
+const EXAMPLE: &str = "-- collect swm/PushT-v1 --episodes 1000";
 /// A format that writes a file per image is refused above so many.
 const MAX_IMAGE_FILES: u64 = 1_000_000;
 
@@ -48,9 +50,7 @@ impl Kind {
             Some("sweep") => Self::Sweep,
             Some("train") => Self::Train,
             Some("swm") => {
-                return Err(usage(
-                    "name the command to divide without `swm`, such as `-- collect swm/PushT-v1 --episodes 1000`",
-                ));
+                return Err(usage(format!("name the command to divide without `swm`, such as `{EXAMPLE}`")));
             }
             Some(other) => {
                 return Err(usage(format!(
@@ -58,9 +58,7 @@ impl Kind {
                 )));
             }
             None => {
-                return Err(usage(
-                    "name the command to divide, such as `-- collect swm/PushT-v1 --episodes 1000`",
-                ));
+                return Err(usage(format!("name the command to divide, such as `{EXAMPLE}`")));
             }
         };
         let own = OWN.iter().find(|(of, _)| *of == kind).map_or(&[][..], |(_, own)| own);
