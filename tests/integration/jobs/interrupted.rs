@@ -8,21 +8,29 @@ use super::{Cluster, collect, ok, signal, wait_for, whole};
 use crate::evaluation::{manifest, read};
 use crate::support::{swm, swm_fails, swm_json, swm_ok};
 
-/// A long shard that is killed or stopped once some episodes are committed, and then continued.
+/// A shard that is killed or stopped once some episodes are committed, and then continued.
+///
+/// On a busy machine the shard can end before the signal reaches it. Then another one is tried.
 fn interrupted(kind: &str) {
+    assert!((0..5).any(|_| is_interrupted(kind)), "no shard was interrupted before its end");
+}
+
+/// Whether the shard was interrupted before its end. If so, the rest is checked.
+fn is_interrupted(kind: &str) -> bool {
     let cluster = Cluster::new();
-    let whole = whole(&cluster.folder, "1200");
     let job = cluster.path("job");
-    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("1200")[..], &["--report-every", "0"]].concat()));
+    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("2000")[..], &["--report-every", "0"]].concat()));
     let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().expect("it starts");
     let log = || cluster.text("job/logs/0001.log");
     wait_for("episodes", || log().matches(" written to ").count() > 3);
     signal(&child, kind);
     let status = child.wait().expect("it ends");
-    assert_eq!(status.code(), (kind == "-TERM").then_some(75), "{}", log());
     let before = log();
     let last = before.matches(" written to ").count();
-    assert!(last < 600, "it was stopped in the middle");
+    if last == 1000 {
+        return false;
+    }
+    assert_eq!(status.code(), (kind == "-TERM").then_some(75), "{before}");
     assert!(!Path::new(&cluster.path("job/done/0001.json")).exists());
     swm_ok(&["task", &job, "--index", "1"]);
     let after = log()[before.len()..].to_owned();
@@ -34,8 +42,10 @@ fn interrupted(kind: &str) {
     assert!(first.expect("it is there") >= last, "{first:?} after {last}");
     swm_ok(&["task", &job, "--all"]);
     swm_ok(&["task", &job, "--finish"]);
+    let whole = whole(&cluster.folder, "2000");
     assert!(fs::read(cluster.path("job/result.h5")).expect("the folder is ours") == whole);
     assert_eq!(read(&cluster.path("job/done/0001.json"))["attempt"], 2);
+    true
 }
 
 #[test]
@@ -52,7 +62,7 @@ fn a_stopped_task_goes_on_behind_its_last_episode() {
 fn a_shard_has_one_task_at_a_time() {
     let cluster = Cluster::new();
     let job = cluster.path("job");
-    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("4000")[..], &["--report-every", "0"]].concat()));
+    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("100000")[..], &["--report-every", "0"]].concat()));
     let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().unwrap();
     wait_for("a start", || cluster.text("job/logs/0001.log").contains(" written to "));
     // It is not over: a scheduler that starts the task again later finds it done, or goes on.
