@@ -157,7 +157,11 @@ fn more_shards_than_an_array_may_have_are_packed() {
 #[test]
 fn a_task_that_slurm_stops_is_requeued_unless_it_is_canceled() {
     let cluster = slurm(1001);
-    ok(&cluster.submit(&["--on", "slurm"], "2", &[&collect("100000")[..], &["--report-every", "0"]].concat()));
+    ok(&cluster.submit(
+        &["--on", "slurm"],
+        "2",
+        &[&collect("100000")[..], &["--report-every", "0"]].concat(),
+    ));
     let stop = |index: &str| {
         let mut bash = cluster.with_path(Command::new("bash"));
         bash.arg(cluster.path("job-101.sh")).env("SLURM_ARRAY_TASK_ID", index);

@@ -34,14 +34,22 @@ fn a_manifest_says_which_factors_are_set_and_so_not_sampled() {
     let (data, out) = (dataset(&folder), folder.path("m.toml"));
     let make =
         ["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "2", "--out", &out, "--overwrite"];
-    let factors = ["--set", "agent.color=red", "--vary", "agent.color,block.color"];
+    let factors =
+        ["--set", "agent.color=red", "--set", "agent.color=grey", "--vary", "agent.color,block.color"];
     for source in [&["--dataset", &data][..], &[]] {
         let made = swm(&[&make[..], &factors, source].concat()).output().unwrap();
         let said = String::from_utf8_lossy(&made.stderr);
         let note = "note: --vary agent.color samples nothing, since --set agent.color sets it";
         assert!(made.status.success() && said.contains(note), "{said}");
         assert!(!said.contains("--vary block.color samples nothing"), "{said}");
+        let note = "note: --set agent.color=grey replaces the earlier --set of `agent.color`";
+        assert!(said.contains(note), "{said}");
     }
+    let yaml = folder.path("m.yaml");
+    let message =
+        swm_fails(2, &["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "2", "--out", &yaml]);
+    assert!(message.contains("m.yaml: a manifest is TOML or JSON"), "{message}");
+    assert!(!std::path::Path::new(&yaml).exists());
 }
 
 pub(crate) fn read(path: &str) -> Json {

@@ -12,6 +12,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use swm_core::Registry;
+use swm_core::registry::Absent;
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
@@ -31,9 +32,20 @@ pub const FORMATS: &[Format] = &[
     formats::lerobot::FORMAT,
 ];
 
+/// What a crate that depends on this one does for the formats that its build lacks.
+const ABSENT: &[Absent] = &[
+    Absent::of::<Format>(
+        "lance",
+        "lance",
+        "add the crate `swm-data-lance`, and its formats to the registry that reads",
+    ),
+    Absent::of::<Format>("lerobot", "lerobot", "add `lerobot` to the features of `swm-data` in Cargo.toml"),
+    Absent::of::<Format>("video", "video", "add `video` to the features of `swm-data` in Cargo.toml"),
+];
+
 /// The formats of this crate, as a registry.
 pub fn built_in() -> &'static Registry {
-    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS));
+    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS).with(ABSENT));
     &BUILT_IN
 }
 
@@ -44,7 +56,7 @@ pub fn built_in() -> &'static Registry {
 /// [`DataError::UnknownFormat`], with the nearest name and all that there are.
 pub fn by_name(registry: &Registry, name: &str) -> Result<&'static Format, DataError> {
     registry.find::<Format>(name).map_err(|unknown| DataError::UnknownFormat {
-        hint: built_without(&unknown.name),
+        hint: unknown.fix.map(|fix| format!("; {fix}")).unwrap_or_default(),
         name: unknown.name,
         nearest: unknown.nearest,
         known: known(registry),
@@ -80,12 +92,10 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
             Ok(dataset)
         }
         None if path.join("_versions").is_dir() => {
-            let reason = "it is a Lance table; this program was built without the feature `lance`";
-            Err(DataError::not_a_dataset(path, reason))
+            Err(unread(registry, path, "lance", "it is a Lance table"))
         }
         None if path.join("meta/info.json").is_file() => {
-            let reason = format!("it is a LeRobot dataset{}", built_without("lerobot"));
-            Err(DataError::not_a_dataset(path, reason))
+            Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
         }
         None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),
         None => {
@@ -213,22 +223,11 @@ fn known(registry: &Registry) -> String {
     registry.all::<Format>().map(one).collect::<Vec<_>>().join(", ")
 }
 
-/// Formats that not every build has, and the feature that brings them.
-const OPTIONAL: [(&str, &str); 4] =
-    [("lance", "lance"), ("lance-video", "lance"), ("lerobot", "lerobot"), ("video", "mp4")];
-
-/// What is said of a format that exists, to whom it is unknown.
-fn built_without(name: &str) -> String {
-    let feature = OPTIONAL.iter().find(|(known, _)| *known == name).map(|(_, feature)| feature);
-    feature
-        .map(|feature| {
-            format!(
-                "; this program was built without the feature `{feature}`, which brings `{name}`: in a checkout, cargo install \
-                 --locked --path crates/swm --features {feature} (and those that you use already, with commas){}",
-                if *feature == "lerobot" { ", or the command `swm-rs` of the Python package, which has it" } else { "" }
-            )
-        })
-        .unwrap_or_default()
+/// What is at `path` is of a format that the registry lacks.
+fn unread(registry: &Registry, path: &Path, format: &str, what: &str) -> DataError {
+    let fix = registry.find::<Format>(format).err().and_then(|unknown| unknown.fix);
+    let fix = fix.unwrap_or_else(|| "no format of this registry reads it".to_owned());
+    DataError::not_a_dataset(path, format!("{what}; {fix}"))
 }
 
 #[cfg(test)]
@@ -291,7 +290,7 @@ mod tests {
     fn an_unknown_format_names_the_nearest() {
         let message = |name| by_name(built_in(), name).unwrap_err().to_string();
         assert!(message("hdf").contains("`hdf`") && message("hdf").contains("did you mean `hdf5`"));
-        assert!(message("lance").contains("the feature `lance`"), "{}", message("lance"));
+        assert!(message("lance").contains("the crate `swm-data-lance`"), "{}", message("lance"));
         let message = create(Path::new("data.xyz"), WriteMode::Append, None).err().unwrap().to_string();
         assert!(message.contains("`xyz`") && message.contains("hdf5 (.h5, .hdf5)"), "{message}");
     }

@@ -83,12 +83,22 @@ pub(crate) const FEATURES: &[Feature] = &[
 
 /// A feature, and how to build with it.
 pub(crate) const BASELINES: (&str, &str) = ("baselines", build_with!("baselines"));
+const LANCE: (&str, &str) = ("lance", build_with!("lance"));
+const LEROBOT: (&str, &str) = (
+    "lerobot",
+    concat!(build_with!("lerobot"), "; or use the command `swm-rs` of the Python package, which has it"),
+);
+const MP4: (&str, &str) = ("mp4", build_with!("mp4"));
 const MUJOCO: (&str, &str) = ("mujoco", build_with!("mujoco"));
 const ONNX: (&str, &str) = ("onnx", build_with!("onnx"));
 const RAPIER: (&str, &str) = ("rapier", build_with!("rapier"));
 
 const fn policy(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {
     Absent::of::<PolicyEntry>(name, feature, command)
+}
+
+const fn format(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {
+    Absent::of::<swm_data::Format>(name, feature, command)
 }
 
 const fn model(name: &'static str) -> Absent {
@@ -116,6 +126,10 @@ pub(crate) const NAMES: &[Absent] = &[
     model("pldm"),
     model("dino-wm"),
     model("keypoint-wm"),
+    format("lance", LANCE),
+    format("lance-video", LANCE),
+    format("lerobot", LEROBOT),
+    format("video", MP4),
     env("swm/PushTRapier-v0", RAPIER),
     env("swm/PointMaze-v0", RAPIER),
     env("swm/PFRocketLanding-v0", RAPIER),
@@ -172,6 +186,19 @@ mod tests {
         for id in optional {
             assert!(NAMES.iter().any(|absent| absent.name() == id), "{id} is not in the table");
             assert!(crate::registry().env(id).is_ok(), "{id}");
+        }
+    }
+
+    #[test]
+    fn a_missing_format_names_its_feature() {
+        let registry = crate::registry();
+        for (name, feature) in [("lance", "lance"), ("lerobot", "lerobot"), ("video", "mp4")] {
+            if let Err(error) = swm_data::format::by_name(&registry, name) {
+                let message = error.to_string();
+                let add =
+                    format!("in a crate of your own, add `{feature}` to the features of `swm` in Cargo.toml");
+                assert!(message.contains(&add), "{message}");
+            }
         }
     }
 

@@ -16,6 +16,7 @@ use swm_core::{
     Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Metadata,
     Registry, Schema, Slice, Value,
 };
+use swm_data::rendered::env_named;
 
 /// The environment that the dataset at `path` says it was recorded in.
 ///
@@ -31,13 +32,8 @@ pub fn recorded_env(
     let Some(named) = source.metadata().and_then(Metadata::known_env) else {
         return Err(format!("{path} does not name its environment; say --env ID").into());
     };
-    registry.env(named).map_err(|error| match error.fix {
-        Some(_) => error.into(),
-        None => format!(
-            "{path} was recorded in `{named}`, an environment of another program, and only that program can repeat its steps; \
-             if this program has the environment under another id, say --env ID"
-        )
-        .into(),
+    env_named(registry, named).map_err(|reason| {
+        format!("{path}: {reason}; if this one has the environment under another id, say --env ID").into()
     })
 }
 

@@ -62,7 +62,11 @@ fn a_stopped_task_goes_on_behind_its_last_episode() {
 fn a_shard_has_one_task_at_a_time() {
     let cluster = Cluster::new();
     let job = cluster.path("job");
-    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("100000")[..], &["--report-every", "0"]].concat()));
+    ok(&cluster.submit(
+        &["--on", "script"],
+        "2",
+        &[&collect("100000")[..], &["--report-every", "0"]].concat(),
+    ));
     let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().unwrap();
     wait_for("a start", || cluster.text("job/logs/0001.log").contains(" written to "));
     // It is not over: a scheduler that starts the task again later finds it done, or goes on.

@@ -114,7 +114,7 @@ fn datasets_that_do_not_fit_are_refused() {
         &[
             "blind.h5 cannot train lewm: it has no column `pixels`",
             "cannot be rendered",
-            "it was recorded in `swm/Dot-v0`, which is no environment of this program",
+            "it was recorded in `swm/Dot-v0`, an environment of another program",
             "--image-size",
         ],
     );

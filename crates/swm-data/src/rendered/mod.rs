@@ -57,6 +57,22 @@ impl Default for RenderOptions {
     }
 }
 
+/// The environment `id` in which a dataset says it was recorded.
+///
+/// # Errors
+///
+/// This program does not have it: it is of another program, or of another build of this one.
+pub fn env_named(registry: &Registry, id: &str) -> Result<&'static EnvEntry, BoxError> {
+    registry.env(id).map_err(|error| match error.fix {
+        Some(_) => error.into(),
+        None => format!(
+            "it was recorded in `{id}`, an environment of another program; use the program that has it, such as the command of a plugin \
+             crate"
+        )
+        .into(),
+    })
+}
+
 /// A dataset with images that are drawn on demand: the columns of the recording, without `checkpoint`, and the
 /// environment's image columns behind them (in place of stored ones).
 pub struct Rendered {
@@ -122,17 +138,8 @@ impl Rendered {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
             return Err(refuse(reason.into()));
         }
-        let entry = *registry.env(&metadata.env).map_err(|error| match error.fix {
-            Some(_) => refuse(error.into()),
-            None => refuse(
-                format!(
-                    "images cannot be drawn: it was recorded in `{}`, which is no environment of this program; use the program that \
-                     has it, such as the command of a plugin crate",
-                    metadata.env
-                )
-                .into(),
-            ),
-        })?;
+        let entry = *env_named(registry, &metadata.env)
+            .map_err(|reason| refuse(format!("images cannot be drawn: {reason}").into()))?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };

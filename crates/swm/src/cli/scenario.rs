@@ -160,7 +160,9 @@ pub(super) fn factor_values(
                 .or_else(|| numbers(inner))
                 .ok_or_else(|| usage(not_numbers(option, inner, factor)))?,
         };
-        values.insert(name.to_owned(), Value::vector(&numbers));
+        if values.insert(name.to_owned(), Value::vector(&numbers)).is_some() {
+            output.note(format!("note: --set {option} replaces the earlier --set of `{name}`"));
+        }
     }
     Ok(values)
 }

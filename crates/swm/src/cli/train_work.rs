@@ -18,7 +18,7 @@ use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
 use crate::cli::work::Plan;
-use crate::cli::{Failure, Output, images, inputs, interrupt, usage};
+use crate::cli::{Failure, Output, images, inputs, interrupt, memory, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
 pub(super) const SAVING: Duration = Duration::from_secs(25);
@@ -113,11 +113,17 @@ impl Train {
         if model.preset == "paper" && self.device == "cpu" {
             notes.push("the preset paper is made for a GPU; --preset small is for a CPU".to_owned());
         }
-        let (wanted, usual) = (config.fit.batch, training.model().input_spec().batch);
+        let input = training.model().input_spec();
+        let (wanted, usual) = (config.fit.batch, input.batch);
         let clips = training.clips().into_iter().map(|[train, _]| train).min().unwrap_or(wanted);
         let batch = wanted.min(clips);
         if batch < wanted {
             notes.push(format!("a step takes all {clips} clips that there are to learn from, not {wanted}"));
+        }
+        if self.device == "cpu" {
+            let image = input.image as u64;
+            let clip_bytes = input.num_steps as u64 * image * image * 3 * size_of::<f32>() as u64;
+            notes.extend(memory::step_note(batch, clip_bytes, memory::machine_bytes()));
         }
         let weight = model.settings.pointer("/sigreg/weight").and_then(Json::as_f64);
         let is_set = self.set.iter().any(|option| option.starts_with("sigreg"));

@@ -71,12 +71,15 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
 ///
 /// # Errors
 ///
-/// The file is another manifest, or none.
+/// The file is another manifest, or none; or its name is that of YAML, which no manifest is.
 pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, BoxError> {
+    let out = path.display();
+    if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml") {
+        return Err(format!("{out}: a manifest is TOML or JSON; name it .toml or .json").into());
+    }
     if !path.exists() {
         return Ok(false);
     }
-    let out = path.display();
     match read_manifest(path) {
         Ok(held) if held.hash() == manifest.hash() => Ok(true),
         Ok(held) => Err(format!(
