@@ -80,6 +80,9 @@ def test_the_script_runs_the_command(run_python: Run) -> None:
     assert listed.returncode == 0 and "swm/PushT-v1" in listed.stdout, listed.stderr
     wrong = run_python(run.format(["envs", "swm/Nowhere-v0"]))
     assert wrong.returncode != 0 and "swm/Nowhere-v0" in wrong.stderr
+    # Who has the package may have no command `swm`.
+    assert "`swm-rs envs` lists them" in wrong.stderr, wrong.stderr
+    assert "swm-rs collect swm/PushT-v1" in run_python(run.format(["collect", "--help"])).stdout
     usage = run_python(run.format(["no-such-command"]))
     assert usage.returncode == 2
 

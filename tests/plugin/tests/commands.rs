@@ -27,6 +27,8 @@ fn it_is_listed_collected_replayed_planned_on_and_evaluated() {
     let rink =
         envs.as_array().unwrap().iter().find(|env| env["id"] == "demo/IceRink-v0").expect("it is listed");
     assert_eq!(rink["num_factors"], 7);
+    let about = String::from_utf8(run(folder, "envs demo/IceRink-v0").stdout).unwrap();
+    assert!(about.contains("`ice-rink fovs demo/IceRink-v0`"), "{about}");
 
     let collect = "collect demo/IceRink-v0 --policy random --seed 3 --max-steps 40";
     json(folder, &format!("{collect} --episodes 30 --out data.h5"));

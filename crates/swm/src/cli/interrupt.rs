@@ -11,6 +11,8 @@ use std::time::Duration;
 
 use swm_core::Cancel;
 
+use super::called;
+
 /// How long a command may take to stop by itself, in ms.
 static GRACE_MS: AtomicU64 = AtomicU64::new(200);
 
@@ -69,7 +71,7 @@ pub(super) const REPEAT: &str = "repeat the command";
 pub(super) fn say() {
     let mut advice = ADVICE.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(advice) = advice.take() {
-        eprintln!("interrupted: {}", advice());
+        eprintln!("interrupted: {}", called::told(&advice()));
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod args;
 mod bench;
+mod called;
 mod collect;
 mod compare;
 mod conflicts;
@@ -143,14 +144,15 @@ pub fn main(registry: &Registry) -> ExitCode {
 
 /// Runs a command line; the first argument is the program's name.
 pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let mut args = args.into_iter().peekable();
+    called::take(args.peek().map(OsString::as_os_str));
     // The version names the physics, which may not be installed: known at run time only.
     let parsed = Cli::command().long_version(version::long()).try_get_matches_from(args);
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             let error = conflicts::explained(error);
-            // Help and version are no errors, and clap knows where each goes.
-            let _ = error.print();
+            output::print_of_clap(&error);
             return ExitCode::from(error.exit_code() as u8);
         }
     };
@@ -236,7 +238,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Man(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "swm", &mut script);
+            clap_complete::generate(shell, &mut Cli::command(), called::name(), &mut script);
             output::print(&String::from_utf8_lossy(&script))
         }
     }

@@ -10,6 +10,7 @@ use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
 
+use super::called;
 pub(crate) use super::table::table;
 
 /// A command that did not succeed.
@@ -139,18 +140,33 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
 /// `error: …`, then each cause that says more.
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "error: {}", self.source)?;
+        let mut said = format!("error: {}", self.source);
         let mut shown = self.source.to_string();
         let mut cause = self.source.source();
         while let Some(error) = cause {
             let text = error.to_string();
             if !shown.contains(&text) {
-                write!(f, "\n  because: {text}")?;
+                said += &format!("\n  because: {text}");
                 shown = text;
             }
             cause = error.source();
         }
-        Ok(())
+        f.write_str(&called::told(&said))
+    }
+}
+
+/// Prints help, the version or what is wrong in a command line, each where clap says.
+pub(super) fn print_of_clap(error: &clap::Error) {
+    // Clap's own way has styles.
+    if called::name() == "swm" {
+        let _ = error.print();
+        return;
+    }
+    let text = error.render().to_string();
+    match error.use_stderr() {
+        true => eprint!("{}", called::told(&text)),
+        // A reader that is gone has no wish.
+        false => drop(print(&called::told(&text))),
     }
 }
 
@@ -179,12 +195,16 @@ impl Output {
         json: &impl serde::Serialize,
         text: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
-        print(&if self.json { serde_json::to_string_pretty(json)? } else { text() })
+        print(&if self.json {
+            serde_json::to_string_pretty(json)?
+        } else {
+            called::told(&text()).into_owned()
+        })
     }
 
     /// Prints a part of the result as soon as it is known; with `--json`, nothing.
     pub(super) fn line(&self, text: impl FnOnce() -> String) -> Result<(), Failure> {
-        if self.json { Ok(()) } else { print(&text()) }
+        if self.json { Ok(()) } else { print(&called::told(&text())) }
     }
 
     /// Prints the result whose parts [`Output::line`] has printed: with `--json` alone.
@@ -196,7 +216,7 @@ impl Output {
     pub(crate) fn note(&self, text: impl fmt::Display) {
         if !self.quiet {
             let line = format!("{text}\n");
-            eprint!("{line}");
+            eprint!("{}", called::told(&line));
         }
     }
 
