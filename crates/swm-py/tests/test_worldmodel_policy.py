@@ -157,7 +157,7 @@ def test_flags_of_begun_and_ended_episodes():
     assert np.isnan(actions).all() and solver.cost.rows[6:] == []
 
 
-def test_scalers_are_inverted_and_applied():
+def test_scalers_are_inverted_and_applied(caplog):
     class Scaler:
         n_features_in_ = 2
 
@@ -177,17 +177,37 @@ def test_scalers_are_inverted_and_applied():
     policy = WorldModelPolicy(
         CEMSolver(Look(), n_steps=1, num_samples=16, topk=4),
         PlanConfig(horizon=1, receding_horizon=1),
-        process={"action": Scaler(), "xy": Scaler(), "blocks": Scaler()},
+        process={"action": Scaler(), "xy": Scaler(), "blocks": Scaler(), "actions": Scaler()},
     )
     policy.set_env(env(1))
     given = {"xy": np.zeros((1, 1, 2)), "blocks": np.zeros((1, 3, 4))}
     planned = []
     solve = policy.solver.solve
     policy.solver.solve = lambda *args, **kwargs: planned.append(solve(*args, **kwargs)) or planned[-1]
-    actions = policy.get_action(given)
+    with caplog.at_level("INFO"):
+        actions = policy.get_action(given)
+    assert caplog.messages == ["process of actions has no effect; the columns are xy, blocks"]
     np.testing.assert_allclose(actions, planned[0]["actions"][:, 0] * 10 + 5, rtol=1e-6)
     with pytest.raises(ValueError, match="Expected numpy array for key 'xy'"):
         policy._prepare_info({"xy": [1.0]})
+
+
+def test_a_numpy_cost_is_given_transformed_images_as_arrays():
+    pytest.importorskip("torch")
+
+    class Look(Sum):
+        def get_cost(self, info, candidates):
+            assert isinstance(info["pixels"], np.ndarray)
+            assert info["pixels"].shape == (1, candidates.shape[1], 1, 3, 8, 8) and info["pixels"].max() == 1.0
+            return super().get_cost(info, candidates)
+
+    policy = WorldModelPolicy(
+        CEMSolver(Look(), n_steps=1, num_samples=16, topk=4),
+        PlanConfig(horizon=1, receding_horizon=1),
+        transform={"pixels": lambda image: image.float() / 255},
+    )
+    policy.set_env(env(1))
+    policy.get_action({"pixels": np.full((1, 1, 8, 8, 3), 255, np.uint8)})
 
 
 def test_integers_are_executed():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -10,7 +11,18 @@ import numpy as np
 
 from ._arrays import Array, is_array, is_tensor, require_torch
 
-__all__ = ["scale", "transform"]
+__all__ = ["note_unused", "scale", "transform"]
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+
+
+def note_unused(settings: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Any]) -> None:
+    """Notes the scalings and transforms that no column has: a misspelled one would do nothing, silently."""
+    for name, of_columns in settings.items():
+        unused = [column for column in of_columns if column not in infos and column != "action"]
+        if unused:
+            columns = ", ".join(column for column in infos if not column.startswith("_"))
+            logger.info("%s of %s has no effect; the columns are %s", name, ", ".join(unused), columns)
 
 
 def scale(scaler: Any, key: str, values: Any) -> Array:

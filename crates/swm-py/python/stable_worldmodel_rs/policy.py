@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._arrays import Array, is_array, is_tensor, require_torch
-from ._prepare import scale, transform
+from ._prepare import note_unused, scale, transform
 from .buffer import HistoryBuffer
 from .planning.solver._base import BaseSolver, PlanKeys
 from .planning.solver._bridge import take_rows
@@ -111,11 +111,11 @@ class BasePolicy:
         return type(self).__name__
 
     def _prepare_info(self, info_dict: Infos, tensors: bool = True) -> Infos:
-        """Infos as a model wants them: scaled by ``process``, images by ``transform``, arrays as tensors.
+        """Infos as a model wants them: scaled by ``process``, images by ``transform``; torch tensors or NumPy arrays.
 
         Args:
             info_dict: ``(N, T, ...)`` each; not changed.
-            tensors: Whether arrays become torch tensors; not for a NumPy cost.
+            tensors: Whether arrays become torch tensors; for a NumPy cost, all are arrays.
         """
         process: dict[str, Any] = getattr(self, "process", {})
         transforms: dict[str, Any] = getattr(self, "transform", {})
@@ -125,6 +125,7 @@ class BasePolicy:
                 value = scale(process[key], key, value)
             if key in transforms:
                 value = transform(transforms[key], key, value)
+                value = value if tensors else value.numpy()
             value = np.asarray(value) if np.isscalar(value) and hasattr(value, "dtype") else value
             if tensors and is_array(value) and value.dtype.kind not in "USO":
                 what = 'models and costs without the attribute `array_api = "numpy"` take torch tensors'
@@ -263,6 +264,7 @@ class WorldModelPolicy(BasePolicy):
         self._history_buffer: HistoryBuffer | None = None
         self._plans: list[int] = []
         self._gives_keys = False
+        self._is_checked = False
 
     @property
     def flatten_receding_horizon(self) -> int:
@@ -313,6 +315,9 @@ class WorldModelPolicy(BasePolicy):
         if queues is None:
             raise TypeError("WorldModelPolicy has no environment yet; call world.set_policy(policy), or set_env(envs)")
         count = self.env.num_envs
+        if not self._is_checked:
+            self._is_checked = True
+            note_unused({"process": self.process, "transform": self.transform}, info_dict)
         begun = _flags(info_dict.pop("_needs_flush", None), count) | _is_first(info_dict, count)
         self._forget(np.flatnonzero(begun))
         is_over = _flags(info_dict.get("terminated"), count) | _flags(info_dict.get("truncated"), count)
