@@ -266,7 +266,7 @@ fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
     let append = |more: &'static str| {
         [collecting(&out, "--max-steps 5 --episodes 2 --mode append"), more.split(' ').collect()].concat()
     };
-    says(1, &append("--image-size 24x24"), &["a.h5", "pixels"]);
+    says(1, &append("--image-size 24x24"), &["a.h5", "images of 16x16, what is added with images of 24x24"]);
     says(1, &append("--image-size 16x16 --vary all"), &["a.h5"]);
     let refused = swm_fails(1, &append("--image-size 16x16 --env-option damping=0.5"));
     assert!(refused.contains("damping"), "{refused}");

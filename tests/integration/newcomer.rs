@@ -231,3 +231,33 @@ fn a_manifest_shows_what_it_changes_and_warns_where_nothing_can_succeed() {
     let noted = make("swm/CheetahDMControl-v0", &[], &run);
     assert!(noted.contains("rewards and no success test"), "{noted}");
 }
+
+#[test]
+fn wrong_requests_are_told_what_is_wrong_and_what_to_do() {
+    let folder = Folder::new();
+    let [data, blind, other] = ["a.h5", "b.h5", "c.h5"].map(|name| folder.path(name));
+    let collect = ["collect", PUSHT, "--policy", "weak", "--episodes", "3", "--max-steps", "30", "--quiet"];
+    swm_ok(&[&collect[..], &["--image-size", "none", "--out", &data]].concat());
+    swm_ok(&[&collect[..], &["--image-size", "none", "--without", "action", "--out", &blind]].concat());
+    let append = [&collect[..], &["--image-size", "32", "--mode", "append", "--out", &data]].concat();
+    let make = ["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "1", "--dataset", &data];
+    let at_start = [&make[..], &["--goal-offset", "0", "--out", &other]].concat();
+    let vary = |names| [&collect[..], &["--out", &other, "--vary", names]].concat();
+    for (status, args, told) in [
+        (1, &append[..], "with no images, what is added with images of 32x32; give --image-size none"),
+        (2, &at_start, "`goal_offset`: every start would be its goal; use 1 or more"),
+        (2, &vary(""), "it names no factor; `--vary none` samples none"),
+        (2, &vary("+"), "name a factor behind `+`, such as +agent.color"),
+        (2, &vary("agent.color block.color"), "separate several with commas"),
+        (1, &["replay", &blind], "b.h5 was recorded without the column `action`, which a replay repeats"),
+        (
+            2,
+            &["stats", &data, "--columns", "actoin"],
+            "has no column `actoin`; did you mean `action`?; it has ",
+        ),
+        (2, &["plan", PUSHT, "--dataset", &data], "`swm manifest make --dataset`"),
+    ] {
+        let message = swm_fails(status, args);
+        assert!(message.contains(told), "{args:?}: {message}");
+    }
+}

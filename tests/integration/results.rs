@@ -95,7 +95,10 @@ fn a_sweep_counts_the_pairs_that_can_have_a_value() {
 
     let again = ["sweep", "--manifest", &task, "--policy", "random", "--factors", "door.size"];
     let message = swm_fails(2, &[&again[..], &["--out", &folder.path("doors")]].concat());
-    assert!(message.contains("a sweep with another policy") && message.contains("--again"), "{message}");
+    assert!(
+        message.contains("a sweep with policy `constant`, not `random`") && message.contains("--again"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -24,6 +24,12 @@ pub enum FovError {
         /// The nearest factor or group.
         nearest: Option<String>,
     },
+    /// A name as the option `--vary` of the command has it.
+    #[error("unknown factor `{name}`; to sample it beside the factors that are sampled by default, name `default` and `{}`", .name.trim_start_matches('+'))]
+    Added {
+        /// The name asked for, from `+` on.
+        name: String,
+    },
     /// A group was given where one factor is meant.
     #[error("`{name}` is a group of factors; name one of them: {factors}")]
     Group {
@@ -192,6 +198,9 @@ impl FovSpace {
     }
 
     fn unknown(&self, name: &str) -> FovError {
+        if name.starts_with('+') {
+            return FovError::Added { name: name.to_owned() };
+        }
         FovError::Unknown { name: name.to_owned(), nearest: nearest_factor(name, self.names()) }
     }
 

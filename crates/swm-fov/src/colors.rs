@@ -41,14 +41,20 @@ pub struct ColorValues {
 pub fn color_values(space: &Space, name: &str, text: &str) -> Result<Option<ColorValues>, String> {
     let Some(is_bytes) = is_byte_color(space, name) else { return Ok(None) };
     let given: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let wanted = space.shape().iter().product::<usize>() / 3;
+    let holds = || {
+        let example = ["red", "blue"].iter().cycle().take(wanted).copied().collect::<Vec<_>>().join(",");
+        let colors = if wanted == 1 { "color" } else { "colors" };
+        format!("the factor holds {wanted} {colors}, such as {example}")
+    };
+    if given.as_ref().is_some_and(|given| given.len() % 3 == 0 && given.len() != 3 * wanted) {
+        return Err(holds());
+    }
     let Some(given) = given else {
         let colors: Vec<[u8; 3]> =
             text.split(',').map(|part| named(part.trim())).collect::<Result<_, _>>()?;
-        let wanted = space.shape().iter().product::<usize>() / 3;
         if colors.len() != wanted {
-            let example = ["red", "blue"].iter().cycle().take(wanted).copied().collect::<Vec<_>>().join(",");
-            let colors = if wanted == 1 { "color" } else { "colors" };
-            return Err(format!("the factor holds {wanted} {colors}, such as {example}"));
+            return Err(holds());
         }
         let scale = if is_bytes { 1.0 } else { 1.0 / 255.0 };
         let values = colors.iter().flatten().map(|&value| f64::from(value) * scale).collect();

@@ -124,7 +124,9 @@ impl FovSpace {
             let name = &factor.spec.name;
             assert!(
                 factor.spec.space.contains(&factor.default),
-                "the default of `{name}` lies outside its space"
+                "the default of `{name}`, {}, lies outside its space, {:?}",
+                factor.default,
+                factor.spec.space
             );
             let choices = factor.spec.choices.len() as i64;
             let has_all = |space: &Space| matches!(space, Space::Discrete { n, .. } if *n == choices);

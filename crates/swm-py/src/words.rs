@@ -23,6 +23,8 @@ const WORDS: &[(&str, &str)] = &[
         "a list joins runs, and arguments are results to compare",
     ),
     ("say --env ID", "give env_name="),
+    ("give --image-size none", "make the World with add_pixels=False"),
+    ("give --image-size ", "make the World with images of "),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
     ("`--fps ", "`swm-rs convert` or `swm-rs merge` with `--fps "),
     ("this program was built without the feature", "this package is built without the feature"),

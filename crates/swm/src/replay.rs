@@ -32,7 +32,7 @@ pub fn recorded_env(
     let Some(named) = source.metadata().and_then(Metadata::known_env) else {
         return Err(format!("{path} does not name its environment; say --env ID").into());
     };
-    env_named(registry, named).map_err(|reason| {
+    env_named(registry, named, "it was recorded in").map_err(|reason| {
         format!("{path}: {reason}; if this one has the environment under another id, say --env ID").into()
     })
 }
@@ -253,7 +253,13 @@ impl Columns {
             )
             .into());
         }
-        let action = schema.fields()[schema.require("action")?].clone();
+        let action = schema.index("action").ok_or_else(|| {
+            format!(
+                "{} was recorded without the column `action`, which a replay repeats",
+                source.path().display()
+            )
+        })?;
+        let action = schema.fields()[action].clone();
         let wanted = &env.spec().action;
         if Some(action.dtype) != wanted.dtype() || action.dim() != wanted.dim() {
             return Err(format!(

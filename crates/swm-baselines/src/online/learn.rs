@@ -35,7 +35,7 @@ pub struct OnlineState {
     ended: Sums,
     /// The last record's means, by name.
     pub train: Vec<(String, f64)>,
-    /// Of the last evaluation; empty before it.
+    /// Of the evaluation at this step; empty where there was none.
     pub evaluation: Vec<(String, f64)>,
     /// The step and mean return of the best evaluation.
     pub best: Option<(u64, f64)>,
@@ -163,6 +163,7 @@ impl Learn<'_, '_> {
             self.pace.1 += size as u64;
         }
         self.state.step += 1;
+        self.state.evaluation.clear();
         let (step, total) = (self.state.step, self.settings.steps);
         self.sinks.iter_mut().for_each(|sink| sink.step(step, total));
         if step.is_multiple_of(self.settings.log_every) || step == total {

@@ -60,7 +60,7 @@ impl Value {
         let numbers = self.to_f64s(what)?;
         let integer = |words: &str, low: f64, high: f64| -> Result<(), BatchError> {
             match numbers.iter().find(|v| v.fract() != 0.0 || **v < low || **v > high) {
-                Some(bad) => Err(wrong(what, &format!("integers {words}"), bad.to_string())),
+                Some(bad) => Err(wrong(what, &format!("whole numbers {words}"), bad.to_string())),
                 None => Ok(()),
             }
         };
@@ -76,7 +76,7 @@ impl Value {
                 Column::I32(numbers.iter().map(|&v| v as i32).collect())
             }
             Dtype::I64 => {
-                integer("of up to 53 bits (no fractions)", -(2f64.powi(53)), 2f64.powi(53))?;
+                integer("of up to 53 bits", -(2f64.powi(53)), 2f64.powi(53))?;
                 Column::I64(numbers.iter().map(|&v| v as i64).collect())
             }
             Dtype::Bool => {

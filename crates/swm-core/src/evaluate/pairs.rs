@@ -184,6 +184,10 @@ impl<'a> Sample<'a> {
     fn check_source(&self, recorded: &RecordedPairs<'_>) -> Result<(), WorldError> {
         let (options, id) = (self.options, &self.env.spec().id);
         let refuse = |reason: String| Err(WorldError::Dataset(reason.into()));
+        if recorded.goal_offset == 0 && recorded.chosen.is_none() {
+            let reason = "every start would be its goal; use 1 or more".to_owned();
+            return Err(WorldError::Option { option: "goal_offset", reason });
+        }
         // What other programs recorded, and its copies, may fit.
         let known = recorded.source.metadata().and_then(Metadata::of_known_env);
         let Some(metadata) = known else { return Ok(()) };

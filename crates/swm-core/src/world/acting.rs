@@ -77,15 +77,25 @@ impl World {
                 Err(WorldError::Action { slot: index, episode: episode.index, step: episode.step, reason })
             };
             if !action.is_finite() {
-                return refuse(format!("the action {action:?} is not finite"));
+                return refuse(format!("the action {} is not finite", told(action, dim)));
             }
             if !self.spec.action.holds_integers(action) {
                 let (low, high) = self.spec.action.bounds();
-                return refuse(format!("the action {action:?} is not between {low:?} and {high:?}"));
+                let [low, high] = [low, high].map(|bound| list(bound.into_iter()));
+                return refuse(format!("the action {} is not between {low} and {high}", told(action, dim)));
             }
             let (_, rest) = self.infos.column_mut(self.fields.action).split_at(index * dim);
             assert!(rest.split_at(dim).0.copy_from(action), "one schema made both");
         }
         Ok(())
     }
+}
+
+/// `[5, NaN]`: the values of an action.
+fn told(action: Slice<'_>, dim: usize) -> String {
+    list((0..dim).map(|index| action.as_f64(index).unwrap_or(f64::NAN)))
+}
+
+fn list(values: impl Iterator<Item = f64>) -> String {
+    format!("[{}]", values.map(|value| value.to_string()).collect::<Vec<_>>().join(", "))
 }

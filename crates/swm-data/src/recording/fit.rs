@@ -27,6 +27,16 @@ pub fn check_fit(
     if let Some([there, here]) = difference(first, metadata) {
         return mismatch(format!("it {there}, what is added {here}"));
     }
+    if first.image != metadata.image {
+        let [there, here] = [first, metadata].map(|run| match run.image {
+            Some(size) => format!("images of {size}"),
+            None => "no images".to_owned(),
+        });
+        let fix = first.image.map_or_else(|| "none".to_owned(), |size| size.to_string());
+        return mismatch(format!(
+            "it was recorded with {there}, what is added with {here}; give --image-size {fix}"
+        ));
+    }
     for field in fields {
         match columns.iter().find(|there| there.name == field.name) {
             None if field.name.starts_with(VARIATION_PREFIX) => {
@@ -49,16 +59,7 @@ pub fn check_fit(
     if let Some(missing) = columns.iter().find(|there| fields.iter().all(|field| field.name != there.name)) {
         return mismatch(format!("the new episodes have no column `{}`", missing.name));
     }
-    match first.image == metadata.image {
-        true => Ok(()),
-        false => {
-            let [there, here] = [first, metadata].map(|run| match run.image {
-                Some(size) => format!("images of {size}"),
-                None => "no images".to_owned(),
-            });
-            mismatch(format!("it was recorded with {there}, what is added with {here}"))
-        }
-    }
+    Ok(())
 }
 
 /// How two runs differ in what all episodes of a dataset share (environment, settings, frame skip), as a sentence goes on about each.

@@ -57,16 +57,16 @@ impl Default for RenderOptions {
     }
 }
 
-/// The environment `id` in which a dataset says it was recorded.
+/// The environment `id` that a file names; `said` begins the error, such as "it was recorded in".
 ///
 /// # Errors
 ///
 /// This program does not have it: it is of another program, or of another build of this one.
-pub fn env_named(registry: &Registry, id: &str) -> Result<&'static EnvEntry, BoxError> {
+pub fn env_named(registry: &Registry, id: &str, said: &str) -> Result<&'static EnvEntry, BoxError> {
     registry.env(id).map_err(|error| match error.fix {
         Some(_) => error.into(),
         None => format!(
-            "it was recorded in `{id}`, an environment of another program; use the program that has it, such as the command of a plugin \
+            "{said} `{id}`, an environment of another program; use the program that has it, such as the command of a plugin \
              crate"
         )
         .into(),
@@ -138,7 +138,7 @@ impl Rendered {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
             return Err(refuse(reason.into()));
         }
-        let entry = *env_named(registry, &metadata.env)
+        let entry = *env_named(registry, &metadata.env, "it was recorded in")
             .map_err(|reason| refuse(format!("images cannot be drawn: {reason}").into()))?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());

@@ -27,6 +27,10 @@ def note_unused(settings: Mapping[str, Mapping[str, Any]], infos: Mapping[str, A
 
 def scale(scaler: Any, key: str, values: Any) -> Array:
     """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
+    if not hasattr(scaler, "transform"):
+        raise TypeError(
+            f"process['{key}'] is {scaler!r}; give an object with transform and inverse_transform, such as a StandardScaler"
+        )
     if not is_array(values):
         raise ValueError(
             f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"

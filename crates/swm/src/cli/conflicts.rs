@@ -56,6 +56,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "`swm collect` replaces a dataset by --mode overwrite, `swm eval` and `swm sweep` replace a result by --again",
     ),
     ("--out", "`swm convert SOURCE TARGET` names what it writes without an option"),
+    ("--dataset", "starts and goals of a dataset: `swm manifest make --dataset`, `swm eval --dataset`"),
     ("--key-frames", "`swm convert --key-frames` sets the period of key frames of a video"),
 ];
 

@@ -17,8 +17,8 @@ use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, identity,
-    read_manifest, roles, run_pairs, write_receipt,
+    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, env_of, fingerprints,
+    identity, read_manifest, roles, run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -27,7 +27,7 @@ pub(super) enum ReferenceArg {
     /// Actions sampled uniformly.
     Random,
     /// Zeros.
-    #[value(aliases = ["no_op", "do_nothing"])]
+    #[value(aliases = ["no_op", "noop", "nop", "do_nothing"])]
     NoOp,
     /// The same planner on the true dynamics.
     #[value(alias = "ceiling")]
@@ -59,7 +59,7 @@ pub(super) struct EvalManifest<'a> {
 impl EvalManifest<'_> {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
-        let entry = registry.env(&manifest.env)?;
+        let entry = env_of(registry, &manifest).map_err(usage)?;
         note_rewards_only(entry, &manifest.success, output);
         let candidate = Candidate::new(policy_args(self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
@@ -179,7 +179,7 @@ impl EvalManifest<'_> {
     /// What a job needs to know before it is submitted.
     pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
-        let entry = registry.env(&manifest.env)?;
+        let entry = env_of(registry, &manifest).map_err(usage)?;
         let candidate = Candidate::new(policy_args(self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         let others = self.wanted(registry, entry, &manifest, &candidate)?;

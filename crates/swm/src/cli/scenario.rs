@@ -92,7 +92,13 @@ impl ScenarioArgs {
             if added.is_some() && samples_defaults && !names.iter().any(|name| name == "default") {
                 names.insert(0, "default".to_owned());
             }
+            if added == Some("") {
+                return Err(usage("--vary +: name a factor behind `+`, such as +agent.color"));
+            }
             names.push(added.unwrap_or(name).to_owned());
+        }
+        if names.is_empty() {
+            return Err(usage("--vary: it names no factor; `--vary none` samples none"));
         }
         match names.iter().any(|name| name == "none") {
             false => Ok(Some(names)),
@@ -126,6 +132,9 @@ fn no_factor(name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> String {
     }
     if env.settings.iter().any(|setting| setting.name == name) {
         return format!("`{name}` is no factor but a setting of {id}; set it by --env-option {name}=VALUE");
+    }
+    if name.contains(char::is_whitespace) {
+        return format!("`{name}` is no factor; separate several with commas, without spaces");
     }
     let meant = did_you_mean(nearest_factor(name, names()).as_deref());
     format!("unknown factor `{name}`{meant}; `swm fovs {id}` lists them")

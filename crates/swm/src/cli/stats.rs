@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::Registry;
 use swm_core::checkpoint::CHECKPOINT;
+use swm_core::error::{did_you_mean, nearest};
 use swm_data::recording::EP_IDX;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
 use super::output::{counted, table};
 use super::threads::ThreadsArg;
-use super::{Failure, Output, inputs};
+use super::{Failure, Output, inputs, usage};
 
 /// Columns of numbers that count or name something, or are bytes: their mean says nothing. The later ones are of other programs.
 const NO_QUANTITIES: [&str; 9] = [
@@ -63,6 +64,13 @@ impl Stats {
             quantiles: self.quantiles.unwrap_or(default.quantiles),
             ..default
         };
+        let schema = dataset.schema();
+        if let Some(unknown) = options.keys.iter().flatten().find(|name| schema.index(name).is_none()) {
+            let names: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
+            let meant = did_you_mean(nearest(unknown, names.iter().copied()).as_deref());
+            let (file, names) = (dataset.path().display(), names.join(", "));
+            return Err(usage(format!("--columns: {file} has no column `{unknown}`{meant}; it has {names}")));
+        }
         let statistics = if self.no_store {
             Statistics::compute(dataset.as_mut(), &options)?
         } else {

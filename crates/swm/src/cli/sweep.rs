@@ -13,7 +13,8 @@ use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Change, Division, RunOptions, Sweep, SweepRun, Values, changes, read_manifest,
+    Candidate, CellLedger, Change, Division, RunOptions, Sweep, SweepRun, Values, changes, env_of,
+    read_manifest,
 };
 use crate::report_page::sweep_figure;
 
@@ -81,7 +82,7 @@ const MOST_CHOICES: usize = 16;
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
-        let entry = registry.env(&manifest.env)?;
+        let entry = env_of(registry, &manifest).map_err(usage)?;
         note_rewards_only(entry, &manifest.success, output);
         training_note::of_policy_on(registry, entry, &manifest, &candidate.policy, output);
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
@@ -94,11 +95,13 @@ impl SweepCommand {
             {
                 let held_changes = held.cells.iter().skip(1).map(|cell| cell.name.as_str());
                 let difference = if held.manifest_hash != manifest.hash() {
-                    Some("another manifest")
+                    Some("another manifest".to_owned())
+                } else if held.candidate.policy != candidate.policy {
+                    Some(format!("policy `{}`, not `{}`", held.candidate.policy, candidate.policy))
                 } else if held.candidate != candidate {
-                    Some("another policy or seed")
+                    Some(format!("policy seed {}, not {}", held.candidate.seed, candidate.seed))
                 } else if held.values != values || !held_changes.eq(changes.iter().map(Change::name)) {
-                    Some("other factors or values")
+                    Some("other factors or values".to_owned())
                 } else {
                     None
                 };
@@ -155,7 +158,7 @@ impl SweepCommand {
         if self.world.frame_skip.is_some() {
             return Err(usage("--frame-skip: the manifest says how often actions are applied"));
         }
-        let entry = registry.env(&manifest.env)?;
+        let entry = env_of(registry, &manifest).map_err(usage)?;
         let candidate = Candidate::new(policy_args(&self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
@@ -187,7 +190,7 @@ impl SweepCommand {
     pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
         let (manifest, _, _, changes) = self.asked(registry)?;
         let mut inputs = vec![self.manifest.clone()];
-        inputs.extend(policy_files(registry, registry.env(&manifest.env)?, &self.policy)?);
+        inputs.extend(policy_files(registry, env_of(registry, &manifest).map_err(usage)?, &self.policy)?);
         Ok(Plan { episodes: (changes.len() as u64 + 1) * manifest.pairs.len() as u64, inputs })
     }
 

@@ -39,7 +39,7 @@ impl Checkpoints {
                 config.model_config.baseline,
                 config.model_config.preset,
                 config.data.path.display(),
-                table(&["step", "loss", "validation", "", "weights"], &rows)
+                table(&["step", "logged loss", "validation", "", "weights"], &rows)
             )
         })
     }

@@ -26,7 +26,12 @@ impl Train {
             None => is_online(&RunFolder::open(out).map_err(failure)?).map_err(failure)?,
         };
         let name = self.baseline.as_deref().unwrap_or("this run");
-        let OnlineArgs { env, observe, eval_every, eval_episodes, .. } = &self.online;
+        let OnlineArgs { env, env_options, observe, max_steps, eval_every, eval_episodes } = &self.online;
+        // Clap no longer asks for --env where --dataset excludes it.
+        let of_env = [
+            ("--env-option", !env_options.is_empty()),
+            ("--max-steps", max_steps.is_some() && env.is_none()),
+        ];
         let on_data = agent.is_some_and(|agent| agent.learns_from_datasets) && self.dataset.is_some();
         let (given, reason) = if is_online {
             if env.is_none() && self.resume.is_none() && !on_data {
@@ -54,7 +59,11 @@ impl Train {
                 ("--held-out", self.held_out > 0.0),
             ];
             let how = if on_data { "learns from a dataset" } else { "learns online" };
-            (given.to_vec(), format!("{how}, without this option; leave it out"))
+            let of_env = of_env.iter().filter(|_| on_data);
+            (
+                given.iter().chain(of_env).copied().collect(),
+                format!("{how}, without this option; leave it out"),
+            )
         } else {
             let given = [
                 ("--env", env.is_some()),
@@ -62,7 +71,12 @@ impl Train {
                 ("--eval-every", eval_every.is_some()),
                 ("--eval-episodes", eval_episodes.is_some()),
             ];
-            (given.to_vec(), "learns from a dataset: give --dataset, or train an agent".to_owned())
+            let reason = match &self.dataset {
+                Some(_) => "learns from a dataset, without this option; leave it out",
+                None => "learns from a dataset: give --dataset, or train an agent",
+            };
+            let given: Vec<_> = given.into_iter().chain(of_env).collect();
+            (given, reason.to_owned())
         };
         match given.iter().find(|(_, is_given)| *is_given) {
             Some((option, _)) => Err(usage(format!("{option}: {name} {reason}"))),

@@ -74,7 +74,8 @@ impl Bench {
     }
 
     fn train(&self, words: &str, data: &str, run: &str) -> Result<(), String> {
-        let words = format!("swm {words} --steps 1 --batch 2");
+        let batch = if words.contains("--batch") || words.starts_with("tdmpc2") { "" } else { "--batch 2" };
+        let words = format!("swm {words} --steps 1 {batch}");
         let [data, run] = [data, run].map(|name| OsString::from(self.path(name)));
         let paths = [OsString::from("--dataset"), data, "--out".into(), run];
         let words = words.split_whitespace().map(OsString::from).chain(paths);
@@ -94,6 +95,10 @@ fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
         ),
         ("lewm --preset small --quality-every 1 --split 0.8", "needs 2 or more"),
         ("conv-jepa --preset paper", "it has: small"),
+        ("gcbc --batch 0", "--batch 0: a step learns from 1 clip or more"),
+        ("gcbc --max-steps 3", "--max-steps: gcbc learns from a dataset, without this option; leave it out"),
+        ("gcbc --env-option a=1", "--env-option: gcbc learns from a dataset, without this option"),
+        ("tdmpc2 --env-option a=1", "--env-option: tdmpc2 learns from a dataset, without this option"),
     ] {
         let message = bench.train(words, "a.h5", "run").unwrap_err();
         assert!(message.contains(reason), "{message}");

@@ -32,6 +32,9 @@ impl Train {
         if self.is_online(out)? {
             return self.run_online(out, registry, output);
         }
+        if self.batch == Some(0) {
+            return Err(usage("--batch 0: a step learns from 1 clip or more; leave it out for the preset's"));
+        }
         let device = self.device.parse().map_err(failure)?;
         let precision: Option<Precision> =
             self.precision.as_deref().map(str::parse).transpose().map_err(failure)?;

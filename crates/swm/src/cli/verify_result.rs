@@ -9,7 +9,7 @@ use super::output::counted;
 use super::rates::rate;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
-use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
+use crate::evaluation::{Role, RunOptions, Verification, env_of, read_receipt, verify};
 
 /// Repeat an evaluation: is the result equal bit for bit, and if not, which part differs?
 #[derive(Args)]
@@ -36,6 +36,7 @@ pub(super) struct VerifyResult {
 impl VerifyResult {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let receipt = read_receipt(&self.receipt).map_err(usage)?;
+        env_of(registry, &receipt.manifest).map_err(usage)?;
         let references = receipt.references.iter().filter(|known| self.oracle || known.role != Role::Oracle);
         let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");

@@ -70,7 +70,7 @@ impl Side {
         if seeds.len() < runs.len() {
             return Err(format!("{name}: two runs have the same policy seed, so they are one").into());
         }
-        same_manifest(&runs)?;
+        same_manifest(runs.iter().map(|run| (name.as_str(), run)))?;
         Ok(Self { name, runs })
     }
 
@@ -112,25 +112,24 @@ impl Side {
 ///
 /// The sides are results of different manifests.
 pub fn compare(sides: &[Side]) -> Result<Vec<Compared>, BoxError> {
-    same_manifest(sides.iter().flat_map(|side| &side.runs))?;
+    same_manifest(sides.iter().flat_map(|side| side.runs.iter().map(|run| (side.name.as_str(), run))))?;
     let compared = |(index, side): (usize, &Side)| side.compared((index > 0).then_some(&sides[0]));
     Ok(sides.iter().enumerate().map(compared).collect())
 }
 
-fn same_manifest<'a>(receipts: impl IntoIterator<Item = &'a Receipt>) -> Result<(), BoxError> {
-    let mut hashes = receipts.into_iter().map(|receipt| &receipt.manifest_hash);
-    let first = hashes.next();
-    match (first, hashes.find(|hash| Some(*hash) != first)) {
-        (Some(first), Some(other)) => {
-            let short = |hash: &str| hash.chars().take(12).collect::<String>();
-            let (first, other) = (short(first), short(other));
-            Err(format!(
-                "the results are of different manifests ({first} and {other}): they cannot be compared pair by pair"
-            )
-            .into())
-        }
-        _ => Ok(()),
-    }
+/// `results` are what each is called, and the result.
+fn same_manifest<'a>(results: impl IntoIterator<Item = (&'a str, &'a Receipt)>) -> Result<(), BoxError> {
+    let mut results = results.into_iter();
+    let Some((first, one)) = results.next() else { return Ok(()) };
+    let Some((other, another)) = results.find(|(_, result)| result.manifest_hash != one.manifest_hash) else {
+        return Ok(());
+    };
+    let [one, another] = [one, another].map(|result| result.manifest_hash.get(..12).unwrap_or_default());
+    Err(format!(
+        "{first} (manifest {one}) and {other} (manifest {another}) are results of different manifests: they cannot be compared pair by pair; \
+         `swm report` shows them beside each other"
+    )
+    .into())
 }
 
 fn slices(runs: &[Vec<bool>]) -> Vec<&[bool]> {

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
-use swm_core::Manifest;
 use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
 use swm_core::evaluate::RecordedPairs;
 use swm_core::settings::{WrongSetting, read as read_settings};
+use swm_core::{EnvEntry, Manifest, Registry};
+use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
@@ -51,6 +52,15 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
         return Err(wrong(format!("{reason}; {fix}")).into());
     }
     Ok(manifest)
+}
+
+/// The environment of a task.
+///
+/// # Errors
+///
+/// This program does not have it.
+pub(crate) fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
+    env_named(registry, &manifest.env, "the task is in")
 }
 
 /// Writes a manifest with its hash: JSON if the name ends so, else TOML. An existing file is replaced.

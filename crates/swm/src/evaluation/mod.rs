@@ -22,6 +22,7 @@ mod verify;
 
 pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
+pub(crate) use files::env_of;
 pub use files::{holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;

@@ -12,6 +12,7 @@ use swm_core::{
     Rollout, World,
 };
 
+use super::files::env_of;
 use super::hash::file_hash;
 use crate::distractors;
 
@@ -150,7 +151,7 @@ pub fn run_pairs(
     checked: bool,
     mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
 ) -> Result<Vec<EpisodeResult>, BoxError> {
-    let entry = registry.env(&manifest.env)?;
+    let entry = env_of(registry, manifest)?;
     let missing = match &options.pairs {
         Some(pairs) => missing(pairs.iter().copied(), known),
         None => missing(0..manifest.pairs.len() as u64, known),

@@ -7,6 +7,7 @@ use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, PolicyArgs, Registry};
 
+use super::files::env_of;
 use super::hash::file_hash;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
@@ -71,7 +72,7 @@ pub fn verify(
 ) -> Result<Verification, BoxError> {
     let Receipt { manifest, candidate, .. } = receipt;
     manifest.check()?;
-    let entry = registry.env(&manifest.env)?;
+    let entry = env_of(registry, manifest)?;
     can_be_made(registry, entry, candidate)?;
     let mut differences = BTreeMap::new();
     let mut differ = |part: Part, recorded: &str, now: &str, what: &str| {

@@ -11,7 +11,7 @@ use swm_media::{Format, png};
 use swm_solvers::stops_at_success;
 
 use crate::distractors;
-use crate::evaluation::{Receipt, can_be_made};
+use crate::evaluation::{Receipt, can_be_made, env_of};
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
 };
@@ -78,7 +78,7 @@ pub(super) fn replay(
     options: PageOptions,
     notes: &mut Vec<String>,
 ) -> Result<Replayed, BoxError> {
-    let entry = registry.env(&receipt.manifest.env)?;
+    let entry = env_of(registry, &receipt.manifest)?;
     let of = |success: bool| {
         let all = receipt.episodes.iter().enumerate();
         all.filter(move |(_, episode)| episode.success == success).map(|(pair, _)| pair).take(options.videos)

@@ -30,7 +30,7 @@ def evaluate_from_dataset(
 
     Args:
         world: Environments with a policy.
-        dataset: Anything with ``lengths``, ``load_chunk`` and ``column_names``; see ``swm.data.load_dataset``.
+        dataset: A path, or anything with ``lengths``, ``load_chunk`` and ``column_names``; see ``swm.data.load_dataset``.
         episodes_idx: Episode of each pair; None: rows are sampled uniformly, as by ``swm-rs eval --dataset``.
         start_steps: Step of each start.
         goal_offset_steps: As ``goal_offset``, by the name of older versions of the reference.
@@ -42,7 +42,9 @@ def evaluate_from_dataset(
         progress: Whether to show a bar.
     """
     from .._core import core as _swm
+    from ..data import load_dataset
 
+    dataset = load_dataset(dataset) if isinstance(dataset, (str, Path)) else dataset
     offset = goal_offset if goal_offset_steps is None else goal_offset_steps
     if (episodes_idx is None) != (start_steps is None):
         raise ValueError("give episodes_idx and start_steps together, or neither")

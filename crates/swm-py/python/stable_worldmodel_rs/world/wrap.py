@@ -54,7 +54,10 @@ def make_pool(
         given = dict(settings)
         if image_shape is not None:
             given.setdefault("render_mode", "rgb_array")
-        return complete(gym.make(name, max_episode_steps=max_episode_steps, **given))
+        try:
+            return complete(gym.make(name, max_episode_steps=max_episode_steps, **given))
+        except gym.error.UnregisteredEnv as error:
+            raise type(error)(f"{error} This package's environments are listed by `swm.envs.WORLDS`, such as swm/PushT-v1.") from None
 
     def of_function(make: Callable[[], Any]) -> Any:
         env: Any = make()

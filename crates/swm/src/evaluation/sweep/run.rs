@@ -8,6 +8,7 @@ use swm_core::{Manifest, Registry, ResetOptions};
 use super::trial::Trial;
 use super::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values};
 use crate::evaluation::cells::CellLedger;
+use crate::evaluation::files::env_of;
 use crate::evaluation::probe::{Fingerprints, fingerprints};
 use crate::evaluation::receipt::Code;
 use crate::evaluation::resume::identity;
@@ -50,7 +51,7 @@ impl<'a> SweepRun<'a> {
         values: Values,
         options: RunOptions,
     ) -> Result<Self, BoxError> {
-        let entry = registry.env(&manifest.env)?;
+        let entry = env_of(registry, manifest)?;
         Ok(Self {
             registry,
             manifest,
@@ -80,7 +81,7 @@ impl<'a> SweepRun<'a> {
     ///
     /// The environment cannot be made or stepped.
     pub fn identity(&self) -> Result<Vec<Json>, BoxError> {
-        let entry = self.registry.env(&self.manifest.env)?;
+        let entry = env_of(self.registry, self.manifest)?;
         let names = self.changes.iter().map(|change| (change.name.clone(), change.value.clone()));
         let fingerprints: Fingerprints = fingerprints(entry, self.manifest, self.candidate.seed)?;
         let names: Vec<(String, String)> = names.collect();
@@ -111,7 +112,7 @@ impl<'a> SweepRun<'a> {
     /// The policy cannot be made, an episode fails, the ledger cannot be written, or it is a joined one and lacks episodes. A
     /// change that cannot be is a cell with a note; one that can be in some pairs, or nearly, is evaluated so.
     pub fn run(mut self, ledger: &mut CellLedger, mut each: impl FnMut(&Cell)) -> Result<Sweep, BoxError> {
-        let entry = self.registry.env(&self.manifest.env)?;
+        let entry = env_of(self.registry, self.manifest)?;
         let policy = self.candidate.make(self.registry, entry, self.manifest)?.describe();
         let unchanged = self.admit(0)?;
         let base = self.evaluate(ledger, 0, &unchanged)?;
