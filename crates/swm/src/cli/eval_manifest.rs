@@ -185,6 +185,13 @@ impl EvalManifest<'_> {
         let others = self.wanted(registry, entry, &manifest, &candidate)?;
         let mut cells = 1;
         candidate.make(registry, entry, &manifest)?;
+        // Every task would fail at its first plan.
+        if let (Some(size), None) = (model_image(registry, entry, self.policy), manifest.image) {
+            return Err(usage(format!(
+                "{} sees images of {size}, and the task shows none; make the manifest with --image-size {size}",
+                self.policy
+            )));
+        }
         for (_, other) in others.iter().filter(|(_, other)| *other != candidate) {
             other.make(registry, entry, &manifest)?;
             cells += 1;

@@ -184,3 +184,24 @@ fn settings_nest_at_their_dots() {
     assert_eq!(nested, Some(wanted));
     assert!(set(&["model=1", "model.width=2"]).is_err() && set(&["width"]).is_err());
 }
+
+#[test]
+fn a_job_whose_model_would_see_no_images_is_not_submitted() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    bench.train("lewm --preset small", "a.h5", "run").unwrap();
+    let run = |words: String| {
+        let words = format!("swm -q {words}");
+        let _ = crate::cli::run(&bench.registry, words.split(' ').map(OsString::from));
+    };
+    let at = |name: &str| bench.path(name).display().to_string();
+    for (size, is_submitted) in [("none", false), ("64x64", true)] {
+        let (task, job) = (at(&format!("{size}.toml")), at(&format!("job-{size}")));
+        run(format!(
+            "manifest make swm/TwoRoom-v2 --tier historic --episodes 2 --image-size {size} --out {task}"
+        ));
+        let eval = format!("eval --manifest {task} --policy mpc:{} --reference none", at("run"));
+        run(format!("submit --on script --shards 1 --no-copy --job {job} -- {eval}"));
+        assert_eq!(bench.path(&format!("job-{size}")).exists(), is_submitted, "{size}");
+    }
+}
