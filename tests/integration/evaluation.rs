@@ -35,14 +35,14 @@ fn a_manifest_says_which_factors_are_set_and_so_not_sampled() {
     let make =
         ["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "2", "--out", &out, "--overwrite"];
     let factors =
-        ["--set", "agent.color=red", "--set", "agent.color=grey", "--vary", "agent.color,block.color"];
+        ["--set", "agent.color=red", "--set", "agent.color=gray", "--vary", "agent.color,block.color"];
     for source in [&["--dataset", &data][..], &[]] {
         let made = swm(&[&make[..], &factors, source].concat()).output().unwrap();
         let said = String::from_utf8_lossy(&made.stderr);
         let note = "note: --vary agent.color samples nothing, since --set agent.color sets it";
         assert!(made.status.success() && said.contains(note), "{said}");
         assert!(!said.contains("--vary block.color samples nothing"), "{said}");
-        let note = "note: --set agent.color=grey replaces the earlier --set of `agent.color`";
+        let note = "note: --set agent.color=gray replaces the earlier --set of `agent.color`";
         assert!(said.contains(note), "{said}");
     }
     let yaml = folder.path("m.yaml");
