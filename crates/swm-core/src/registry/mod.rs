@@ -8,6 +8,7 @@
 //! | `policy` | policies, and what is asked of the models behind them |
 //! | `arguments` | `name:key=value,…` |
 //! | `context` | what a policy is made for |
+//! | `described` | a policy whose description leaves out its settings |
 //! | `store` | tables of several crates, merged |
 //! | `trained` | the environment that a model was trained in, compared with another |
 //! | `basic` | policies that fit every environment |
@@ -16,6 +17,7 @@ mod absent;
 mod arguments;
 mod basic;
 mod context;
+mod described;
 mod entry;
 mod policy;
 mod store;

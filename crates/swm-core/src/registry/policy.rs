@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 
+use super::described::described;
 use super::{Entry, EnvEntry, PolicyArgs, PolicyContext, Setting, TrainedIn};
 use crate::env::{Env, ImageSize};
 use crate::error::PolicyError;
@@ -139,7 +140,8 @@ impl PolicyEntry {
 
 /// What an entry answers.
 impl PolicyEntry {
-    /// Makes one.
+    /// Makes one. Where its description is the name alone, the settings that differ from their defaults are added, as records and
+    /// results tell policies apart by it.
     ///
     /// # Errors
     ///
@@ -150,7 +152,7 @@ impl PolicyEntry {
         context: &PolicyContext<'_>,
         args: &PolicyArgs,
     ) -> Result<Box<dyn Policy>, PolicyError> {
-        (self.make)(context, args)
+        Ok(described((self.make)(context, args)?, args, self.settings))
     }
 
     /// The image size that the model of these arguments was trained on. `None`: it sees no images, or is not there.
