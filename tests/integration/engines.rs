@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value as Json;
 
 use crate::evaluation::read;
-use crate::jobs::{Cluster, collect, fails, ok, said, signal, wait_for, whole};
+use crate::jobs::{Cluster, collect, collect_line_by_line, fails, ok, said, signal, wait_for, whole};
 use crate::support::swm;
 
 /// `sbatch` that keeps what it gets and numbers jobs from 101, behind a warning; `squeue` that prints the file `queue`.
@@ -157,11 +157,7 @@ fn more_shards_than_an_array_may_have_are_packed() {
 #[test]
 fn a_task_that_slurm_stops_is_requeued_unless_it_is_canceled() {
     let cluster = slurm(1001);
-    ok(&cluster.submit(
-        &["--on", "slurm"],
-        "2",
-        &[&collect("100000")[..], &["--report-every", "0"]].concat(),
-    ));
+    ok(&cluster.submit(&["--on", "slurm"], "2", &collect_line_by_line("100000")));
     let stop = |index: &str| {
         let mut bash = cluster.with_path(Command::new("bash"));
         bash.arg(cluster.path("job-101.sh")).env("SLURM_ARRAY_TASK_ID", index);

@@ -6,7 +6,7 @@
 use std::fs;
 use std::process::{Command, Output};
 
-use crate::jobs::{collect, ok, wait_for, whole};
+use crate::jobs::{collect_line_by_line, ok, wait_for, whole};
 use crate::support::{Folder, root, swm};
 
 /// What the script says if it cannot run here.
@@ -61,7 +61,7 @@ fn a_lost_worker_does_not_change_a_result() {
     let whole = whole(&hq.folder, "1200");
     let job = hq.folder.path("job");
     let submit = ["submit", "--job", &job, "--on", "hq", "--shards", "6", "--no-copy", "--"];
-    ok(&hq.swm(&[&submit[..], &collect("1200"), &["--report-every", "0"]].concat()));
+    ok(&hq.swm(&[&submit[..], &collect_line_by_line("1200")].concat()));
     wait_for("a shard", || {
         fs::read_to_string(format!("{job}/logs/0001.log")).is_ok_and(|text| text.contains(" written to "))
     });

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
-use super::{Cluster, collect, ok, signal, wait_for, whole};
+use super::{Cluster, collect, collect_line_by_line, ok, signal, wait_for, whole};
 use crate::evaluation::{manifest, read};
 use crate::support::{swm, swm_fails, swm_json, swm_ok};
 
@@ -19,7 +19,7 @@ fn interrupted(kind: &str) {
 fn is_interrupted(kind: &str) -> bool {
     let cluster = Cluster::new();
     let job = cluster.path("job");
-    ok(&cluster.submit(&["--on", "script"], "2", &[&collect("2000")[..], &["--report-every", "0"]].concat()));
+    ok(&cluster.submit(&["--on", "script"], "2", &collect_line_by_line("2000")));
     let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().expect("it starts");
     let log = || cluster.text("job/logs/0001.log");
     wait_for("episodes", || log().matches(" written to ").count() > 3);
@@ -62,11 +62,7 @@ fn a_stopped_task_goes_on_behind_its_last_episode() {
 fn a_shard_has_one_task_at_a_time() {
     let cluster = Cluster::new();
     let job = cluster.path("job");
-    ok(&cluster.submit(
-        &["--on", "script"],
-        "2",
-        &[&collect("100000")[..], &["--report-every", "0"]].concat(),
-    ));
+    ok(&cluster.submit(&["--on", "script"], "2", &collect_line_by_line("100000")));
     let mut child = swm(&["task", &job, "--index", "1"]).stderr(Stdio::null()).spawn().unwrap();
     wait_for("a start", || cluster.text("job/logs/0001.log").contains(" written to "));
     // It is not over: a scheduler that starts the task again later finds it done, or goes on.

@@ -80,6 +80,11 @@ pub(crate) fn collect(episodes: &'static str) -> Vec<&'static str> {
     short_recording(&["--seed", "3", "--episodes", episodes])
 }
 
+/// The same, with a line in the log for every episode.
+pub(crate) fn collect_line_by_line(episodes: &'static str) -> Vec<&'static str> {
+    [&collect(episodes)[..], &["--report-every", "0"]].concat()
+}
+
 /// The bytes of the undivided recording.
 pub(crate) fn whole(folder: &Folder, episodes: &'static str) -> Vec<u8> {
     let out = folder.path("whole.h5");

@@ -27,6 +27,11 @@ pub(super) fn name() -> &'static str {
     NAME.get().map_or(WRITTEN, String::as_str)
 }
 
+/// Whether messages and help have to name another program than they are written for.
+pub(super) fn is_renamed() -> bool {
+    name() != WRITTEN
+}
+
 /// A text for the user, with this program's name where it names a command of it.
 pub(super) fn told(text: &str) -> Cow<'_, str> {
     renamed(text, name())

@@ -40,7 +40,8 @@ pub(super) fn step_note(clips: usize, clip_bytes: u64, machine_bytes: Option<u64
     ))
 }
 
-fn gigabytes(bytes: u64) -> String {
+/// `12.3 GB`.
+pub(super) fn gigabytes(bytes: u64) -> String {
     format!("{:.1} GB", bytes as f64 / 1e9)
 }
 

@@ -158,7 +158,7 @@ impl fmt::Display for Failure {
 /// Prints help, the version or what is wrong in a command line, each where clap says.
 pub(super) fn print_of_clap(error: &clap::Error) {
     // Clap's own way has styles.
-    if called::name() == "swm" {
+    if !called::is_renamed() {
         let _ = error.print();
         return;
     }

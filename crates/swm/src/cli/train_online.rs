@@ -12,7 +12,7 @@ use swm_core::{Registry, WorldError};
 use super::work::{Pace, SAVING, Shown, changes, failure, many, short, trainable, unknown};
 use super::{OnlineArgs, SPLIT, Train};
 use crate::cli::args::{assignment, json_value};
-use crate::cli::memory::machine_bytes;
+use crate::cli::memory::{gigabytes, machine_bytes};
 use crate::cli::output::{key_values, table};
 use crate::cli::{Failure, Output, inputs, interrupt, usage};
 
@@ -27,11 +27,6 @@ impl Train {
         };
         let name = self.baseline.as_deref().unwrap_or("this run");
         let OnlineArgs { env, env_options, observe, max_steps, eval_every, eval_episodes } = &self.online;
-        // Clap no longer asks for --env where --dataset excludes it.
-        let of_env = [
-            ("--env-option", !env_options.is_empty()),
-            ("--max-steps", max_steps.is_some() && env.is_none()),
-        ];
         let on_data = agent.is_some_and(|agent| agent.learns_from_datasets) && self.dataset.is_some();
         let (given, reason) = if is_online {
             if env.is_none() && self.resume.is_none() && !on_data {
@@ -57,26 +52,26 @@ impl Train {
                 ("--precision", self.precision.is_some()),
                 ("--split", (self.split - SPLIT).abs() > 0.0),
                 ("--held-out", self.held_out > 0.0),
+                // Clap no longer asks for --env where --dataset excludes it.
+                ("--env-option", !env_options.is_empty() && on_data),
+                ("--max-steps", max_steps.is_some() && on_data),
             ];
             let how = if on_data { "learns from a dataset" } else { "learns online" };
-            let of_env = of_env.iter().filter(|_| on_data);
-            (
-                given.iter().chain(of_env).copied().collect(),
-                format!("{how}, without this option; leave it out"),
-            )
+            (given.to_vec(), format!("{how}, without this option; leave it out"))
         } else {
             let given = [
                 ("--env", env.is_some()),
                 ("--observe", !observe.is_empty()),
                 ("--eval-every", eval_every.is_some()),
                 ("--eval-episodes", eval_episodes.is_some()),
+                ("--env-option", !env_options.is_empty()),
+                ("--max-steps", max_steps.is_some()),
             ];
             let reason = match &self.dataset {
                 Some(_) => "learns from a dataset, without this option; leave it out",
                 None => "learns from a dataset: give --dataset, or train an agent",
             };
-            let given: Vec<_> = given.into_iter().chain(of_env).collect();
-            (given, reason.to_owned())
+            (given.to_vec(), reason.to_owned())
         };
         match given.iter().find(|(_, is_given)| *is_given) {
             Some((option, _)) => Err(usage(format!("{option}: {name} {reason}"))),
@@ -193,7 +188,7 @@ fn place(config: &OnlineConfig) -> String {
 fn size(bytes: u64) -> String {
     match bytes {
         ..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
-        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+        _ => gigabytes(bytes),
     }
 }
 
