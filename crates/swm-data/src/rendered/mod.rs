@@ -138,8 +138,8 @@ impl Rendered {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
             return Err(refuse(reason.into()));
         }
-        let entry = *env_named(registry, &metadata.env, "it was recorded in")
-            .map_err(|reason| refuse(format!("images cannot be drawn: {reason}").into()))?;
+        let said = "images cannot be drawn: it was recorded in";
+        let entry = *env_named(registry, &metadata.env, said).map_err(refuse)?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
