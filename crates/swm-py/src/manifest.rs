@@ -66,8 +66,8 @@ fn receipt_json(path: PathBuf) -> PyResult<String> {
 }
 
 /// Makes a manifest and writes it to `path`; gives its JSON and hash. Unless `overwrite`, a file that holds something else is
-/// refused. `options`: a JSON object with `env`, `settings`, `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`,
-/// `distractors`, `vary`, `chosen`. `dataset`: path, goal offset, held-out share.
+/// refused. `options`: a JSON object with `env`, `settings`, `tier`, `episodes`, `budget`, `frame_skip`, `image`, `seed`,
+/// `distractors`, `vary`, `pairs`. `dataset`: path, goal offset, held-out share.
 #[pyfunction]
 #[pyo3(signature = (path, options, set=None, dataset=None, overwrite=false))]
 fn make_manifest(
@@ -80,7 +80,6 @@ fn make_manifest(
 ) -> PyResult<(String, String)> {
     let asked: serde_json::Value = from_json("the options of the manifest", options)?;
     let get = |name: &str| asked.get(name).cloned().unwrap_or_default();
-    let number = |name: &str| get(name).as_u64();
     let entry = registry().env(get("env").as_str().unwrap_or_default()).or_raise()?;
     let parsed = |name: &str, error: serde_json::Error| SwmError::new_err(format!("{name}: {error}"));
     let tier = serde_json::from_value(get("tier")).map_err(|error| parsed("tier", error))?;
@@ -98,7 +97,7 @@ fn make_manifest(
         serde_json::from_value(get("distractors")).map_err(|error| parsed("distractors", error))?;
     swm::distractors::parse_all(&distractors).map_err(|error| SwmError::new_err(error.to_string()))?;
     let chosen: Option<Vec<String>> =
-        serde_json::from_value(get("chosen")).map_err(|error| parsed("pairs", error))?;
+        serde_json::from_value(get("pairs")).map_err(|error| parsed("pairs", error))?;
     let chosen: Option<Vec<ChosenPair>> = chosen
         .map(|pairs| pairs.iter().map(|text| text.parse()).collect::<Result<_, String>>())
         .transpose()
@@ -107,14 +106,13 @@ fn make_manifest(
     let spec = entry.make(&config).or_raise()?.spec().clone();
     let options = ManifestOptions {
         tier,
-        pairs: number("pairs").unwrap_or(100) as usize,
-        budget: number("budget").unwrap_or(if dataset.is_some() { 50 } else { 200 }),
-        frame_skip: number("frame_skip")
-            .map(|times| times as u32)
+        pairs: count("episodes", get("episodes"))?.unwrap_or(100),
+        budget: count("budget", get("budget"))?.unwrap_or(if dataset.is_some() { 50 } else { 200 }),
+        frame_skip: count("frame_skip", get("frame_skip"))?
             .or(recorded.map(|recorded| recorded.frame_skip))
             .unwrap_or(1),
         image,
-        seed: number("seed").unwrap_or(42),
+        seed: count("seed", get("seed"))?.unwrap_or(42),
         distractors,
         vary: serde_json::from_value(get("vary")).map_err(|error| parsed("variation", error))?,
         set: set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default(),
@@ -139,6 +137,14 @@ fn make_manifest(
         write_manifest(&path, &manifest).map_err(boxed)?;
     }
     Ok((to_json(&manifest)?, manifest.hash()))
+}
+
+/// A number that counts something; nothing where none is given.
+fn count<T: serde::de::DeserializeOwned>(name: &str, given: serde_json::Value) -> PyResult<Option<T>> {
+    let told = given.to_string();
+    serde_json::from_value(given).map_err(|_| {
+        SwmError::new_err(format!("{name}: {told} is not a whole number from 0 on, or too large"))
+    })
 }
 
 /// Of these episodes of a dataset, which are held out from training (see `swm_core::evaluate::is_held_out`).

@@ -11,6 +11,7 @@ use pyo3::types::PyDict;
 use swm::core::dataset::{DatasetRecorder, EncodedBatch, RowEncoder};
 use swm::core::error::BoxError;
 use swm::core::{Batch, Cancel, Column, EpisodeSink, Metadata, Rollout, Schema};
+use swm::data::tools::parts::other_recording;
 use swm::data::{DatasetWriter, WriteMode, WriteOptions};
 
 use crate::arrays::{into_array, lock};
@@ -22,7 +23,8 @@ use crate::interrupt::PERIOD;
 use crate::policy::{Steps, drive, run_native};
 use crate::world::{PyWorld, Shared, registry};
 
-/// Records `episodes` more episodes into the file `path`; gives a JSON object with what was written.
+/// Records `episodes` more episodes into the file `path`; gives a JSON object with what was written, and in what it `differs`
+/// from the recording that it is appended to.
 ///
 /// `act`: see `policy::drive`. `mode`: `append`, `overwrite` or `error`.
 #[pyfunction]
@@ -44,11 +46,13 @@ fn collect(
     let world = world.get();
     let mode: WriteMode = mode.parse().map_err(SwmError::new_err)?;
     let how = WriteOptions::default().mode(mode).quality(quality);
+    let held = (mode == WriteMode::Append && path.exists()).then(|| swm::data::open_in(registry(), &path));
+    let continues = held.and_then(|held| Some(held.ok()?.info().runs.last()?.1.clone()));
     let mut writer = py.detach(|| swm::data::create_in(registry(), &path, &how, format)).or_raise()?;
     let first = writer.num_episodes();
     let rollout = rollout(world, (first, first + episodes), seed, options, None)?;
     let progress = Progress::default();
-    let mut sink = Sink { writer: writer.as_mut(), progress: progress.clone() };
+    let mut sink = Sink { writer: writer.as_mut(), progress: progress.clone(), continues, differs: None };
     let mut steps = Progress::default();
     let counted = steps.clone();
     let tell = || progress.tell(tick);
@@ -62,6 +66,7 @@ fn collect(
             drive(py, &world.shared, rollout, &mut recorder, act, tell)
         }
     };
+    let differs = sink.differs;
     py.detach(|| drop(writer));
     recorded?;
     progress.tell(tick)?;
@@ -70,6 +75,7 @@ fn collect(
         "episodes": episodes,
         "total_episodes": first + episodes,
         "steps": counted.steps(),
+        "differs": differs,
     });
     Ok(json.to_string())
 }
@@ -78,10 +84,15 @@ fn collect(
 struct Sink<'a> {
     writer: &'a mut dyn DatasetWriter,
     progress: Progress,
+    /// The last run of the file that is appended to.
+    continues: Option<Metadata>,
+    /// In what this one is of another recording.
+    differs: Option<String>,
 }
 
 impl EpisodeSink for Sink<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        self.differs = self.continues.as_ref().and_then(|run| other_recording(run, metadata));
         self.writer.begin(schema, metadata)
     }
 

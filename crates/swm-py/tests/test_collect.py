@@ -134,7 +134,7 @@ def test_the_replay_buffer_is_a_writer() -> None:
     assert buffer.num_episodes == 4
 
 
-def test_appended_episodes_are_those_of_one_run(tmp_path: Path) -> None:
+def test_appended_episodes_are_those_of_one_run(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     world = make()
     world.set_policy("random")
     world.collect(tmp_path / "parts.h5", episodes=2, seed=5, progress=False)
@@ -143,6 +143,9 @@ def test_appended_episodes_are_those_of_one_run(tmp_path: Path) -> None:
     world.collect(tmp_path / "whole.h5", episodes=5, seed=5, progress=False)
     parts, whole = columns(tmp_path / "parts.h5"), columns(tmp_path / "whole.h5")
     np.testing.assert_array_equal(parts["state"], whole["state"])
+    assert not caplog.messages
+    world.collect(tmp_path / "parts.h5", episodes=1, seed=6, mode="append", progress=False)
+    assert "appended to it, though its episodes are of another recording: seed 5, not 6" in caplog.text
     with pytest.raises(swm.SwmError, match="exist"):
         world.collect(tmp_path / "whole.h5", episodes=1, seed=5, progress=False)
 

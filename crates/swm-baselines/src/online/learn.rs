@@ -198,18 +198,16 @@ impl Learn<'_, '_> {
                 state.best = Some((state.step, value));
             }
         }
-        let best = state.best.map(|(step, _)| step);
         if state.step >= settings.steps {
             state.end = Some(End::Complete);
         }
         if !self.state.evaluation.is_empty() {
             self.tell(Part::Evaluation, self.state.evaluation.clone())?;
         }
-        self.save()?;
-        self.run.tidy(self.settings.keep, best)
+        self.save()
     }
 
-    /// Writes a checkpoint.
+    /// Writes a checkpoint, and removes those that are no longer kept.
     fn save(&mut self) -> Result<(), BaselineError> {
         for sink in &mut *self.sinks {
             sink.flush()?;
@@ -222,8 +220,8 @@ impl Learn<'_, '_> {
             |path| training.save_training(path),
             state,
         )?;
-        self.saved = Some(self.state.step);
-        Ok(())
+        self.saved = Some(state.step);
+        run.tidy(self.settings.keep, state.best.map(|(step, _)| step))
     }
 
     fn tell(&mut self, part: Part, values: Vec<(String, f64)>) -> Result<(), BaselineError> {

@@ -248,15 +248,13 @@ impl Fit<'_, '_, '_> {
                 state.since_best += 1;
             }
         }
-        let best = self.state.best.map(|(step, _)| step);
         self.go_on_or_end();
         self.save()?;
-        self.run.tidy(self.settings.keep, best)?;
         self.pace.lap();
         Ok(())
     }
 
-    /// Writes a checkpoint.
+    /// Writes a checkpoint, and removes those that are no longer kept.
     fn save(&mut self) -> Result<(), BaselineError> {
         self.settle()?;
         for sink in &mut *self.sinks {
@@ -269,7 +267,8 @@ impl Fit<'_, '_, '_> {
             |path| weights.save_weights(path),
             |path| training.save_training(path),
             state,
-        )
+        )?;
+        run.tidy(self.settings.keep, state.best.map(|(step, _)| step))
     }
 
     /// Whether the phase is over; then the next begins, or training ends.

@@ -216,7 +216,12 @@ fn a_stopped_run_ends_with_its_step_and_goes_on_as_if_nothing_had_been() {
             vec![Box::new(JsonLines::after(&run, 0).unwrap()), Box::new(StopAt(stop, cancel.clone()))];
         let state = fit(&run, &mut Toy::new(), &data(), &settings(), &mut sinks, None, &cancel).unwrap();
         assert_eq!((state.step, state.end), (stop, Some(End::Interrupted)));
-        assert_eq!(run.steps().unwrap().last(), Some(&stop));
+        let steps = run.steps().unwrap();
+        assert_eq!(steps.last(), Some(&stop));
+        // The last ones, and the best; only the last one can be gone on from.
+        assert!(steps.len() <= settings().keep + 1, "{steps:?}");
+        let trained = steps.iter().filter(|&&step| run.training(step).exists());
+        assert!(trained.eq([&stop]), "stopped after {stop} steps");
         assert_eq!(train(&run, Toy::new(), &settings()).unwrap().end, Some(End::Complete));
         assert_eq!(outcome(&run), whole, "stopped after {stop} steps");
     }

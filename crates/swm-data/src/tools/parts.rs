@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::Path;
 
 use swm_core::{Metadata, RecordingPart};
 
@@ -153,26 +152,18 @@ fn problems(known: &BTreeMap<u64, Held<'_>>, recording: &RecordingPart) -> Vec<(
     problems
 }
 
-/// Whether a run continues the recording that a file holds, whose last run is `there`.
-///
-/// # Errors
-///
-/// [`DataError::Mismatch`], which names the first difference.
-pub fn check_continuation(path: &Path, there: &Metadata, here: &Metadata) -> Result<(), DataError> {
+/// In what a run is of another recording than the last run of a file, `there`; nothing if it continues that one.
+pub fn other_recording(there: &Metadata, here: &Metadata) -> Option<String> {
     let name = |metadata: &Metadata| {
         metadata.part.as_ref().map_or("the whole recording".to_owned(), |part| {
             format!("part {} of {} episodes", name(part), part.total)
         })
     };
     if there.part != here.part {
-        return Err(DataError::mismatch(path, format!("it holds {}, not {}", name(there), name(here))));
+        return Some(format!("it holds {}, not {}", name(there), name(here)));
     }
-    match difference(&recording(there), &recording(here)) {
-        Some(difference) => {
-            Err(DataError::mismatch(path, format!("its episodes are of another recording: {difference}")))
-        }
-        None => Ok(()),
-    }
+    let difference = difference(&recording(there), &recording(here))?;
+    Some(format!("its episodes are of another recording: {difference}"))
 }
 
 /// `3/16`.
@@ -216,12 +207,10 @@ mod tests {
     fn another_policy_seed_or_shard_is_no_continuation() {
         let part = RecordingPart { shard: 1, of: 2, first: 0, end: 5, total: 10 };
         let there = Metadata { policy: "weak".to_owned(), part: Some(part), ..Metadata::default() };
-        let check =
-            |here: &Metadata| check_continuation(Path::new("a.h5"), &there, here).map_err(|e| e.to_string());
         let newer = BTreeMap::from([("swm-core".to_owned(), "9".to_owned())]);
-        assert_eq!(check(&Metadata { packages: newer, ..there.clone() }), Ok(()));
+        assert_eq!(other_recording(&there, &Metadata { packages: newer, ..there.clone() }), None);
         let refused = |here: Metadata, reason: &str| {
-            let message = check(&here).unwrap_err();
+            let message = other_recording(&there, &here).unwrap();
             assert!(message.contains(reason), "{message}");
         };
         refused(Metadata { policy: "expert".to_owned(), ..there.clone() }, "policy \"weak\", not \"expert\"");

@@ -14,7 +14,7 @@ use swm_core::{
     Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, RecordingPart, Registry, Rollout,
     Schema, World, WorldError,
 };
-use swm_data::tools::parts::check_continuation;
+use swm_data::tools::parts::other_recording;
 use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
 
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
@@ -323,7 +323,7 @@ struct Committed<'a> {
     /// Whether this one must be of the same recording; else a note says what differs.
     must_continue: bool,
     /// Why it does not.
-    refused: Option<DataError>,
+    refused: Option<String>,
     /// When the last line was written, where there is no bar.
     reported: Instant,
     report_every: Duration,
@@ -332,23 +332,18 @@ struct Committed<'a> {
 impl EpisodeSink for Committed<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         let metadata = Metadata { part: self.part, ..metadata.clone() };
-        let checked = self.continues.as_ref().map(|run| check_continuation(self.path, run, &metadata));
-        let differs = checked.and_then(Result::err);
+        let path = self.path.display();
+        let differs = self.continues.as_ref().and_then(|run| other_recording(run, &metadata));
         if self.must_continue
-            && let Some(error) = differs
+            && let Some(reason) = differs
         {
-            let refusal = error.to_string();
-            self.refused = Some(error);
+            let refusal = format!("{path}: {reason}");
+            self.refused = Some(refusal.clone());
             return Err(refusal.into());
         }
         let held = self.writer.begin(schema, &metadata)?;
         // The format may refuse it, too: then nothing is appended.
-        if let Some(error) = differs {
-            let reason = match &error {
-                DataError::Mismatch { reason, .. } => reason,
-                error => &error.to_string(),
-            };
-            let path = self.path.display();
+        if let Some(reason) = differs {
             self.output.note(format_args!("note: this recording is appended to {path}, though {reason}"));
         }
         Ok(self.offset + held)

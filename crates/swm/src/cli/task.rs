@@ -276,12 +276,6 @@ impl Run<'_> {
             output.note(format!("{} was there already", path.display()));
             return Ok(());
         }
-        if let Some(lost) = &progress.lost_result {
-            output.note(format!(
-                "{} was there before and is missing: the shards are joined again",
-                lost.display()
-            ));
-        }
         let missing = progress.missing(folder);
         if !missing.is_empty() {
             let failed: Vec<u64> = progress.failed.iter().copied().collect();
@@ -300,6 +294,12 @@ impl Run<'_> {
                 folder.command_for_the_rest()
             )
             .into());
+        }
+        if let Some(lost) = &progress.lost_result {
+            output.note(format!(
+                "{} was there before and is missing: the shards are joined again",
+                lost.display()
+            ));
         }
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import operator
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -162,18 +163,20 @@ def make_manifest(
         "env": native_id(env_name) or env_name,
         "settings": settings,
         "tier": tier,
-        "pairs": episodes,
+        "episodes": episodes,
         "budget": budget,
         "frame_skip": frame_skip,
         "image": checked_shape(image_shape),
         "seed": seed,
         "distractors": list(distractors),
         "vary": None if variation is None else list(variation),
-        "chosen": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
     }
     source = None if dataset is None else (_existing(dataset, "dataset"), goal_offset, held_out)
     values = None if variation_values is None else dict(variation_values)
-    text, hash = _swm.make_manifest(str(path), json.dumps(options), values, source, overwrite)
+    # Integers of NumPy are integers, too.
+    asked = json.dumps(options, default=operator.index)
+    text, hash = _swm.make_manifest(str(path), asked, values, source, overwrite)
     return Manifest(json.loads(text), hash)
 
 

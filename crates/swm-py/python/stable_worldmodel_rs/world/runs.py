@@ -210,6 +210,8 @@ class Runs:
             )
         self._stale = True
         written: dict[str, Any] = dict(json.loads(text))
+        if differs := written.pop("differs"):
+            logger.warning("%s: these episodes were appended to it, though %s", target, differs)
         logger.info("%s: %d episodes recorded, it has %d", target, episodes, written["total_episodes"])
         return written
 
