@@ -87,6 +87,43 @@ fn a_first_plan_can_be_looked_at_alone() {
 }
 
 #[test]
+fn a_pair_of_a_manifest_is_planned_as_it_is_evaluated() {
+    let folder = Folder::new();
+    let [task, out, again] = ["task.toml", "out", "again"].map(|name| folder.path(name));
+    let made =
+        ["manifest", "make", "swm/TwoRoom-v2", "--episodes", "3", "--tier", "moderate", "--budget", "30"];
+    swm_ok(&[&made[..], &["--vary", "+agent.color", "--out", &task]].concat());
+    let evaluate = ["eval", "--manifest", &task, "--policy", QUICK, "--reference", "none"];
+    let receipt = swm_json(&evaluate);
+    for pair in 0..3 {
+        let index = pair.to_string();
+        let of_pair = ["plan", "--manifest", &task, "--pair", &index, "--policy", QUICK, "--quiet"];
+        let planned = swm_json(&of_pair);
+        let (episode, evaluated) = (&planned["episodes"][0], &receipt["episodes"][pair]);
+        assert_eq!(episode["episode"], pair);
+        assert_eq!((&episode["steps"], &episode["success"]), (&evaluated["steps"], &evaluated["success"]));
+        // Images, which the task has none of, change no plan.
+        let traced = swm_json(&[&of_pair[..], &["--trace", &out, "--overwrite"]].concat());
+        assert_eq!(traced["plans"][0]["cost"], planned["plans"][0]["cost"]);
+        let video = std::fs::read_dir(&out).unwrap().filter_map(Result::ok);
+        assert!(video.map(|file| file.file_name()).any(|name| name.to_string_lossy().contains(&index)));
+    }
+    let first = swm_json(&["plan", "--manifest", &task, "--policy", QUICK, "--plan-only", "--quiet"]);
+    assert_eq!(first["plans"].as_array().unwrap().len(), 1);
+
+    let refused = |args: &[&str], reason: &str| {
+        let message = swm_fails(2, &[&["plan", "--policy", QUICK, "--trace", &again], args].concat());
+        assert!(message.contains(reason), "{message}");
+    };
+    refused(&["--manifest", &task, "--pair", "3"], "holds 3 pairs, counted from 0; use 0 to 2");
+    refused(&["swm/TwoRoom-v2", "--pair", "1"], "--pair 1 is a pair of a manifest; give --manifest");
+    refused(&["--manifest", &task, "--seed", "1"], "a manifest fixes");
+    refused(&["--manifest", &task, "--image-size", "64"], "a manifest fixes");
+    refused(&[], "name an environment, or give --manifest");
+    assert!(!std::path::Path::new(&again).exists());
+}
+
+#[test]
 fn solvers_are_listed_with_their_settings() {
     let all = swm_json(&["solvers"]);
     for solver in all.as_array().unwrap() {

@@ -94,7 +94,10 @@ fn is_byte_color(space: &Space, name: &str) -> Option<bool> {
 
 fn named(text: &str) -> Result<[u8; 3], String> {
     if let Some(hex) = text.strip_prefix('#') {
-        let digits = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6);
+        // As in CSS, #rgb is #rrggbb.
+        let hex =
+            if hex.len() == 3 { hex.chars().flat_map(|digit| [digit; 2]).collect() } else { hex.to_owned() };
+        let digits = u32::from_str_radix(&hex, 16).ok().filter(|_| hex.len() == 6);
         let [_, rgb @ ..] = digits
             .ok_or_else(|| format!("`{text}` is no color; write #rrggbb, such as #ff8000"))?
             .to_be_bytes();
@@ -118,7 +121,7 @@ mod tests {
         let unit = Space::uniform_box(Dtype::F64, &[3], 0.0, 1.0);
         let read = |space: &Space, text: &str| color_values(space, "agent.color", text).unwrap().unwrap();
         let values = |space: &Space, text: &str| read(space, text).values;
-        for text in ["#FF0000", "red", "255,0,0", "1.0,0.0,0.0"] {
+        for text in ["#FF0000", "#f00", "red", "255,0,0", "1.0,0.0,0.0"] {
             assert_eq!(values(&Space::Rgb, text), [255.0, 0.0, 0.0], "{text}");
             assert_eq!(values(&unit, text), [1.0, 0.0, 0.0], "{text}");
         }

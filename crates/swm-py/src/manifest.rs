@@ -10,7 +10,8 @@ use swm::core::evaluate::{
     ChosenPair, EpisodeResult, ManifestOptions, OutcomeRecorder, is_held_out, make_manifest as make,
 };
 use swm::core::{
-    Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
+    Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, ResetOptions, Rollout,
+    WorldError,
 };
 use swm::evaluation::{
     Candidate, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, held_receipt, holds_manifest,
@@ -65,8 +66,8 @@ fn receipt_json(path: PathBuf) -> PyResult<String> {
     to_json(&read_receipt(&path).map_err(boxed)?)
 }
 
-/// Makes a manifest and writes it to `path`; gives its JSON and hash. Unless `overwrite`, a file that holds something else is
-/// refused. `options`: a JSON object with `env`, `settings`, `tier`, `episodes`, `budget`, `frame_skip`, `image`, `seed`,
+/// Makes a manifest and writes it to `path`; gives its JSON and hash, and which factors are not sampled as they are by
+/// default. Unless `overwrite`, a file that holds something else is refused. `options`: a JSON object with `env`, `settings`, `tier`, `episodes`, `budget`, `frame_skip`, `image`, `seed`,
 /// `distractors`, `vary`, `pairs`. `dataset`: path, goal offset, held-out share.
 #[pyfunction]
 #[pyo3(signature = (path, options, set=None, dataset=None, overwrite=false))]
@@ -77,7 +78,7 @@ fn make_manifest(
     set: Option<&Bound<'_, PyAny>>,
     dataset: Option<(PathBuf, usize, f64)>,
     overwrite: bool,
-) -> PyResult<(String, String)> {
+) -> PyResult<(String, String, Vec<String>)> {
     let asked: serde_json::Value = from_json("the options of the manifest", options)?;
     let get = |name: &str| asked.get(name).cloned().unwrap_or_default();
     let entry = registry().env(get("env").as_str().unwrap_or_default()).or_raise()?;
@@ -120,6 +121,14 @@ fn make_manifest(
         motion: rules.motion,
         rest: rules.rest,
     };
+    let reset = ResetOptions {
+        variation: options.vary.clone(),
+        variation_values: options.set.clone(),
+        ..ResetOptions::default()
+    };
+    // A dataset has its starts already.
+    let factors = if dataset.is_none() { spec.factors.as_slice() } else { &[] };
+    let unsampled = reset.unsampled_defaults(factors).into_iter().map(str::to_owned).collect();
     let manifest = py.detach(|| {
         let pairs = match (&mut source, &dataset) {
             (Some(source), Some((path, goal_offset, held_out))) => {
@@ -136,7 +145,7 @@ fn make_manifest(
     if overwrite || !holds_manifest(&path, &manifest).map_err(boxed)? {
         write_manifest(&path, &manifest).map_err(boxed)?;
     }
-    Ok((to_json(&manifest)?, manifest.hash()))
+    Ok((to_json(&manifest)?, manifest.hash(), unsampled))
 }
 
 /// A number that counts something; nothing where none is given.

@@ -218,6 +218,13 @@ impl PyWorld {
         })
     }
 
+    /// Factors that keep their defaults under these options, though they are sampled by default.
+    fn unsampled_defaults(&self, options: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+        let options = self.options(Some(options))?;
+        let left = options.unsampled_defaults(&self.shared.spec.factors);
+        Ok(left.into_iter().map(str::to_owned).collect())
+    }
+
     /// The factors that a reset samples which asks for `asked`: names, groups, `*.color`, `default`, `all`. None: no request.
     #[pyo3(signature = (asked=None))]
     fn sampled_factors(&self, asked: Option<Vec<String>>) -> Vec<&str> {

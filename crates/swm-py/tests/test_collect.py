@@ -150,6 +150,26 @@ def test_appended_episodes_are_those_of_one_run(tmp_path: Path, caplog: pytest.L
         world.collect(tmp_path / "whole.h5", episodes=1, seed=5, progress=False)
 
 
+def test_what_is_no_longer_sampled_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    world = make()
+    world.set_policy("random")
+    world.collect(tmp_path / "a.h5", 2, seed=1, options={"variation": ["agent.color"]}, progress=False)
+    told = caplog.text
+    assert "samples only what it names; " in told and "block.start_position" in told
+    assert np.ptp(columns(tmp_path / "a.h5")["variation.agent.color"], axis=0).any()
+    caplog.clear()
+    world.evaluate(2, seed=1, options={"variation": ["agent.color"]})
+    assert "samples only what it names; " in caplog.text
+    caplog.clear()
+    starts = {"agent.start_position": [100.0, 100.0]}
+    for options in [None, {"variation": ["default", "agent.color"]}, {"variation": []}, {"variation_values": starts}]:
+        world.collect(tmp_path / "b.h5", 2, seed=1, options=options, mode="overwrite", progress=False)
+    swm.make_manifest(tmp_path / "a.toml", "swm/PushT-v1", 2, variation=["default", "agent.color"])
+    assert not caplog.messages
+    swm.make_manifest(tmp_path / "b.toml", "swm/PushT-v1", 2, variation=["agent.color"], variation_values=starts)
+    assert "block.start_position" in caplog.text and "agent.start_position" not in caplog.text
+
+
 def test_formats_are_chosen_by_name_and_suffix(tmp_path: Path) -> None:
     world = make(1)
     world.set_policy("random")

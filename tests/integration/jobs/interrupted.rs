@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
-use super::{Cluster, collect, collect_line_by_line, ok, signal, wait_for, whole};
+use super::{Cluster, collect, collect_line_by_line, ok, said, signal, wait_for, whole};
 use crate::evaluation::{manifest, read};
 use crate::support::{swm, swm_fails, swm_json, swm_ok};
 
@@ -131,14 +131,17 @@ fn parts_that_are_lost_or_damaged_are_made_again() {
         (&serde_json::Value::Null, &result.clone().into())
     );
     let message = swm_fails(1, &["task", &job, "--finish"]);
-    assert!(message.contains(&format!("{result} was there before and is missing")), "{message}");
+    assert!(message.contains(&format!("{result} was there before and is missing\n")), "{message}");
     assert!(message.contains("parts are missing: 2;") && message.contains(&to_run), "{message}");
     swm_ok(&["task", &job, "--all"]);
     let page = swm_ok(&["jobs", &job]);
     assert!(page.contains(&format!("to join it again: swm task {job} --finish")), "{page}");
     let left = ok(&cluster.swm(&["submit", "--job", &job]).output().unwrap());
     assert!(left.contains("--finish") && !left.contains("--index"), "{left}");
-    swm_ok(&["task", &job, "--finish"]);
+    let joined = cluster.swm(&["task", &job, "--finish"]).output().unwrap();
+    ok(&joined);
+    let joined = said(&joined);
+    assert!(joined.contains("is missing: the shards are joined again"), "{joined}");
     assert!(fs::read(&result).unwrap() == whole);
     assert!(swm_ok(&["jobs", &job]).contains("result.h5 ("));
     fs::write(&result, &whole[..100]).unwrap();

@@ -340,6 +340,20 @@ impl ResetOptions {
         self.variation_values.insert(name.to_owned(), value);
         self
     }
+
+    /// Names of the factors that keep their default values because others were asked for by name: they are sampled by default,
+    /// and neither sampled nor set here. None where nothing is to be sampled.
+    pub fn unsampled_defaults<'a>(&self, factors: &'a [FactorSpec]) -> Vec<&'a str> {
+        let Some(asked) = self.variation.as_ref().filter(|asked| !asked.is_empty()) else {
+            return Vec::new();
+        };
+        let is_left = |factor: &&FactorSpec| {
+            factor.sampled_by_default
+                && !self.variation_values.contains_key(&factor.name)
+                && !asked.iter().any(|asked| factor.is_selected_by(asked))
+        };
+        factors.iter().filter(is_left).map(|factor| factor.name.as_str()).collect()
+    }
 }
 
 /// One episode, as its environment sees it at reset.

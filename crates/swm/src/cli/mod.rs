@@ -29,6 +29,7 @@ mod memory;
 mod new_env;
 mod output;
 mod plan;
+mod plan_problem;
 mod preview;
 mod quality;
 mod quality_checks;

@@ -8,15 +8,17 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{EnvEntry, EpisodeEnd, ImageSize, LiveStep, Policy, Recorder, Registry, Rollout, World};
+use swm_core::{
+    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveStep, Policy, PolicyArgs, Recorder, Registry, World,
+};
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
-use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, note_images, policy_args};
+use super::args::{ImageArg, OptionalEnvArgs, WorldArgs, model_image, note_images, policy_args};
 use super::output::{counted, table};
+use super::plan_problem::Problem;
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
-use super::training_note::{self, Ask};
 use super::{Failure, Output, usage};
 use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
 use crate::video::Video;
@@ -28,12 +30,19 @@ Examples:
   swm plan swm/PushT-v1 --policy cem:samples=300,iterations=30,elites=30 --trace out
   swm plan swm/PushT-v1 --policy cem:horizon=4,receding_horizon=2 --episodes 3 --budget 60 --trace out --details elites
   swm plan swm/PushT-v1 --policy cem --plan-only --json
+  swm plan --manifest pusht-strict.toml --pair 7 --policy cem --trace out   (as `swm eval --manifest` runs it)
 
 With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a video per episode, \
 result.json, and trace.jsonl: a line per iteration of every plan. `swm solvers` lists the solvers.")]
 pub(super) struct Plan {
     #[command(flatten)]
-    env: EnvArgs,
+    env: OptionalEnvArgs,
+    /// Plan for a pair of this manifest, as `swm eval --manifest` does.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["env", "env_options", "episodes", "seed", "budget", "frame_skip", "vary", "set", "image_size"])]
+    manifest: Option<PathBuf>,
+    /// With --manifest: the pair, counted from 0. Default: 0.
+    #[arg(long, value_name = "N")]
+    pair: Option<u64>,
     /// A policy that plans: a solver with its settings (NAME, NAME:KEY=VALUE,… or NAME:@FILE; `swm solvers NAME` lists them), or a model.
     #[arg(long)]
     policy: String,
@@ -94,26 +103,28 @@ const DRAWN_ELITES: usize = 16;
 const LISTED: usize = 20;
 
 impl Plan {
-    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        if self.episodes == 0 {
-            return Err(usage("0 episodes asked for; use 1 or more"));
-        }
-        let entry = self.env.entry(registry)?;
+    pub(super) fn run(mut self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let problem = self.problem(registry)?;
+        let entry = problem.entry;
         let of_model = model_image(registry, entry, &self.policy);
-        let traced = || of_model.or(Some(ImageSize { height: 224, width: 224 }));
+        let seen = match self.manifest {
+            Some(_) => problem.image,
+            None => of_model,
+        };
+        let traced = || seen.or(Some(ImageSize { height: 224, width: 224 }));
         let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
-        note_images(&self.policy, of_model, image.or(of_model), output);
+        note_images(&self.policy, of_model, image.or(seen), output);
         let format = video_format(self.video_format.as_deref())?;
-        let config = self.env.config(image.or(of_model))?;
-        let budget = if self.plan_only { 1 } else { self.budget };
-        let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
-        let mut world = World::new(entry, args.options(config.clone(), budget))?;
-        let mut policy = self.planner(registry, &world, output)?;
+        let config = EnvConfig { image: image.or(seen), settings: problem.settings.clone() };
+        let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(problem.frame_skip) };
+        let mut world = World::new(entry, args.options(config.clone(), problem.budget))?;
+        let asked = problem.policy(registry, policy_args(&self.policy)?);
+        let mut policy = self.planner(registry, &asked, &world)?;
+        problem.note_training(registry, &asked, &world, output);
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
-        let options = self.scenario.options(entry, &world.spec().factors, output)?;
-        world.reset(self.seed, &options)?;
+        let rollout = problem.rollout(&mut world, &self.scenario, output)?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {
             Some(lines) => Box::new(Arc::clone(lines)),
@@ -122,12 +133,12 @@ impl Plan {
         let watched = Watched::new(policy, DRAWN_ELITES, trace);
         let (policy, session) = watched.map_err(|_| makes_no_plans(registry, &self.policy))?;
         world.set_policy(policy);
-        let bar = output.bar(self.episodes * budget, "steps");
-        let mut video = Video::first(if image.is_some() { self.episodes } else { 0 });
+        let episodes = problem.episodes.end - problem.episodes.start;
+        let bar = output.bar(episodes * problem.budget, "steps");
+        let mut video = Video::first(if image.is_some() { episodes } else { 0 });
         let mut watch = (&mut video, Episodes { bar: bar.clone(), list: Vec::new() });
-        let rollout = Rollout::new(0..self.episodes).seed(self.seed).options(options);
         let started = Instant::now();
-        let ran = world.run(&rollout, &mut watch);
+        let ran = problem.run(&mut world, &rollout, &mut watch);
         bar.finish_and_clear();
         let finished = lines.map(|lines| lines.lock().unwrap_or_else(PoisonError::into_inner).finish());
         ran?;
@@ -139,8 +150,8 @@ impl Plan {
         let summary = PlanSummary {
             env: entry.id.to_owned(),
             policy: world.policy_description().unwrap_or_default(),
-            seed: self.seed,
-            frame_skip: self.frame_skip,
+            seed: problem.seed,
+            frame_skip: problem.frame_skip,
             episodes: list,
             plans: PlanFigures::of(&session),
             wall_time_s: started.elapsed().as_secs_f64(),
@@ -149,7 +160,7 @@ impl Plan {
             Some(dir) => {
                 let (video, session, summary) = (&video, &*session, &summary);
                 let (config, actions, drawn): (_, &ActionMap, _) = (&config, &actions, self.drawn);
-                let stops_at_success = stops_at_success(&policy_args(&self.policy)?);
+                let stops_at_success = stops_at_success(&asked);
                 let report = Report {
                     entry,
                     config,
@@ -173,19 +184,28 @@ impl Plan {
         written.map(drop).map_err(Failure::from)
     }
 
+    /// What is planned for.
+    fn problem(&mut self, registry: &Registry) -> Result<Problem, Failure> {
+        if let Some(manifest) = &self.manifest {
+            return Problem::pair(registry, manifest, self.pair.unwrap_or(0), self.plan_only);
+        }
+        if let Some(pair) = self.pair {
+            return Err(usage(format!("--pair {pair} is a pair of a manifest; give --manifest FILE, too")));
+        }
+        let (env, budget) = (self.env.take()?, if self.plan_only { 1 } else { self.budget });
+        Problem::new_episodes(registry, &env, self.episodes, self.seed, budget, self.frame_skip)
+    }
+
     /// The policy, or why there is none that plans.
     fn planner(
         &self,
         registry: &Registry,
+        args: &PolicyArgs,
         world: &World,
-        output: &Output,
     ) -> Result<Box<dyn Policy>, Failure> {
-        let args = policy_args(&self.policy)?;
         let name = &args.name;
         if registry.policy_entry(world.entry(), name).is_ok() {
-            let policy = registry.policy_from(&args, world)?;
-            training_note::of_policy(registry, &args, &world.into(), Ask::Here, output);
-            return Ok(policy);
+            return Ok(registry.policy_from(args, world)?);
         }
         if registry.find::<SolverEntry>(name).is_ok() {
             let reason = format!(

@@ -52,7 +52,7 @@ pub(super) struct Preview {
     image_size: Option<ImageArg>,
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
-    /// The file to write: .png, .mp4 or .gif.
+    /// The file to write: .png, .mp4 or .gif. One that exists is replaced.
     #[arg(long, short)]
     out: PathBuf,
 }

@@ -41,7 +41,7 @@ pub(super) struct Render {
     scenario: ScenarioArgs,
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
-    /// The file to write: .png, .gif or .mp4.
+    /// The file to write: .png, .gif or .mp4. One that exists is replaced.
     #[arg(long, short)]
     out: PathBuf,
 }
@@ -75,6 +75,13 @@ impl Render {
         clip.save(&self.out)?;
         let result =
             json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
-        output.result(&result, || format!("wrote {} ({})", self.out.display(), counted(clip.len(), "frame")))
+        let end = scene.end.as_ref().filter(|_| scene.clip.len() < wanted);
+        let end = end.map_or("", |end| match end.success {
+            Some(true) => "; the episode ended with success",
+            _ => "; the episode ended",
+        });
+        output.result(&result, || {
+            format!("wrote {} ({}{end})", self.out.display(), counted(clip.len(), "frame"))
+        })
     }
 }

@@ -37,24 +37,16 @@ impl ScenarioArgs {
         check_selected(variation.iter().flatten(), env, factors)?;
         let values = factor_values(&self.set, env, factors, output)?;
         self.note_set(&values, output);
-        if let Some(asked) = &variation
-            && !asked.is_empty()
-        {
-            let left: Vec<&str> = factors
-                .iter()
-                .filter(|factor| factor.sampled_by_default && !values.contains_key(&factor.name))
-                .filter(|factor| !asked.iter().any(|asked| factor.is_selected_by(asked)))
-                .map(|factor| factor.name.as_str())
-                .collect();
-            if !left.is_empty() {
-                output.note(format!(
-                    "note: --vary samples only what it names; {} keep their defaults in every episode (`--vary +{}` samples them, too)",
-                    left.join(", "),
-                    self.vary.iter().flatten().map(|name| name.trim()).collect::<Vec<_>>().join(","),
-                ));
-            }
+        let options = ResetOptions { variation, variation_values: values, ..ResetOptions::default() };
+        let left = options.unsampled_defaults(factors);
+        if !left.is_empty() {
+            output.note(format!(
+                "note: --vary samples only what it names; {} keep their defaults in every episode (`--vary +{}` samples them, too)",
+                left.join(", "),
+                self.vary.iter().flatten().map(|name| name.trim()).collect::<Vec<_>>().join(","),
+            ));
         }
-        Ok(ResetOptions { variation, variation_values: values, ..ResetOptions::default() })
+        Ok(options)
     }
 
     /// As [`ScenarioArgs::options`], where starts and goals are recorded: without `--vary`, nothing is sampled.

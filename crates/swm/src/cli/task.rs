@@ -277,6 +277,10 @@ impl Run<'_> {
             return Ok(());
         }
         let missing = progress.missing(folder);
+        if let Some(lost) = &progress.lost_result {
+            let what_now = if missing.is_empty() { ": the shards are joined again" } else { "" };
+            output.note(format!("{} was there before and is missing{what_now}", lost.display()));
+        }
         if !missing.is_empty() {
             let failed: Vec<u64> = progress.failed.iter().copied().collect();
             let failed = match failed.is_empty() {
@@ -294,12 +298,6 @@ impl Run<'_> {
                 folder.command_for_the_rest()
             )
             .into());
-        }
-        if let Some(lost) = &progress.lost_result {
-            output.note(format!(
-                "{} was there before and is missing: the shards are joined again",
-                lost.display()
-            ));
         }
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;

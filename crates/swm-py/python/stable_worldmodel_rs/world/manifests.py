@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import core as _swm
-from .native import checked_shape
+from .native import checked_shape, note_unsampled
 from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import html_table
@@ -176,7 +176,8 @@ def make_manifest(
     values = None if variation_values is None else dict(variation_values)
     # Integers of NumPy are integers, too.
     asked = json.dumps(options, default=operator.index)
-    text, hash = _swm.make_manifest(str(path), asked, values, source, overwrite)
+    text, hash, unsampled = _swm.make_manifest(str(path), asked, values, source, overwrite)
+    note_unsampled(unsampled)
     return Manifest(json.loads(text), hash)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import json
+import logging
 import operator
 import secrets
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ from .rows import reset_options
 
 Options = Mapping[str, Any]
 Infos = dict[str, Any]
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 # Seeds of runs that nobody chose are sampled below this.
 _SEEDS = 2**32
@@ -289,6 +291,15 @@ def plain_options(options: Options | None) -> dict[str, Any] | None:
         name: dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
         for name, value in options.items()
     }
+
+
+def note_unsampled(factors: Sequence[str]) -> None:
+    """Tell which factors keep their defaults in every episode, since ``variation`` does not name them."""
+    if factors:
+        logger.warning(
+            'variation samples only what it names; %s keep their defaults in every episode ("default" samples them, too)',
+            ", ".join(factors),
+        )
 
 
 def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[dict[str, Any] | None]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from .._core import core as _swm
 from . import foreign
-from .native import plain_options
+from .native import note_unsampled, plain_options
 from .policies import NativePolicy, ask
 from .progress import Progress
 from .results import EvaluationResult
@@ -88,6 +88,7 @@ class Runs:
             raise ValueError(f"World.evaluate: episodes={episodes}; ask for 1 or more")
         if self._core is None:
             return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
+        _note_options(self._core, options)
         return self._evaluate_native(episodes, self.envs.run_seed(seed), options, None, None, video, progress)
 
     def _evaluate_rows(
@@ -190,6 +191,7 @@ class Runs:
             steps = foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
             return _written(path, format, mode, episodes, steps)
         core = self._core if replayable is None else self._replayable(replayable)
+        _note_options(core, options)
         run = self.envs.run_seed(seed)
         act = self._driver(options)
         with Progress("Recording", episodes, progress) as bar:
@@ -281,6 +283,12 @@ def _written(path: str | Path | None, format: str | None, mode: str, episodes: i
         total = len(_swm.Reader.open(target, format).lengths)
     logger.info("%s: %d episodes recorded, it has %d", target, episodes, total)
     return {"path": str(target), "episodes": episodes, "total_episodes": total, "steps": steps}
+
+
+def _note_options(core: _swm.World, options: Any) -> None:
+    """Tell of factors that options of all episodes leave at their defaults. A list says what it wants of each episode."""
+    if isinstance(options, Mapping):
+        note_unsampled(core.unsampled_defaults(plain_options(cast("Mapping[str, Any]", options))))
 
 
 def _listed(options: Any) -> Any:
