@@ -346,7 +346,7 @@ def test_histories_copy_and_pad():
     assert buffer.get(0) is None and "action" not in buffer.get(1)
 
 
-def test_a_network_acts_at_once():
+def test_a_network_acts_at_once(caplog):
     torch = pytest.importorskip("torch")
 
     class Net(torch.nn.Module):
@@ -363,10 +363,13 @@ def test_a_network_acts_at_once():
         assert image.shape == (3, 4, 4)
         return image.float() / 255
 
-    policy = swm.FeedForwardPolicy(Net(), transform={"pixels": transform, "goal": transform})
+    transforms = {"pixels": transform, "goal": transform, "goals": transform}
+    policy = swm.FeedForwardPolicy(Net(), transform=transforms)
     policy.set_env(env(2))
     images = np.full((2, 1, 4, 4, 3), 255, np.uint8)
-    action = policy.get_action({"pixels": images, "goal": images, "env_name": ["a", "b"]})
+    with caplog.at_level("INFO"):
+        action = policy.get_action({"pixels": images, "goal": images, "env_name": ["a", "b"]})
+    assert caplog.messages == ["transform of goals has no effect; the columns are pixels, goal, env_name"]
     assert isinstance(action, np.ndarray) and action.shape == (2, 2)
     with pytest.raises(AssertionError, match="'goal' must be provided"):
         policy.get_action({"pixels": images})

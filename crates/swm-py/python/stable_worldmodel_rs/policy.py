@@ -200,11 +200,15 @@ class FeedForwardPolicy(BasePolicy):
         self.model: Any = model.eval()  # type: ignore[attr-defined]
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
+        self._is_checked = False
 
     def get_action(self, info_dict: Infos, **kwargs: Any) -> Any:
         if "goal" not in info_dict:
             raise AssertionError("'goal' must be provided in info_dict; make the World with goal_conditioned=True")
         torch = require_torch("FeedForwardPolicy runs a torch model")
+        if not self._is_checked:
+            self._is_checked = True
+            note_unused({"process": self.process, "transform": self.transform}, info_dict)
         infos = self._prepare_info(info_dict)
         infos["goal_pixels"] = infos["goal"]
         first = next(iter(self.model.parameters()), None)
