@@ -26,6 +26,10 @@ fn planners_are_compared_on_a_task_and_results_are_kept() {
     let again = home.ok(&format!("eval --manifest task.toml --policy cem:{QUICK} --out results/cem"));
     assert!(again.err.contains("already done"), "{}", again.err);
     assert_eq!(std::fs::read(home.path("results/cem/receipt.json")).unwrap(), receipt);
+    let receipt: serde_json::Value = serde_json::from_slice(&receipt).unwrap();
+    let pair = home.json(&format!("plan --manifest task.toml --pair 5 --policy cem:{QUICK} --trace pair"));
+    assert_eq!(pair["episodes"][0]["steps"], receipt["episodes"][5]["steps"]);
+    assert_eq!(pair["episodes"][0]["success"], receipt["episodes"][5]["success"]);
     home.ok("eval --manifest task.toml --policy random --out results/random");
     let compared = home.json("compare results/cem results/random");
     assert_eq!(compared[1]["test"]["pairs"], 6);
