@@ -107,15 +107,12 @@ impl Plan {
         let problem = self.problem(registry)?;
         let entry = problem.entry;
         let of_model = model_image(registry, entry, &self.policy);
-        let seen = match self.manifest {
-            Some(_) => problem.image,
-            None => of_model,
-        };
-        let traced = || seen.or(Some(ImageSize { height: 224, width: 224 }));
+        let traced = || problem.image.or(Some(ImageSize { height: 224, width: 224 }));
         let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
-        note_images(&self.policy, of_model, image.or(seen), output);
+        let seen = image.or(problem.image);
+        note_images(&self.policy, of_model, seen, output);
         let format = video_format(self.video_format.as_deref())?;
-        let config = EnvConfig { image: image.or(seen), settings: problem.settings.clone() };
+        let config = EnvConfig { image: seen, settings: problem.settings.clone() };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(problem.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), problem.budget))?;
         let asked = problem.policy(registry, policy_args(&self.policy)?);
@@ -193,7 +190,8 @@ impl Plan {
             return Err(usage(format!("--pair {pair} is a pair of a manifest; give --manifest FILE, too")));
         }
         let (env, budget) = (self.env.take()?, if self.plan_only { 1 } else { self.budget });
-        Problem::new_episodes(registry, &env, self.episodes, self.seed, budget, self.frame_skip)
+        let (policy, episodes, seed) = (&self.policy, self.episodes, self.seed);
+        Problem::new_episodes(registry, &env, policy, episodes, seed, budget, self.frame_skip)
     }
 
     /// The policy, or why there is none that plans.

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Map, Value as Json};
 use swm_core::{EnvEntry, ImageSize, Manifest, PolicyArgs, Recorder, Registry, Rollout, World, WorldError};
 
-use super::args::EnvArgs;
+use super::args::{EnvArgs, model_image};
 use super::output::counted;
 use super::scenario::ScenarioArgs;
 use super::training_note::{self, Ask};
@@ -18,7 +18,7 @@ use crate::evaluation::{Candidate, env_of, read_manifest};
 pub(super) struct Problem {
     pub(super) entry: &'static EnvEntry,
     pub(super) settings: Map<String, Json>,
-    /// The size of the images that the policy sees, where the manifest says it.
+    /// The size of the images that the policy sees.
     pub(super) image: Option<ImageSize>,
     /// Actions allowed per episode.
     pub(super) budget: u64,
@@ -29,10 +29,11 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    /// New episodes.
+    /// New episodes, with images as the model of the policy sees them.
     pub(super) fn new_episodes(
         registry: &Registry,
         env: &EnvArgs,
+        policy: &str,
         episodes: u64,
         seed: u64,
         budget: u64,
@@ -42,8 +43,9 @@ impl Problem {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
         let (entry, settings) = (env.entry(registry)?, env.config(None)?.settings);
+        let image = model_image(registry, entry, policy);
         let episodes = 0..episodes;
-        Ok(Self { entry, settings, image: None, budget, frame_skip, seed, episodes, manifest: None })
+        Ok(Self { entry, settings, image, budget, frame_skip, seed, episodes, manifest: None })
     }
 
     /// The pair of this index, as it is evaluated; or only its first plan.
