@@ -51,6 +51,7 @@ fn a_planner_at_work_is_shown() {
     let videos = names.iter().filter(|name| name.ends_with(".gif"));
     assert!(videos.clone().all(|video| page.contains(&format!("src=\"{video}\""))), "{names:?}");
     assert_eq!(page.matches("<svg ").count(), 9, "costs, and two figures per plan");
+    assert_eq!(page.matches("alt=\"goal of episode").count(), 2, "the goal stands beside each video");
     for name in names.iter().filter(|name| name.ends_with(".svg")) {
         let figure = std::fs::read_to_string(format!("{out}/{name}")).unwrap();
         assert!(figure.starts_with("<svg xmlns=") && figure.ends_with("</svg>\n"), "{name}");

@@ -18,4 +18,5 @@ pages! {
     Collecting: "docs/collecting.md"
     Loading: "docs/data.md"
     Planning: "docs/solvers.md"
+    Embedding: "docs/embedding.md"
 }

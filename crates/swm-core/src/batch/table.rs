@@ -52,6 +52,29 @@ impl Batch {
         self.column(index).get().ok_or_else(|| self.wrong_type(index, T::DTYPE))
     }
 
+    /// The column `name`, mutably; see [`Batch::get`].
+    ///
+    /// ```
+    /// use swm_core::{Batch, Dtype, Field, Schema};
+    ///
+    /// let mut rows = Batch::new(Schema::new(vec![Field::step("force", Dtype::F32, &[3])])?, 2);
+    /// rows.get_mut::<f32>("force")?.fill(0.5);
+    /// assert_eq!(rows.get::<f32>("force")?, [0.5; 6]);
+    /// assert!(rows.get_mut::<f64>("force").is_err());
+    /// # Ok::<(), swm_core::BatchError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// There is no such column, or its values are of another type; the error says which.
+    pub fn get_mut<T: Element>(&mut self, name: &str) -> Result<&mut [T], BatchError> {
+        let index = self.schema.require(name)?;
+        if self.column(index).get::<T>().is_none() {
+            return Err(self.wrong_type(index, T::DTYPE));
+        }
+        Ok(T::of_mut(self.column_mut(index)).unwrap_or_default())
+    }
+
     /// One row.
     pub fn row(&self, row: usize) -> Row<'_> {
         assert!(row < self.rows, "row {row} of a table with {} rows", self.rows);

@@ -25,9 +25,11 @@ Examples:
   swm sweep --manifest pusht-strict.toml --policy cem --out sweep
   swm sweep --manifest pusht-strict.toml --policy weak --factors block,agent.color --values extremes --json
   swm sweep --manifest pusht-strict.toml --policy weak --factors agent.scale --values grid --points 7
+  swm sweep --manifest pusht-strict.toml --policy weak --factors agent.shape,block.scale,agent.shape+block.scale
   swm sweep --manifest pusht-strict.toml --policy cem --out sweep --shard 3/64    (one of 64 parts; then --join in place of it)
 
-Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out, \
+Each factor that is named alone, each group of which all are named, what is joined by `+` together, and with `--factors all` all together, on the pairs \
+of the manifest, against the unchanged environment. With --out, \
 the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results. An interrupted sweep continues \
 where it stopped. Parts write to parts/ in --out; joined, they are the undivided sweep.")]
 pub(super) struct SweepCommand {
@@ -40,7 +42,7 @@ pub(super) struct SweepCommand {
     /// Seed of the policy's noise.
     #[arg(long, default_value_t = 0, value_name = "SEED")]
     policy_seed: u64,
-    /// Factors: names, groups, or `all`, separated by commas.
+    /// Factors: names, groups, or `all`, separated by commas; `NAME+NAME` changes several together.
     #[arg(long, default_value = "all", value_delimiter = ',', value_name = "NAMES")]
     factors: Vec<String>,
     /// Which values they get.
@@ -178,7 +180,8 @@ impl SweepCommand {
 
     /// Points of a grid: as many as the choices have values, where all factors are choices.
     fn default_points(&self, factors: &[FactorSpec]) -> usize {
-        let asked = |factor: &&FactorSpec| self.factors.iter().any(|name| factor.is_selected_by(name));
+        let names = || self.factors.iter().flat_map(|asked| asked.split('+'));
+        let asked = |factor: &&FactorSpec| names().any(|name| factor.is_selected_by(name));
         let values = factors.iter().filter(asked).map(|factor| match factor.space {
             Space::Discrete { n, .. } => usize::try_from(n).ok().filter(|n| (2..=MOST_CHOICES).contains(n)),
             _ => None,

@@ -45,17 +45,20 @@ pub struct Change {
     share: Option<f64>,
 }
 
-/// The changes of a sweep over `factors` (names, groups, or `all`), in order.
+/// The changes of a sweep over factors (`asked`: names, groups, `all`, or several joined by `+`, which change together), in order.
 ///
 /// # Errors
 ///
 /// A sentence: an unknown factor, or a grid of fewer than 2 values.
 pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
     let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
-    if let Some(unknown) =
-        asked.iter().find(|asked| !factors.iter().any(|factor| factor.is_selected_by(asked)))
-    {
-        let near = swm_core::env::nearest_factor(unknown, all.iter().copied());
+    let is_unknown = |asked: &&str| !factors.iter().any(|factor| factor.is_selected_by(asked));
+    let unknown = |asked: &'_ String| match asked.split('+').find(is_unknown)? {
+        "" => Some(asked.clone()),
+        unknown => Some(unknown.to_owned()),
+    };
+    if let Some(unknown) = asked.iter().find_map(unknown) {
+        let near = swm_core::env::nearest_factor(&unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
         return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs ENV` lists them"));
     }
@@ -85,7 +88,9 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
             .collect(),
         Values::Grid(count) => return Err(format!("a grid of {count} value(s); use 2 or more")),
     };
-    let scopes = singles.chain(groups).chain(whole);
+    // Of one's own: factors that change together, such as two that may make each other worse.
+    let joint = asked.iter().filter(|asked| asked.contains('+')).map(|asked| (asked.as_str(), Scope::Group));
+    let scopes = singles.chain(groups).chain(joint).chain(whole);
     let mut changes: Vec<Change> = scopes
         .flat_map(|(name, scope)| {
             let factor = factors.iter().find(|factor| factor.name == name);
@@ -109,9 +114,26 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
 }
 
 impl Change {
-    /// What is changed: a factor's name, a group's, or `all`.
+    /// What is changed: a factor's name, a group's, several joined by `+`, or `all`.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Whether it changes this factor.
+    fn selects(&self, factor: &FactorSpec) -> bool {
+        self.name.split('+').any(|name| selects(name, &factor.name))
+    }
+
+    /// Whether the reset samples all that this change would sample: then it changes nothing.
+    pub(super) fn is_sampled_in(&self, factors: &[FactorSpec], reset: &ResetOptions) -> bool {
+        let is_sampled = |factor: &FactorSpec| match &reset.variation {
+            None => factor.sampled_by_default,
+            Some(asked) => asked.iter().any(|asked| factor.is_selected_by(asked)),
+        };
+        let mut selected = factors.iter().filter(|factor| self.selects(factor));
+        self.share.is_none()
+            && reset.start.is_none()
+            && selected.all(|factor| is_sampled(factor) && !reset.variation_values.contains_key(&factor.name))
     }
 
     /// Whether it sets values, rather than sampling them.
@@ -128,8 +150,7 @@ impl Change {
         toward: f64,
     ) -> ResetOptions {
         let mut changed = reset.clone();
-        let selected = |factor: &&FactorSpec| selects(&self.name, &factor.name);
-        for factor in factors.iter().filter(selected) {
+        for factor in factors.iter().filter(|factor| self.selects(factor)) {
             changed.variation_values.remove(&factor.name);
             let own = own.get(&factor.name).map_or(&[][..], Vec::as_slice);
             if let Some(value) = self.share.and_then(|share| at_share(&factor.space, share, own, toward)) {
@@ -140,7 +161,7 @@ impl Change {
             let drawn = changed.variation.get_or_insert_with(|| {
                 factors.iter().filter(|factor| factor.sampled_by_default).map(|f| f.name.clone()).collect()
             });
-            drawn.push(self.name.clone());
+            drawn.extend(self.name.split('+').map(str::to_owned));
         }
         changed
     }
@@ -230,6 +251,39 @@ mod tests {
         assert_eq!(of(&["agent.shape"], Values::Grid(9)).unwrap(), every, "each value once");
         assert!(of(&["agent.shap"], Values::Sampled).unwrap_err().contains("did you mean `agent.shape`?"));
         assert!(of(&["all"], Values::Grid(1)).unwrap_err().contains("2 or more"));
+        let joint = ["agent.shape", "agent.shape+block.color"];
+        assert_eq!(
+            of(&joint, Values::Sampled).unwrap(),
+            ["agent.shape sampled", "agent.shape+block.color sampled"]
+        );
+        let unknown = of(&["agent.shape+blok.color"], Values::Sampled).unwrap_err();
+        assert!(unknown.contains("`blok.color`; did you mean `block.color`?"), "{unknown}");
+        assert!(
+            of(&["+agent.shape"], Values::Sampled).unwrap_err().contains("unknown factor `+agent.shape`")
+        );
+    }
+
+    #[test]
+    fn factors_that_are_joined_change_together() {
+        let factors = factors();
+        let change = |values| {
+            let asked = ["agent.shape+block.color".to_owned()];
+            changes(&factors, &asked, values).unwrap().remove(0)
+        };
+        let none = BTreeMap::new();
+        let plain = ResetOptions::default();
+        let drawn = change(Values::Sampled).apply(&factors, &plain, &none, 0.0);
+        assert_eq!(drawn.variation.unwrap(), ["block.start", "agent.shape", "block.color"]);
+        let lowest = change(Values::Extremes).apply(&factors, &plain, &none, 0.0);
+        assert!(lowest.variation_values.keys().eq(["agent.shape", "block.color"]));
+
+        let is_sampled = |reset: &ResetOptions| change(Values::Sampled).is_sampled_in(&factors, reset);
+        assert!(!is_sampled(&plain) && !is_sampled(&plain.clone().vary(&["agent"])));
+        let both = plain.clone().vary(&["agent", "block.color"]);
+        assert!(is_sampled(&both) && !change(Values::Extremes).is_sampled_in(&factors, &both));
+        assert!(!is_sampled(&both.fix("agent.shape", Value::scalar(2_i64))));
+        let start = changes(&factors, &["block.start".to_owned()], Values::Sampled).unwrap().remove(0);
+        assert!(start.is_sampled_in(&factors, &plain), "by default");
     }
 
     #[test]

@@ -123,9 +123,9 @@ impl<'a> SweepRun<'a> {
         }];
         each(&cells[0]);
         for number in 1..self.cells() {
-            let change = &self.changes[number as usize - 1];
-            let mut cell = Cell::new(&change.name, change.scope, &change.value);
             let admitted = self.admit(number)?;
+            let change = self.changes[number as usize - 1].clone();
+            let mut cell = Cell::new(&change.name, change.scope, &change.value);
             let mut notes: Vec<String> = admitted.note.iter().cloned().collect();
             if !admitted.pairs.is_empty() {
                 let episodes = self.evaluate(ledger, number, &admitted)?;
@@ -135,7 +135,10 @@ impl<'a> SweepRun<'a> {
                     (a.success, a.steps, &a.decisions, a.final_cost)
                         == (b.success, b.steps, &b.decisions, b.final_cost)
                 };
-                if before.iter().zip(&episodes).all(same) {
+                let is_sampled = |reset: &ResetOptions| change.is_sampled_in(&self.trial.factors, reset);
+                if self.resets.iter().all(is_sampled) {
+                    notes.push("nothing changes: the unchanged episodes sample it, too".to_owned());
+                } else if before.iter().zip(&episodes).all(same) {
                     notes.push("every episode goes as without the change".to_owned());
                 }
                 cell.successes = successes(&episodes);
