@@ -391,13 +391,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     let (grid, _) = sweep("c", &["--factors", "agent.scale", "--values", "grid", "--points", "3"]);
     assert_eq!(grid["cells"].as_array().unwrap().len(), 4);
     let (joint, _) = sweep("e", &["--factors", "agent.scale+block.shape"]);
-    assert_eq!(joint["cells"][1]["name"], "agent.scale+block.shape");
-    assert_ne!(joint["cells"][1]["summary"], first["cells"][3]["summary"]);
-    let sampled = folder.path("sampled.toml");
-    swm_ok(&["manifest", "make", "swm/TwoRoom-v2", "--episodes", "2", "--budget", "5", "--out", &sampled]);
-    let start = ["--policy", "random", "--factors", "agent.position", "--quiet"];
-    let starts = swm_json(&[&["sweep", "--manifest", &sampled], &start[..]].concat());
-    assert!(starts["cells"][1]["note"].as_str().unwrap().contains("the unchanged episodes sample it, too"));
+    assert_ne!(joint["cells"][1]["summary"], first["cells"][3]["summary"], "both change");
     let (extremes, _) = sweep("d", &["--factors", "block.start_position", "--values", "extremes"]);
     let cells = extremes["cells"].as_array().unwrap();
     assert!(cells[1]["value"].as_str().unwrap().starts_with("lowest ("), "{cells:?}");

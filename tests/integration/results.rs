@@ -67,6 +67,21 @@ fn a_result_is_neither_replaced_nor_repeated_unasked() {
 }
 
 #[test]
+fn a_sweep_says_what_is_sampled_without_it() {
+    let folder = Folder::new();
+    let task = folder.path("sampled.toml");
+    swm_ok(&["manifest", "make", "swm/TwoRoom-v2", "--episodes", "2", "--budget", "5", "--out", &task]);
+    let sweep = ["sweep", "--manifest", &task, "--policy", "random", "--quiet", "--factors"];
+    let note = |factors: &str| {
+        let sweep = swm_json(&[&sweep[..], &[factors]].concat());
+        sweep["cells"][1]["note"].as_str().unwrap_or_default().to_owned()
+    };
+    assert_eq!(note("agent.position"), "nothing changes: the unchanged episodes sample it, too");
+    assert_eq!(note("agent.color"), "every episode goes as without the change");
+    assert_eq!(note("agent.position+agent.color"), "every episode goes as without the change");
+}
+
+#[test]
 fn a_sweep_counts_the_pairs_that_can_have_a_value() {
     let folder = Folder::new();
     let (data, task) = (folder.path("rooms.h5"), folder.path("rooms.toml"));
