@@ -70,7 +70,9 @@ fn a_result_is_neither_replaced_nor_repeated_unasked() {
 fn a_sweep_says_what_is_sampled_without_it() {
     let folder = Folder::new();
     let task = folder.path("sampled.toml");
-    swm_ok(&["manifest", "make", "swm/TwoRoom-v2", "--episodes", "2", "--budget", "5", "--out", &task]);
+    let make =
+        ["manifest", "make", "swm/TwoRoom-v2", "--tier", "historic", "--episodes", "2", "--budget", "5"];
+    swm_ok(&[&make[..], &["--out", &task]].concat());
     let sweep = ["sweep", "--manifest", &task, "--policy", "random", "--quiet", "--factors"];
     let note = |factors: &str| {
         let sweep = swm_json(&[&sweep[..], &[factors]].concat());
