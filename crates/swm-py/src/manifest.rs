@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use pyo3::prelude::*;
+use serde::Deserialize;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{
     ChosenPair, EpisodeResult, ManifestOptions, OutcomeRecorder, is_held_out, make_manifest as make,
@@ -107,13 +108,13 @@ fn make_manifest(
     let spec = entry.make(&config).or_raise()?.spec().clone();
     let options = ManifestOptions {
         tier,
-        pairs: count("episodes", get("episodes"))?.unwrap_or(100),
-        budget: count("budget", get("budget"))?.unwrap_or(if dataset.is_some() { 50 } else { 200 }),
-        frame_skip: count("frame_skip", get("frame_skip"))?
+        pairs: count(&asked, "episodes")?.unwrap_or(100),
+        budget: count(&asked, "budget")?.unwrap_or(if dataset.is_some() { 50 } else { 200 }),
+        frame_skip: count(&asked, "frame_skip")?
             .or(recorded.map(|recorded| recorded.frame_skip))
             .unwrap_or(1),
         image,
-        seed: count("seed", get("seed"))?.unwrap_or(42),
+        seed: count(&asked, "seed")?.unwrap_or(42),
         distractors,
         vary: serde_json::from_value(get("vary")).map_err(|error| parsed("variation", error))?,
         set: set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default(),
@@ -148,10 +149,10 @@ fn make_manifest(
     Ok((to_json(&manifest)?, manifest.hash(), unsampled))
 }
 
-/// A number that counts something; nothing where none is given.
-fn count<T: serde::de::DeserializeOwned>(name: &str, given: serde_json::Value) -> PyResult<Option<T>> {
-    let told = given.to_string();
-    serde_json::from_value(given).map_err(|_| {
+/// An option that counts something; nothing where none is given.
+fn count<'de, T: Deserialize<'de>>(asked: &'de serde_json::Value, name: &str) -> PyResult<Option<T>> {
+    let told = &asked[name];
+    Option::deserialize(told).map_err(|_| {
         SwmError::new_err(format!("{name}: {told} is not a whole number from 0 on, or too large"))
     })
 }

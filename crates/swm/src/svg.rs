@@ -199,8 +199,8 @@ impl Svg {
         let _ = writeln!(
             self.body,
             "<defs><image id=\"{id}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
-             href=\"data:image/png;base64,{}\"/></defs>",
-            base64(png)
+             href=\"{}\"/></defs>",
+            data_address("image/png", png)
         );
     }
 
@@ -301,8 +301,13 @@ pub(crate) fn number(value: f64) -> String {
     short.replace('-', "−")
 }
 
+/// A file inside of a page: what `src` and `href` hold in place of its address. Source: RFC 2397.
+pub(crate) fn data_address(kind: &str, bytes: &[u8]) -> String {
+    format!("data:{kind};base64,{}", base64(bytes))
+}
+
 /// Source: RFC 4648.
-pub(crate) fn base64(bytes: &[u8]) -> String {
+fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {

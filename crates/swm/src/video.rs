@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use swm_core::env::PIXELS;
 use swm_core::error::BoxError;
 use swm_core::{EpisodeEnd, LiveStep, Recorder, RunInfo};
-use swm_media::Clip;
+use swm_media::{Clip, png};
+
+use crate::svg::data_address;
 
 /// Videos the first episodes of a run, one clip each.
 #[derive(Debug, Default)]
@@ -29,6 +31,15 @@ pub struct Scene {
     pub goal: Option<Vec<u8>>,
     /// How it ended; `None` if it was cut short.
     pub end: Option<EpisodeEnd>,
+}
+
+impl Scene {
+    /// The goal image for a page, as a PNG inside of it.
+    pub(crate) fn goal_address(&self) -> Result<Option<String>, BoxError> {
+        let Some(goal) = &self.goal else { return Ok(None) };
+        let png = png::encode(self.clip.height(), self.clip.width(), goal)?;
+        Ok(Some(data_address("image/png", &png)))
+    }
 }
 
 impl Video {

@@ -122,11 +122,9 @@ impl Metadata {
 
     /// Whether the run sampled or set a factor, as far as its record says.
     pub fn varies(&self, factor: &FactorSpec) -> bool {
-        let is_sampled = match &self.variation {
-            None => factor.sampled_by_default,
-            Some(asked) => asked.iter().any(|asked| factor.is_selected_by(asked)),
-        };
-        self.from_recorded_rows || is_sampled || self.variation_values.contains_key(&factor.name)
+        self.from_recorded_rows
+            || factor.is_sampled(self.variation.as_deref())
+            || self.variation_values.contains_key(&factor.name)
     }
 
     /// The metadata of a run.

@@ -87,10 +87,7 @@ fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     let mut add = |options: &ResetOptions| {
         for factor in &run.spec.factors {
-            let sampled = match &options.variation {
-                None => factor.sampled_by_default,
-                Some(list) => list.iter().any(|asked| factor.is_selected_by(asked)),
-            };
+            let sampled = factor.is_sampled(options.variation.as_deref());
             if sampled || options.variation_values.contains_key(&factor.name) {
                 names.insert(factor.name.clone());
             }

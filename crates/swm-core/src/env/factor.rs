@@ -88,6 +88,14 @@ impl FactorSpec {
         (asked == "default" && self.sampled_by_default) || selects(asked, &self.name)
     }
 
+    /// Whether a reset samples it that asks for `variation`; without one, those are sampled that are by default.
+    pub fn is_sampled(&self, variation: Option<&[String]>) -> bool {
+        match variation {
+            None => self.sampled_by_default,
+            Some(asked) => asked.iter().any(|asked| self.is_selected_by(asked)),
+        }
+    }
+
     /// Whether it is sampled when a reset names no factors.
     #[must_use]
     pub fn sampled_by_default(mut self, sampled: bool) -> Self {

@@ -344,13 +344,13 @@ impl ResetOptions {
     /// Names of the factors that keep their default values because others were asked for by name: they are sampled by default,
     /// and neither sampled nor set here. None where nothing is to be sampled.
     pub fn unsampled_defaults<'a>(&self, factors: &'a [FactorSpec]) -> Vec<&'a str> {
-        let Some(asked) = self.variation.as_ref().filter(|asked| !asked.is_empty()) else {
+        if self.variation.as_ref().is_some_and(Vec::is_empty) {
             return Vec::new();
-        };
+        }
         let is_left = |factor: &&FactorSpec| {
             factor.sampled_by_default
                 && !self.variation_values.contains_key(&factor.name)
-                && !asked.iter().any(|asked| factor.is_selected_by(asked))
+                && !factor.is_sampled(self.variation.as_deref())
         };
         factors.iter().filter(is_left).map(|factor| factor.name.as_str()).collect()
     }

@@ -91,6 +91,7 @@ class BasePolicy:
 
     env: Any
     type: str
+    _is_checked = False
 
     def __init__(self, **kwargs: Any) -> None:
         self.env = None
@@ -109,6 +110,13 @@ class BasePolicy:
     def describe(self) -> str:
         """What the policy is called in records and reports."""
         return type(self).__name__
+
+    def _note_unused(self, info_dict: Infos) -> None:
+        """Notes once which scalings and transforms no column has."""
+        if not self._is_checked:
+            self._is_checked = True
+            settings = {name: getattr(self, name, {}) for name in ("process", "transform")}
+            note_unused(settings, info_dict)
 
     def _prepare_info(self, info_dict: Infos, tensors: bool = True) -> Infos:
         """Infos as a model wants them: scaled by ``process``, images by ``transform``; torch tensors or NumPy arrays.
@@ -200,15 +208,12 @@ class FeedForwardPolicy(BasePolicy):
         self.model: Any = model.eval()  # type: ignore[attr-defined]
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
-        self._is_checked = False
 
     def get_action(self, info_dict: Infos, **kwargs: Any) -> Any:
         if "goal" not in info_dict:
             raise AssertionError("'goal' must be provided in info_dict; make the World with goal_conditioned=True")
         torch = require_torch("FeedForwardPolicy runs a torch model")
-        if not self._is_checked:
-            self._is_checked = True
-            note_unused({"process": self.process, "transform": self.transform}, info_dict)
+        self._note_unused(info_dict)
         infos = self._prepare_info(info_dict)
         infos["goal_pixels"] = infos["goal"]
         first = next(iter(self.model.parameters()), None)
@@ -268,7 +273,6 @@ class WorldModelPolicy(BasePolicy):
         self._history_buffer: HistoryBuffer | None = None
         self._plans: list[int] = []
         self._gives_keys = False
-        self._is_checked = False
 
     @property
     def flatten_receding_horizon(self) -> int:
@@ -319,9 +323,7 @@ class WorldModelPolicy(BasePolicy):
         if queues is None:
             raise TypeError("WorldModelPolicy has no environment yet; call world.set_policy(policy), or set_env(envs)")
         count = self.env.num_envs
-        if not self._is_checked:
-            self._is_checked = True
-            note_unused({"process": self.process, "transform": self.transform}, info_dict)
+        self._note_unused(info_dict)
         begun = _flags(info_dict.pop("_needs_flush", None), count) | _is_first(info_dict, count)
         self._forget(np.flatnonzero(begun))
         is_over = _flags(info_dict.get("terminated"), count) | _flags(info_dict.get("truncated"), count)

@@ -101,7 +101,7 @@ impl Problem {
         }
     }
 
-    /// How the episodes are run. A start that cannot be is found out here.
+    /// How the episodes are run. A scenario that cannot be, or a manifest that cannot be run, is found out here.
     pub(super) fn rollout(
         &self,
         world: &mut World,

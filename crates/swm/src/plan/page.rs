@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 use minijinja::value::Serde;
 use minijinja::{Value, context};
 use swm_core::error::BoxError;
-use swm_media::png;
 
 use super::figures::{PlanFigure, Report, render_figures};
 use super::summary::PlanSummary;
 use crate::html;
 use crate::report::save_video;
-use crate::svg::{base64, number};
+use crate::svg::number;
 
 /// Writes `result.json`, the figures, the videos and `index.html` into `dir`, and returns their paths.
 ///
@@ -40,9 +39,7 @@ pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, Box
         let path = save_video(dir, episode, scene, report.format)?;
         let name = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
         let caption = name(path.file_stem()).map(|stem| stem.replace('_', " "));
-        let (height, width) = (scene.clip.height(), scene.clip.width());
-        let goal = scene.goal.as_ref().map(|goal| png::encode(height, width, goal)).transpose()?;
-        let goal = goal.map(|png| Value::from_safe_string(format!("data:image/png;base64,{}", base64(&png))));
+        let goal = scene.goal_address()?.map(Value::from_safe_string);
         videos.push(context! { file => name(path.file_name()), caption, goal, episode });
         written.push(path);
     }

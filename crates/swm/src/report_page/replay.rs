@@ -7,7 +7,7 @@ use minijinja::{Value, context};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, World};
-use swm_media::{Format, png};
+use swm_media::Format;
 use swm_solvers::stops_at_success;
 
 use crate::distractors;
@@ -15,7 +15,7 @@ use crate::evaluation::{Receipt, can_be_made, env_of};
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
 };
-use crate::svg::base64;
+use crate::svg::data_address;
 use crate::video::{Scene, Video};
 
 /// What a page shows besides its results.
@@ -187,28 +187,21 @@ fn episode(
         }
     };
     let scene = video.scenes().next().map(|(_, scene)| scene);
-    let card = scene.map(|scene| card(scene, image, pair, &result, format)).transpose()?;
+    let card = scene.map(|scene| card(scene, pair, &result, format)).transpose()?;
     let same = receipt.episodes.get(pair).is_some_and(|recorded| recorded.is_repeated_by(&result));
     Ok((card, figures, same))
 }
 
-fn card(
-    scene: &Scene,
-    image: ImageSize,
-    pair: usize,
-    result: &EpisodeResult,
-    format: Format,
-) -> Result<VideoCard, BoxError> {
-    let video = base64(&scene.clip.upscaled(SIDE).encode(format)?);
+fn card(scene: &Scene, pair: usize, result: &EpisodeResult, format: Format) -> Result<VideoCard, BoxError> {
+    let video = scene.clip.upscaled(SIDE).encode(format)?;
     let is_mp4 = format == Format::Mp4;
     let kind = if is_mp4 { "video/mp4" } else { "image/gif" };
-    let goal = scene.goal.as_ref().map(|goal| png::encode(image.height, image.width, goal)).transpose()?;
     Ok(VideoCard {
         pair,
         success: result.success,
         steps: result.steps,
-        video: format!("data:{kind};base64,{video}"),
+        video: data_address(kind, &video),
         is_mp4,
-        goal: goal.map(|goal| format!("data:image/png;base64,{}", base64(&goal))),
+        goal: scene.goal_address()?,
     })
 }

@@ -126,14 +126,12 @@ impl Change {
 
     /// Whether the reset samples all that this change would sample: then it changes nothing.
     pub(super) fn is_sampled_in(&self, factors: &[FactorSpec], reset: &ResetOptions) -> bool {
-        let is_sampled = |factor: &FactorSpec| match &reset.variation {
-            None => factor.sampled_by_default,
-            Some(asked) => asked.iter().any(|asked| factor.is_selected_by(asked)),
+        let is_sampled = |factor: &FactorSpec| {
+            factor.is_sampled(reset.variation.as_deref())
+                && !reset.variation_values.contains_key(&factor.name)
         };
         let mut selected = factors.iter().filter(|factor| self.selects(factor));
-        self.share.is_none()
-            && reset.start.is_none()
-            && selected.all(|factor| is_sampled(factor) && !reset.variation_values.contains_key(&factor.name))
+        self.share.is_none() && reset.start.is_none() && selected.all(is_sampled)
     }
 
     /// Whether it sets values, rather than sampling them.

@@ -124,7 +124,7 @@ impl<'a> SweepRun<'a> {
         each(&cells[0]);
         for number in 1..self.cells() {
             let admitted = self.admit(number)?;
-            let change = self.changes[number as usize - 1].clone();
+            let change = &self.changes[number as usize - 1];
             let mut cell = Cell::new(&change.name, change.scope, &change.value);
             let mut notes: Vec<String> = admitted.note.iter().cloned().collect();
             if !admitted.pairs.is_empty() {
