@@ -1,4 +1,5 @@
-//! `cargo xtask ci`: every check that a change must pass, in an order that finds cheap faults first.
+//! `cargo xtask check`, `ci` and `nightly`: the checks that a change must pass, in three tiers with a stated time each, in an
+//! order that finds cheap faults first.
 //!
 //! The steps are a table; a new one is one line in it.
 
@@ -12,97 +13,146 @@ use crate::{
     apart, book, demo, deny, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
 };
 
-/// Options of `cargo xtask ci`.
+/// Options of the three commands.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Run the remaining steps after one has failed
     #[arg(long)]
     keep_going: bool,
-    /// Run only this step; may be given several times
+    /// Run only this step, of whichever tier; may be given several times
     #[arg(long, value_name = "STEP", value_parser = PossibleValuesParser::new(STEPS.iter().map(|step| step.name)))]
     only: Vec<String>,
+}
+
+/// Which steps run, and how long they may take on two cores with built dependencies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tier {
+    /// Before each commit.
+    Check,
+    /// For each change: what `.ci/run` calls.
+    Ci,
+    /// Before a larger piece of work is called done, and before a release: every step.
+    Nightly,
+}
+
+impl Tier {
+    /// The time that the steps of a tier should take together. It is printed beside the measured one; no step fails by it.
+    const fn budget(self) -> Duration {
+        Duration::from_secs(
+            60 * match self {
+                Self::Check => 5,
+                Self::Ci => 25,
+                Self::Nightly => 60,
+            },
+        )
+    }
 }
 
 /// One line of the table.
 struct Step {
     name: &'static str,
     about: &'static str,
+    tiers: &'static [Tier],
     run: fn() -> Result<()>,
 }
+
+const EVERY: &[Tier] = &[Tier::Check, Tier::Ci, Tier::Nightly];
+const CI: &[Tier] = &[Tier::Ci, Tier::Nightly];
+const NIGHTLY: &[Tier] = &[Tier::Nightly];
 
 const STEPS: &[Step] = &[
     Step {
         name: "setup",
         about: "build tools, physics library and models are there",
+        tiers: EVERY,
         run: || setup::run(&setup::Args::default()),
     },
-    Step { name: "fmt", about: "formatted by rustfmt", run: || cargo("fmt --all --check") },
+    Step { name: "fmt", about: "formatted by rustfmt", tiers: EVERY, run: || cargo("fmt --all --check") },
     Step {
         name: "tidy",
         about: "rules of the architecture and the sources",
+        tiers: EVERY,
         run: || tidy::run(&tidy::Args::default()),
     },
     Step {
         name: "deny",
         about: "licenses and origins of dependencies",
+        tiers: CI,
         run: || deny::run(&deny::Args::default()),
     },
-    Step { name: "clippy", about: "no lint warns", run: clippy },
-    Step { name: "test", about: "all tests", run: || test::suites(&test::Args::default()) },
+    Step { name: "clippy", about: "no lint warns", tiers: EVERY, run: clippy },
+    Step { name: "unit", about: "tests inside of the libraries", tiers: &[Tier::Check], run: test::units },
+    Step { name: "test", about: "all tests", tiers: CI, run: || test::suites(&test::Args::default()) },
     Step {
         name: "doctest",
         about: "examples in the documentation",
+        tiers: CI,
         run: || test::doctests(&test::Args::default()),
     },
-    Step { name: "doc", about: "documentation without warnings", run: doc },
+    Step { name: "doc", about: "documentation without warnings", tiers: CI, run: doc },
     Step {
         name: "book",
         about: "the book builds, and its links lead somewhere",
+        tiers: CI,
         run: || book::run(&book::Args::default()),
     },
     // Under `cargo test` criterion runs each benchmark once, in the profile that the tests have built already.
     Step {
         name: "benches",
         about: "each benchmark runs, once",
+        tiers: NIGHTLY,
         run: || cargo("test --package swm-benches --benches"),
     },
-    Step { name: "wheel", about: "the Python package as a wheel, and its tests", run: wheel::check },
+    Step {
+        name: "wheel",
+        about: "the Python package as a wheel, and its tests",
+        tiers: CI,
+        run: wheel::check,
+    },
     Step {
         name: "ui",
         about: "the page of `swm ui` is what its sources build, and works in a browser",
+        tiers: CI,
         run: || ui::run(&ui::Args::default()),
     },
-    Step { name: "demo", about: "the main job, in a short form", run: short_demo },
+    Step { name: "demo", about: "the main job, in a short form", tiers: CI, run: short_demo },
     Step {
         name: "plugin",
         about: "crates outside of the workspace add environments, solvers and models",
+        tiers: CI,
         run: || plugin::run(&plugin::Args::default()),
     },
     Step {
         name: "baselines",
         about: "the crate of the baselines, which is built apart, and the book's pages about training",
+        tiers: CI,
         run: baselines,
     },
-    Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
+    Step {
+        name: "lance",
+        about: "the crate of the formats on Lance, which is built apart",
+        tiers: CI,
+        run: lance,
+    },
     Step {
         name: "release",
         about: "a rehearsal of a release, from packages to checksums",
+        tiers: NIGHTLY,
         run: release::rehearse,
     },
     Step {
         name: "alone",
         about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says",
+        tiers: NIGHTLY,
         run: sizes::check_each_alone,
     },
     Step {
         name: "gpu",
         about: "the command with CUDA links, and says what a machine lacks for it",
+        tiers: NIGHTLY,
         run: || gpu::run(&gpu::Args::default()),
     },
 ];
-
-/// Steps that take too long for every change, each with the variable that turns it on; `--only` does, too.
-const ON_REQUEST: &[(&str, &str)] = &[("gpu", "SWM_CI_GPU")];
 
 /// The demonstration, its report in a folder that git ignores.
 fn short_demo() -> Result<()> {
@@ -116,13 +166,13 @@ struct Outcome {
     error: Option<String>,
 }
 
-/// Runs the steps and prints the table; an error if any of them failed.
-pub(crate) fn run(args: &Args) -> Result<()> {
-    let is_set = |variable: &str| std::env::var_os(variable).is_some_and(|value| !value.is_empty());
-    let mut chosen = STEPS.iter().filter(|step| is_chosen(step.name, &args.only, is_set));
+/// Runs the steps of a tier, or those that are named, and prints the table; an error if any of them failed.
+pub(crate) fn run(tier: Tier, args: &Args) -> Result<()> {
+    let mut chosen = STEPS.iter().filter(|step| is_chosen(step, tier, &args.only));
     let outcomes = run_steps(&mut chosen, args.keep_going);
     let not_run: Vec<&str> = chosen.map(|step| step.name).collect();
-    println!("\n{}", table(&outcomes, &not_run));
+    let budget = args.only.is_empty().then(|| tier.budget());
+    println!("\n{}", table(&outcomes, &not_run, budget));
     let failed: Vec<&str> =
         outcomes.iter().filter(|outcome| outcome.error.is_some()).map(|outcome| outcome.name).collect();
     match failed.as_slice() {
@@ -131,12 +181,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// Whether a step runs. `is_set` tells which variables the environment has.
-fn is_chosen(name: &str, only: &[String], is_set: impl Fn(&str) -> bool) -> bool {
-    if !only.is_empty() {
-        return only.iter().any(|named| named == name);
-    }
-    ON_REQUEST.iter().all(|&(step, variable)| step != name || is_set(variable))
+fn is_chosen(step: &Step, tier: Tier, only: &[String]) -> bool {
+    if only.is_empty() { step.tiers.contains(&tier) } else { only.iter().any(|named| named == step.name) }
 }
 
 /// Runs steps until one fails, or all of them.
@@ -162,8 +208,8 @@ fn run_steps<'a>(steps: &mut impl Iterator<Item = &'a Step>, keep_going: bool) -
     outcomes
 }
 
-/// One line per step, wall times in seconds, and their sum.
-fn table(outcomes: &[Outcome], not_run: &[&str]) -> String {
+/// One line per step, wall times in seconds, and their sum beside the time that they should take.
+fn table(outcomes: &[Outcome], not_run: &[&str], budget: Option<Duration>) -> String {
     let line = |name: &str, wall: String, result: &str| {
         format!("{name:<10}{wall:>10}  {result}").trim_end().to_owned() + "\n"
     };
@@ -175,7 +221,9 @@ fn table(outcomes: &[Outcome], not_run: &[&str]) -> String {
     for name in not_run {
         text += &line(name, "-".into(), "not run");
     }
-    text + &line("total", seconds(outcomes.iter().map(|outcome| outcome.wall).sum()), "")
+    let should =
+        budget.map_or_else(String::new, |budget| format!("should be below {:.0} s", budget.as_secs_f64()));
+    text + &line("total", seconds(outcomes.iter().map(|outcome| outcome.wall).sum()), &should)
 }
 
 /// Runs cargo with arguments that hold no blanks.
@@ -218,8 +266,8 @@ fn lance() -> Result<()> {
 mod tests {
     use super::*;
 
-    const GOOD: Step = Step { name: "good", about: "", run: || Ok(()) };
-    const BAD: Step = Step { name: "bad", about: "", run: || bail!("it is bad") };
+    const GOOD: Step = Step { name: "good", about: "", tiers: EVERY, run: || Ok(()) };
+    const BAD: Step = Step { name: "bad", about: "", tiers: EVERY, run: || bail!("it is bad") };
 
     #[test]
     fn the_first_failure_ends_the_run() {
@@ -245,25 +293,34 @@ mod tests {
             wall: Duration::from_millis(ms),
             error: error.map(Into::into),
         };
-        let text = table(&[outcome("fmt", 400, None), outcome("test", 61_200, Some("no"))], &["doc"]);
+        let outcomes = [outcome("fmt", 400, None), outcome("test", 61_200, Some("no"))];
+        let text = table(&outcomes, &["doc"], Some(Tier::Ci.budget()));
         let expected = "\
 step            wall  result
 fmt            0.4 s  ok
 test          61.2 s  FAILED
 doc                -  not run
-total         61.6 s\n";
+total         61.6 s  should be below 1500 s\n";
         assert_eq!(text, expected);
     }
 
     #[test]
-    fn a_step_on_request_runs_when_it_is_named_or_its_variable_is_set() {
-        let only = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
-        assert!(is_chosen("fmt", &[], |_| false));
-        assert!(!is_chosen("gpu", &[], |_| false));
-        assert!(is_chosen("gpu", &[], |variable| variable == "SWM_CI_GPU"));
-        assert!(is_chosen("gpu", &only(&["gpu"]), |_| false));
-        assert!(!is_chosen("gpu", &only(&["fmt"]), |_| true));
-        assert!(ON_REQUEST.iter().all(|(name, _)| STEPS.iter().any(|step| step.name == *name)));
+    fn a_step_runs_in_its_tiers_or_when_it_is_named() {
+        let step = Step { name: "release", about: "", tiers: NIGHTLY, run: || Ok(()) };
+        let only = |name: &str| vec![name.to_owned()];
+        assert!(is_chosen(&step, Tier::Nightly, &[]) && !is_chosen(&step, Tier::Ci, &[]));
+        assert!(is_chosen(&step, Tier::Check, &only("release")));
+        assert!(!is_chosen(&step, Tier::Nightly, &only("fmt")));
+    }
+
+    #[test]
+    fn each_tier_has_the_steps_of_the_one_before() {
+        let names = |tier| STEPS.iter().filter(move |step| step.tiers.contains(&tier)).map(|step| step.name);
+        // The unit tests are part of the step `test`.
+        let missing: Vec<&str> =
+            names(Tier::Check).filter(|name| !names(Tier::Ci).any(|other| other == *name)).collect();
+        assert_eq!(missing, ["unit"]);
+        assert!(names(Tier::Ci).all(|name| names(Tier::Nightly).any(|other| other == name)));
     }
 
     #[test]

@@ -39,6 +39,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use ci::Tier;
+
 /// Set up, test and check this workspace.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", after_help = EXAMPLES, disable_help_subcommand = true)]
@@ -52,8 +54,8 @@ Examples:
   cargo xtask demo                      the main job, end to end, into demo-report/
   cargo xtask test                      set up, then run every test
   cargo xtask test -p swm-core seeds    one crate's tests whose name contains `seeds`
-  cargo xtask ci                        what the CI machine runs, step by step
-  cargo xtask ci --only clippy          one step of it
+  cargo xtask check                     what to run before a commit
+  cargo xtask ci --only clippy          one step of what the CI machine runs
   cargo xtask golden --check            replay recorded trajectories of the reference
   cargo xtask tidy                      the layering and source rules, in a second";
 
@@ -69,8 +71,12 @@ enum Command {
     Experts(experts::Args),
     /// Set up, then run all tests, and the examples in the documentation
     Test(test::Args),
-    /// Run every check that a change must pass, and print a table of them
+    /// Format, rules, lints and unit tests: in 5 minutes, before a commit
+    Check(ci::Args),
+    /// What the CI machine runs for each change, in 25 minutes; prints a table
     Ci(ci::Args),
+    /// Every check, with a rehearsed release and each crate alone, in an hour
+    Nightly(ci::Args),
     /// Replay recorded trajectories of the reference and print the differences
     Golden(golden::Args),
     /// Render every environment for the page docs/gallery.md
@@ -119,7 +125,9 @@ fn main() -> ExitCode {
         Command::Memcheck(args) => memcheck::run(&args),
         Command::Endure(args) => endure::run(&args),
         Command::Bindgen(args) => bindgen::run(&args),
-        Command::Ci(args) => ci::run(&args),
+        Command::Check(args) => ci::run(Tier::Check, &args),
+        Command::Ci(args) => ci::run(Tier::Ci, &args),
+        Command::Nightly(args) => ci::run(Tier::Nightly, &args),
         Command::Gpu(args) => gpu::run(&args),
         Command::GpuProof(args) => gpu_proof::run(&args),
         Command::Golden(args) => golden::run(&args),

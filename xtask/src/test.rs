@@ -1,6 +1,6 @@
 //! `cargo xtask test`: every test of the workspace, and the examples in its documentation.
 //!
-//! Benchmarks in test mode are a step of `cargo xtask ci`.
+//! Benchmarks in test mode are a step of `cargo xtask nightly`.
 
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         eprintln!("test: documentation examples are not run: the extra arguments are for the test runner");
         Ok(())
     }
+}
+
+/// The tests inside of the libraries alone.
+pub(crate) fn units() -> Result<()> {
+    suites(&Args { packages: Vec::new(), runner_args: vec!["--lib".into()] })
 }
 
 /// Unit and integration tests, by cargo-nextest where it is installed.

@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let version = version::current(&metadata)?;
     if let Some(new) = &args.bump {
         version::bump(&version, new)?;
-        println!("the version is {new} now: look at `git diff`, run `cargo xtask ci`, and commit");
+        println!("the version is {new} now: look at `git diff`, run `cargo xtask nightly`, and commit");
         return Ok(());
     }
     let out = args.out.clone().unwrap_or_else(|| metadata.target_directory.join("release-files"));
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// A dry run with the program of the tests: a step of `cargo xtask ci`.
+/// A dry run with the program of the tests: a step of `cargo xtask nightly`.
 pub(crate) fn rehearse() -> Result<()> {
     run(&Args { dev: true, ..Args::default() })
 }
@@ -146,7 +146,7 @@ fn packaged_files(release: &Release) -> Result<String> {
     let build = ["build", "--quiet", "--features", &features.join(",")];
     process::run(packages::cargo(metadata, &build).args(apart::all_others()))?;
     for name in apart::APART {
-        // With tests, whose features their own step in `cargo xtask ci` has built already.
+        // With tests, whose features their own step in `cargo xtask nightly` has built already.
         let mut check = packages::cargo(metadata, &["check", "--quiet", "--all-targets", "--package", name]);
         process::run(check.envs(setup::tools::protoc()))?;
     }

@@ -1,6 +1,6 @@
 //! `cargo xtask sizes`: what depending on one crate costs, for every way to choose its features, as the table of docs/sizes.md.
 //!
-//! How many packages a build has follows from `Cargo.lock` and is compared by `cargo xtask ci`; times and sizes are measured on
+//! How many packages a build has follows from `Cargo.lock` and is compared by `cargo xtask nightly`; times and sizes are measured on
 //! demand, kept in `recipes/sizes.toml`, and compared by nobody.
 
 mod builds;
