@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 
 import stable_worldmodel_rs as swm
 from stable_worldmodel_rs.planning import CEMSolver
+from stable_worldmodel_rs.world.given import settings_of
 
 from test_evaluate import command
 
@@ -185,6 +187,33 @@ def test_a_receipt_has_all_settings_of_a_planner_in_python(manifest: Path, weigh
     other.process["action"].fit(3 * np.eye(2))
     again = swm.evaluate(manifest, other, references=[], weights=[weights], progress=False)
     assert "process.action" in receipt.differences(again)
+
+
+def test_settings_are_those_of_the_objects_that_a_policy_is_made_of() -> None:
+    @dataclass
+    class Config:
+        horizon: int = 3
+        clip: bool = True
+
+    class Solver:
+        def __init__(self, cost: object, noise: float = 0.5, device: str = "cpu") -> None:
+            self.cost, self._noise, self.device = cost, noise, device
+
+        def settings(self) -> dict[str, object]:
+            return {"clip": False, "noise": self._noise}
+
+    class Mine:
+        def __init__(self, solver: object, config: object, transform: object, keys: tuple[str, ...], limit: float) -> None:
+            self.solver, self.cfg, self.transform, self.keys, self.limit, self.count = solver, config, transform, keys, limit, 3
+
+        def get_action(self, infos: object) -> None:
+            """Not asked."""
+
+    made = Mine(Solver(AgentToGoal()), Config(), {"pixels": np.asarray}, ("pixels", "state"), float("inf"))
+    assert settings_of(made) == {
+        **{"solver": "Solver", "clip": False, "noise": 0.5, "cost": "AgentToGoal", "horizon": 3, "config.clip": True},
+        **{"transform.pixels": "asarray", "keys": ["pixels", "state"], "limit": "inf"},
+    }
 
 
 def test_verify_repeats_a_policy_in_python(manifest: Path, tmp_path: Path, weights: Path) -> None:

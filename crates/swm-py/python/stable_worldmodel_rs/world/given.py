@@ -147,7 +147,10 @@ def _collect(found: dict[str, Any], of: Any, prefix: str, depth: int) -> None:
         if value is _MISSING:
             continue
         if is_dataclass(value) and not isinstance(value, type):
-            found |= {prefix + field.name: _described(getattr(value, field.name)) for field in fields(value)}
+            for field in fields(value):
+                # What a solver has under the same name stays.
+                free = prefix + field.name not in found
+                found[prefix + field.name if free else f"{prefix}{name}.{field.name}"] = _described(getattr(value, field.name))
         elif isinstance(value, Mapping):
             columns = cast("Mapping[str, Any]", value)
             found |= {f"{prefix}{name}.{key}": _described(one) for key, one in columns.items()}
