@@ -14,7 +14,7 @@ pub(crate) struct Environment {
     /// Where it lies.
     folder: &'static str,
     /// What pip installs; a change of it makes the environment anew.
-    requirements: &'static str,
+    pub(crate) requirements: &'static str,
     /// What that is, in words.
     about: &'static str,
 }
@@ -36,6 +36,13 @@ pub(crate) const LANCE: Environment = Environment {
 /// What makes wheels of the Python package.
 pub(crate) const WHEEL_BUILD: Environment =
     Environment { folder: ".tools/wheel", requirements: "crates/swm-py/build.txt", about: "maturin" };
+
+/// The same with zig, whose linker knows older C libraries than this system's.
+pub(crate) const WHEEL_ZIG: Environment = Environment {
+    folder: ".tools/wheel-zig",
+    requirements: "crates/swm-py/zig.txt",
+    about: "maturin and zig",
+};
 
 /// What the tests of the Python package need next to it; the wheel itself is installed into this one.
 pub(crate) const WHEEL_TESTS: Environment = Environment {

@@ -21,7 +21,7 @@ pub(crate) struct Args {
     /// Pack the extension as tests build it: quick to make, slow to run
     #[arg(long)]
     dev: bool,
-    /// Build for every Linux since glibc 2.28, with `zig`, which must be installed; else for systems like this one
+    /// Build for every Linux since glibc 2.28, with zig, which is fetched (100 MB); else for systems whose glibc is as new as this one's
     #[arg(long, conflicts_with = "dev")]
     zig: bool,
     /// Build Lance tables in, which takes many minutes more
@@ -93,7 +93,7 @@ fn make(args: &Args) -> Result<PathBuf> {
     let out = args.out.clone().unwrap_or_else(|| metadata.target_directory.join("wheels"));
     let out = std::path::absolute(&out).with_context(|| format!("{}", out.display()))?;
     setup::wheel::create_folder(&out)?;
-    let python = interop::python(&interop::WHEEL_BUILD)?;
+    let python = interop::python(if args.zig { &interop::WHEEL_ZIG } else { &interop::WHEEL_BUILD })?;
     let work = tempfile::tempdir().context("no folder to make a wheel in")?;
     let tree = if args.dev {
         from_the_workspace(&metadata, &python, work.path())?
@@ -138,6 +138,8 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
     }
     if args.zig {
         build.args(["--zig", "--compatibility", "manylinux_2_28"]);
+        // The package `ziglang` of that environment, whatever else is on the PATH.
+        build.env("CARGO_ZIGBUILD_PYTHON_PATH", python);
     }
     process::run(&mut build)?;
     let wheel = only_entry(&wheels)?;
@@ -240,6 +242,21 @@ mod tests {
         let takes = |path: &str| is_source(Path::new(path));
         assert!(takes("a/world.py") && takes("a/py.typed") && takes("a/_swm.pyi"));
         assert!(!takes("a/_swm.abi3.so") && !takes("a/__pycache__") && !takes("a/_lib"));
+    }
+
+    #[test]
+    fn zig_is_pinned_by_hash_with_the_maturin_of_other_wheels() {
+        let [zig, others] = [&interop::WHEEL_ZIG, &interop::WHEEL_BUILD]
+            .map(|environment| fs::read_to_string(process::root().join(environment.requirements)).unwrap());
+        let pinned = |text: &str, name: &str| {
+            let at = text.find(&format!("{name}==")).unwrap_or_else(|| panic!("{name} is missing"));
+            let pin: String = text[at..].lines().take_while(|line| !line.trim().starts_with('#')).collect();
+            assert!(pin.contains("--hash=sha256:"), "{pin}");
+            pin
+        };
+        assert!(pinned(&zig, "ziglang").len() > 64);
+        assert_eq!(pinned(&zig, "maturin"), pinned(&others, "maturin"));
+        assert!(!others.contains("ziglang"));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use swm_core::{Row, Slice};
 use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
 use crate::error::OnnxError;
+use crate::history;
 use crate::runtime::session;
 
 /// Settings in `model.json`.
@@ -27,6 +28,13 @@ pub struct ModelSettings {
     /// Side of the images that it was trained with.
     #[serde(default)]
     pub image: Option<usize>,
+    /// T: frames that the encoder is given of each of `history_fields`, `action_block` steps apart, the present one last; 0 and 1: the
+    /// present alone.
+    #[serde(default)]
+    pub history: usize,
+    /// The columns that it is given as `[1, T, …]`. The blocks between the frames are the input `action_history` `[1, T - 1, D]`.
+    #[serde(default)]
+    pub history_fields: Vec<String>,
 }
 
 impl ModelSettings {
@@ -249,7 +257,20 @@ impl Cost for OnnxCost {
         self.encoded.clear();
         for index in 0..context.len() {
             let row = context.env(index).row;
-            let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), field.tensor(row)?.into())));
+            let input = |field: &Input| match self.settings.part(&field.name) {
+                None => field.tensor(row),
+                Some(part) => {
+                    let Input { name, shape, kind } = field;
+                    history::tensor(
+                        &self.settings,
+                        part,
+                        context,
+                        index,
+                        (name.as_str(), shape.as_slice(), *kind),
+                    )
+                }
+            };
+            let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), input(field)?.into())));
             let inputs: Vec<(&str, SessionInputValue<'_>)> = inputs.collect::<Result<_, OnnxError>>()?;
             let outputs = self.encode.run(inputs).map_err(OnnxError::Run)?;
             self.encoded.push(outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect());
@@ -263,6 +284,10 @@ impl Cost for OnnxCost {
 
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         self.gradient.is_some().then_some(self as &mut dyn DifferentiableCost)
+    }
+
+    fn history_fields(&self) -> Vec<String> {
+        self.settings.history_fields.clone()
     }
 
     fn changed_settings(&self) -> Map<String, Json> {

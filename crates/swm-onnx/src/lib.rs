@@ -10,15 +10,17 @@
 //! | `cost.onnx` | these tensors, and `actions` `[S, H, D]` f32 | `cost` `[S]` f32 |
 //! | `cost_grad.onnx`, optional | the same | `cost` `[S]`, `gradient` `[S, H, D]` f32 |
 //!
+//! With `history` in `model.json`, the fields that it names are `[1, T, …]`, and `action_history` holds the blocks between the frames.
 //! S and H are fixed at the export. Environments go through it one by one, in batches of S candidates, padded with zeros: the
 //! bits of a cost depend on its candidate alone.
 
 mod cost;
 mod error;
+mod history;
 mod policy;
 mod runtime;
 
 pub use cost::{ModelSettings, OnnxCost};
 pub use error::OnnxError;
 pub use policy::POLICIES;
-pub use runtime::{ORT_DYLIB_PATH, find_library};
+pub use runtime::{ORT_DYLIB_PATH, find_library, set_python};

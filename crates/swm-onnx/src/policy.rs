@@ -13,9 +13,13 @@ pub const POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
     "onnx",
     "plans on a world model exported to ONNX (`onnx:DIR,solver=cem`), with the settings of the solver and of the plan",
     |context, args| {
-        let (folder, given) = split(args)?;
+        let (folder, mut given) = split(args)?;
         let cost = OnnxCost::load(&folder).map_err(|error| args.wrong(error.to_string()))?;
-        let ModelSettings { action_block, action_scale, .. } = cost.settings().clone();
+        let ModelSettings { action_block, action_scale, history, .. } = cost.settings().clone();
+        let frames = history.max(1);
+        if *given.entry("history_len").or_insert_with(|| frames.into()) != frames {
+            return Err(args.wrong(format!("the model sees {frames} frame(s); set history_len={frames}, or leave it out")));
+        }
         let learned = LearnedCost::new(Box::new(cost), action_block).scaled(action_scale);
         Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
     },

@@ -19,7 +19,15 @@ here = os.path.join(os.path.dirname(onnxruntime.__file__), 'capi')
 names = ['libonnxruntime.so*', 'libonnxruntime*.dylib', 'onnxruntime.dll']
 print(next(path for name in names for path in sorted(glob.glob(os.path.join(here, name)))))";
 
-/// The library: what [`ORT_DYLIB_PATH`] names, else that of the Python package `onnxruntime`, if `python3` or `python` has it.
+static PYTHON: OnceLock<PathBuf> = OnceLock::new();
+
+/// Sets the interpreter of this process, whose package `onnxruntime` is taken before that of `python3`. The first call counts.
+pub fn set_python(interpreter: impl Into<PathBuf>) {
+    PYTHON.get_or_init(|| interpreter.into());
+}
+
+/// The library: what [`ORT_DYLIB_PATH`] names, else that of the Python package `onnxruntime`, if the interpreter that [`set_python`]
+/// named, `python3` or `python` has it.
 ///
 /// # Errors
 ///
@@ -28,14 +36,16 @@ pub fn find_library() -> Result<PathBuf, OnnxError> {
     if let Some(path) = std::env::var_os(ORT_DYLIB_PATH) {
         return Ok(PathBuf::from(path));
     }
-    for python in ["python3", "python"] {
+    let known = ["python3", "python"].map(PathBuf::from);
+    for python in PYTHON.get().into_iter().chain(&known) {
         let Ok(output) = Command::new(python).args(["-c", ASK]).output() else { continue };
         let path = String::from_utf8_lossy(&output.stdout).trim().to_owned();
         if output.status.success() && !path.is_empty() {
             return Ok(path.into());
         }
     }
-    Err(OnnxError::NoRuntime { reason: "python3 has no package `onnxruntime`".to_owned() })
+    let python = PYTHON.get().map_or("python3".to_owned(), |python| python.display().to_string());
+    Err(OnnxError::NoRuntime { reason: format!("{python} has no package `onnxruntime`") })
 }
 
 /// Loads a model. It runs on one thread: candidates are independent, and bits must not depend on threads.

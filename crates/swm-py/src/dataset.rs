@@ -16,6 +16,7 @@ use crate::errors::{DataFault, OrRaise as _};
 use crate::fork::Process;
 use crate::interrupt::interruptible;
 use crate::world::registry;
+use crate::writer::recorded;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -99,13 +100,7 @@ impl Reader {
             values.push(column);
         }
         let schema = Schema::new(fields).or_raise()?;
-        let metadata: Option<Metadata> = match metadata {
-            Some(json) => Some(
-                serde_json::from_str(json)
-                    .map_err(|error| DataFault::new_err(format!("metadata: {error}")))?,
-            ),
-            None => None,
-        };
+        let metadata: Option<Metadata> = metadata.map(recorded).transpose()?;
         let mut first = 0;
         let episodes = lengths.iter().map(|&len| {
             let mut batch = Batch::new(schema.clone(), len);

@@ -10,6 +10,7 @@ mod cost;
 mod dataset;
 mod errors;
 mod evaluate;
+mod evaluation;
 mod fork;
 mod infos;
 mod interrupt;
@@ -22,7 +23,9 @@ mod policy;
 mod program;
 mod receipt;
 mod record;
+mod runs;
 mod solver;
+mod sweep;
 mod words;
 mod world;
 mod writer;
@@ -36,6 +39,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
+    evaluation::add(m)?;
     fork::add(m)?;
     loader::add(m)?;
     manifest::add(m)?;
@@ -44,6 +48,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     receipt::add(m)?;
     record::add(m)?;
     solver::add(m)?;
+    sweep::add(m)?;
     world::add(m)?;
     writer::add(m)?;
     Ok(())

@@ -5,26 +5,39 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use pyo3::prelude::*;
+use swm::cli::{Launcher, set_launcher};
 use swm::core::{EnvEntry, PolicyEntry};
 use swm::envs_mujoco::assets;
 
 use crate::errors::SwmError;
 use crate::world::registry;
 
-/// Runs the command `swm` with these arguments, the program's name first; gives its exit status.
+/// Runs the command `swm` with these arguments, the program's name first; gives its exit status. `launcher`: the interpreter with
+/// the arguments that start this package, and the file of this module; tasks of jobs are started so.
 ///
 /// The command handles SIGINT itself, and may end the process.
 #[pyfunction]
-fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+#[pyo3(signature = (arguments, launcher=None))]
+fn run_command(py: Python<'_>, arguments: Vec<OsString>, launcher: Option<(Vec<String>, PathBuf)>) -> u8 {
+    if let Some((words, library)) = launcher {
+        let package = concat!("stable-worldmodel-rs==", env!("CARGO_PKG_VERSION"));
+        set_launcher(Launcher::new(words, library, package));
+    }
     let code = py.detach(|| swm::cli::run(registry(), arguments));
     // An exit code tells no number, but it can be compared with those of all numbers.
     (0..=u8::MAX).find(|&number| ExitCode::from(number) == code).unwrap_or(1)
 }
 
-/// Says where MuJoCo's library and the folder of models are, and what errors tell a user to do about a missing file.
+/// Says where MuJoCo's library and the folder of models are, what errors tell a user to do about a missing file, and which interpreter
+/// this is: that of the package `onnxruntime`.
 #[pyfunction]
-#[pyo3(signature = (library=None, folder=None, fix=None))]
-fn set_files(library: Option<PathBuf>, folder: Option<PathBuf>, fix: Option<String>) -> PyResult<()> {
+#[pyo3(signature = (library=None, folder=None, fix=None, python=None))]
+fn set_files(
+    library: Option<PathBuf>,
+    folder: Option<PathBuf>,
+    fix: Option<String>,
+    python: Option<PathBuf>,
+) -> PyResult<()> {
     if let Some(library) = library {
         assets::set_library(library).map_err(|error| SwmError::new_err(error.to_string()))?;
     }
@@ -33,6 +46,9 @@ fn set_files(library: Option<PathBuf>, folder: Option<PathBuf>, fix: Option<Stri
     }
     if let Some(fix) = fix {
         assets::set_fix(fix);
+    }
+    if let Some(python) = python {
+        swm::onnx::set_python(python);
     }
     Ok(())
 }

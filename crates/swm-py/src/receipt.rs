@@ -7,14 +7,28 @@ use pyo3::prelude::*;
 use serde_json::json;
 use swm::core::error::BoxError;
 use swm::core::{Cancel, EnvConfig};
-use swm::evaluation::{Receipt, RunOptions, Side, compare};
+use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
 use crate::infos;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, from_json, to_json};
+use crate::runs::{Asked, Given};
 use crate::world::registry;
+
+/// A receipt file, or that of a folder, as JSON.
+#[pyfunction]
+fn receipt_json(path: PathBuf) -> PyResult<String> {
+    to_json(&read_receipt(&path).map_err(boxed)?)
+}
+
+/// In what two receipts differ, wall times apart, as JSON: objects with `what`, `first` and `this`.
+#[pyfunction]
+fn receipt_differences(first: &str, this: &str) -> PyResult<String> {
+    let read = |text| from_json::<Receipt>("the receipt", text);
+    to_json(&result_differences(&read(first)?, &read(this)?))
+}
 
 /// Compares sides of receipts, pair by pair, with the first side. A side is its name, and the JSON of each of its runs.
 #[pyfunction]
@@ -30,23 +44,36 @@ fn compare_receipts(sides: Vec<(String, Vec<String>)>) -> PyResult<String> {
     to_json(&compare(&sides).map_err(boxed)?)
 }
 
-/// Runs a receipt's policy and its reference policies again and compares; gives a JSON object. `oracle`: the oracle too.
+/// Runs a receipt's policy and its reference policies again and compares; gives a JSON object. `oracle`: the oracle too. `policy`, of
+/// a receipt of a policy in Python: what that is called and the policy itself; `plan_steps` as of `evaluate_manifest`.
 #[pyfunction]
-#[pyo3(signature = (receipt, num_envs=16, threads=None, oracle=false, tick=None))]
+#[pyo3(signature = (receipt, policy=None, plan_steps=None, num_envs=16, threads=None, oracle=false, tick=None))]
+#[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
 fn verify_receipt(
     py: Python<'_>,
     receipt: &str,
+    policy: Option<(String, Given<'_>)>,
+    plan_steps: Option<u64>,
     num_envs: usize,
     threads: Option<usize>,
     oracle: bool,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let receipt: Receipt = from_json("the receipt", receipt)?;
-    let cancel = Cancel::new();
+    let (cancel, progress) = (Cancel::new(), Progress::default());
     let options = RunOptions { num_envs, threads, cancel: Some(cancel.clone()), ..RunOptions::default() };
-    let progress = Progress::default();
-    let run = || swm::evaluation::verify(registry(), &receipt, &options, oracle, || progress.count(false));
-    to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?)
+    let count = || progress.count(false);
+    let Some((name, given)) = policy else {
+        let run = || swm::evaluation::verify(registry(), &receipt, &options, oracle, count);
+        return to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?);
+    };
+    let manifest = to_json(&receipt.manifest)?;
+    let asked = Asked::new(&manifest, &name, Some(given), receipt.candidate.seed, plan_steps)?;
+    let foreign = asked.foreign(py, &progress, tick)?.map(|foreign| (&asked.candidate, foreign));
+    let verified = swm::evaluation::verify_by(registry(), &receipt, foreign, &options, oracle, count);
+    let verified = verified.map_err(boxed)?;
+    progress.tell(tick)?;
+    to_json(&verified)
 }
 
 /// Replays episodes of a dataset on the simulator and compares; gives a JSON object.
@@ -113,6 +140,8 @@ fn replay(
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(receipt_json, m)?)?;
+    m.add_function(wrap_pyfunction!(receipt_differences, m)?)?;
     m.add_function(wrap_pyfunction!(compare_receipts, m)?)?;
     m.add_function(wrap_pyfunction!(verify_receipt, m)?)?;
     m.add_function(wrap_pyfunction!(replay, m)?)

@@ -6,8 +6,9 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use swm::core::error::BoxError;
-use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, Schema};
+use serde_json::{Map, Value as Json};
+use swm::core::error::{BoxError, did_you_mean, nearest};
+use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, RecordingPart, Schema, settings};
 use swm::data::dataset::{DatasetWriter, WriteOptions};
 use swm::data::tools::copy;
 use swm::data::{DataError, Dataset, WriteMode, format};
@@ -51,6 +52,31 @@ fn options(
     Ok(options.frames_per_second(fps).key_frame_period(key_frame_period))
 }
 
+/// The record of a recording from JSON: what it leaves out is unknown.
+pub(crate) fn recorded(json: &str) -> PyResult<Metadata> {
+    let wrong = |reason: String| DataFault::new_err(format!("metadata: {reason}"));
+    let given: Map<String, Json> =
+        serde_json::from_str(json).map_err(|error| wrong(format!("give a dict: {error}")))?;
+    let object = |metadata: &Metadata| match serde_json::to_value(metadata) {
+        Ok(Json::Object(object)) => object,
+        _ => Map::new(),
+    };
+    let mut all = object(&Metadata::unknown());
+    let part = Some(RecordingPart { shard: 1, of: 1, first: 0, end: 0, total: 0 });
+    let made_from = [(String::new(), String::new())].into();
+    let (renderer, rows_per_second, checkpoints) = (Some(String::new()), Some(1.0), Some(1));
+    let full = Metadata { renderer, rows_per_second, checkpoints, part, made_from, ..Metadata::unknown() };
+    let known = object(&full);
+    if let Some(name) = given.keys().find(|name| !known.contains_key(*name)) {
+        let names: Vec<&str> = known.keys().map(String::as_str).collect();
+        let near = nearest(name, names.iter().copied());
+        let meant = did_you_mean(near.as_deref());
+        return Err(wrong(format!("there is no `{name}`{meant}; it has {}", names.join(", "))));
+    }
+    all.extend(given);
+    settings::read(&all).map_err(|error| wrong(format!("`{}`: {}", error.name, error.reason)))
+}
+
 /// A dataset that whole episodes are written to. The first one decides on its columns.
 #[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
 pub(crate) struct EpisodeWriter {
@@ -85,8 +111,7 @@ impl EpisodeWriter {
         check_threads(format)?;
         let options = options(mode, quality, fps, key_frame_period)?;
         let metadata = match metadata {
-            Some(json) => serde_json::from_str(json)
-                .map_err(|error| DataFault::new_err(format!("metadata: {error}")))?,
+            Some(json) => recorded(json)?,
             None => Metadata::unknown(),
         };
         let writer = py.detach(|| format::create_in(registry(), &path, &options, format)).or_raise()?;

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import stable_worldmodel_rs as swm
 from stable_worldmodel_rs import _swm
@@ -120,3 +121,78 @@ def test_names_of_optional_packages_are_those_of_pip(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ImportError, match="`pip install huggingface_hub`"):
         swm.data.download("user/repo")
+
+
+@pytest.mark.parametrize("seed", [1.5, "1", [0.5], -1])
+def test_a_seed_that_is_none_is_named(seed: object) -> None:
+    made = world()
+    for call in (made.reset, lambda seed: made.evaluate(episodes=1, seed=seed)):
+        with pytest.raises(swm.SwmError, match="whole number from 0 on, such as seed=42|is negative"):
+            call(seed=seed)  # type: ignore[arg-type]
+    with pytest.raises(swm.SwmError, match="whole number from 0 on|is negative"):
+        swm.NativePolicy("random", seed=seed)  # type: ignore[arg-type]
+
+
+def test_seeds_of_numpy_are_seeds() -> None:
+    made = world()
+    made.reset(seed=np.int64(3))
+    first = made.infos["state"].copy()
+    made.reset(seed=3)
+    assert np.array_equal(first, made.infos["state"])
+    made.reset(seed=np.array([7]))
+    assert made.envs.seeds.tolist() == [7]
+
+
+def test_a_reference_policy_is_a_policy_by_its_name() -> None:
+    results = []
+    for name in ("no-op", "no_op", "constant"):
+        made = world()
+        made.set_policy(name)
+        results.append(made.evaluate(episodes=2, seed=0).plain() | {"wall_time_s": 0})
+    assert results[0] == results[1] == results[2]
+
+
+def test_metadata_of_a_writer_may_leave_out_what_is_not_known(tmp_path: Path) -> None:
+    def write(**metadata: object) -> None:
+        with swm.data.HDF5Writer(tmp_path / "a.h5", mode="overwrite", metadata=metadata) as writer:
+            writer.write_episode({"x": np.zeros((3, 2), np.float32)})
+
+    write(env="mine/Env-v0", seed=3)
+    runs = swm.data.load_dataset(tmp_path / "a.h5").metadata
+    recorded = runs[-1][1] if isinstance(runs, list) else runs
+    assert (recorded["env"], recorded["seed"], recorded["policy"], recorded["from_recorded_rows"]) == ("mine/Env-v0", 3, "unknown", True)
+    for wrong, message in [
+        ({"enw": "a"}, "there is no `enw`; did you mean `env`.*rows_per_second"),
+        ({"seed": "three"}, "metadata: `seed`"),
+        ({"frame_skip": -1}, "metadata: `frame_skip`"),
+    ]:
+        with pytest.raises(swm.DataError, match=message):
+            write(**wrong)
+
+
+def test_a_rollout_without_a_result_is_named() -> None:
+    torch = pytest.importorskip("torch")
+    from stable_worldmodel_rs.planning import GoalMSE, ShootingCostEvaluator
+
+    class Model(torch.nn.Module):  # type: ignore[misc,name-defined]
+        def __init__(self, result: object) -> None:
+            super().__init__()
+            self.result = result
+
+        def rollout(self, info: dict[str, object], candidates: object) -> object:
+            return info if self.result == "info" else self.result
+
+        def encode(self, info: object) -> object:
+            return self.result
+
+    info = {"pixels": torch.zeros(1, 2, 1, 3), "goal": torch.zeros(1, 2, 1, 3)}
+    for result, message in [
+        (None, "Model.rollout returned NoneType; it must return the dict"),
+        ("info", "the objective reads `predicted_emb`, and the rollout has pixels.*GoalMSE\\(pred_key=…\\)"),
+    ]:
+        cost = ShootingCostEvaluator(Model(result), GoalMSE(), encode_goal=None)
+        with pytest.raises((TypeError, ValueError), match=message):
+            cost.get_cost(dict(info), torch.zeros(1, 2, 3, 2))
+    for result, told in [(None, "NoneType"), ({"embedding": 1}, "embedding")]:
+        with pytest.raises(TypeError, match=f"Model.encode returned {told}; it must return a dict with the embedding as `emb`"):
+            ShootingCostEvaluator(Model(result), GoalMSE()).get_cost(dict(info), torch.zeros(1, 2, 3, 2))

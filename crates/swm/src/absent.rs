@@ -90,7 +90,10 @@ const LEROBOT: (&str, &str) = (
 );
 const MP4: (&str, &str) = ("mp4", build_with!("mp4"));
 const MUJOCO: (&str, &str) = ("mujoco", build_with!("mujoco"));
-const ONNX: (&str, &str) = ("onnx", build_with!("onnx"));
+const ONNX: (&str, &str) = (
+    "onnx",
+    concat!(build_with!("onnx"), "; or use the command `swm-rs` of the Python package, which has it"),
+);
 const RAPIER: (&str, &str) = ("rapier", build_with!("rapier"));
 
 const fn policy(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {

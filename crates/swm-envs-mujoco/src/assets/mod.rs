@@ -93,10 +93,15 @@ pub fn set_fix(text: impl Into<String>) {
     choose(|chosen| chosen.fix = Some(text.into()));
 }
 
+/// What [`set_fix`] set: a package around this library brings its own files, and not all that environments can use.
+pub fn chosen_fix() -> Option<String> {
+    chosen(|chosen| chosen.fix.clone())
+}
+
 /// The fix for a missing file, for messages.
 pub(crate) fn fix(or: &str) -> String {
     let default = || format!("run `cargo xtask setup`, which fetches it{or}");
-    chosen(|chosen| chosen.fix.clone()).unwrap_or_else(default)
+    chosen_fix().unwrap_or_else(default)
 }
 
 /// Remembers which library the process has loaded.

@@ -19,23 +19,16 @@ if TYPE_CHECKING:
     from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
     from .world.dataset_runs import evaluate_from_dataset
     from .world.env_pool import EnvPool
-    from .world.manifests import (
-        Manifest,
-        Receipt,
-        compare,
-        evaluate,
-        make_manifest,
-        read_manifest,
-        read_receipt,
-        replay,
-        verify,
-    )
+    from .world.manifests import Manifest, make_manifest, read_manifest, replay
     from .world.policies import NativePolicy
-    from .world.results import EvaluationResult
+    from .world.receipts import compare, evaluate, read_receipt, same, verify
+    from .world.results import Comparison, EvaluationResult, Receipt, Sweep
+    from .world.sweeps import read_sweep, sweep
     from .world.world import World
 
 __all__ = [
     "BasePolicy",
+    "Comparison",
     "DataError",
     "EnvError",
     "EnvPool",
@@ -52,6 +45,7 @@ __all__ = [
     "PolicyError",
     "RandomPolicy",
     "Receipt",
+    "Sweep",
     "SwmError",
     "World",
     "WorldModelPolicy",
@@ -69,8 +63,11 @@ __all__ = [
     "protocols",
     "read_manifest",
     "read_receipt",
+    "read_sweep",
     "replay",
+    "same",
     "spaces",
+    "sweep",
     "vector",
     "verify",
     "world",
@@ -89,14 +86,19 @@ _HOMES: dict[str, str] = {
     "EnvPool": "world.env_pool",
     "evaluate_from_dataset": "world.dataset_runs",
     "Manifest": "world.manifests",
-    "Receipt": "world.manifests",
-    "compare": "world.manifests",
-    "evaluate": "world.manifests",
     "make_manifest": "world.manifests",
     "read_manifest": "world.manifests",
-    "read_receipt": "world.manifests",
     "replay": "world.manifests",
-    "verify": "world.manifests",
+    "compare": "world.receipts",
+    "evaluate": "world.receipts",
+    "read_receipt": "world.receipts",
+    "same": "world.receipts",
+    "verify": "world.receipts",
+    "Comparison": "world.results",
+    "Receipt": "world.results",
+    "Sweep": "world.results",
+    "read_sweep": "world.sweeps",
+    "sweep": "world.sweeps",
     "PlanConfig": "policy",
     "WorldModelPolicy": "policy",
     "FeedForwardPolicy": "policy",

@@ -45,17 +45,18 @@ def choose() -> None:
     if library is not None and not chosen and not os.environ.get("SWM_MUJOCO_LIB"):
         _swm.set_files(library=str(library))
     folder = _LIB if not chosen and (_LIB / "dm_control").is_dir() else None
-    _swm.set_files(folder=None if folder is None else str(folder), fix=_FIX)
+    python = sys.executable or None
+    _swm.set_files(folder=None if folder is None else str(folder), fix=_FIX, python=python)
 
 
 def offer_ogbench() -> None:
     """Make the models of OGBench known where the folder of the wheel lacks them.
 
     Called before the first environment of OGBench is made. They come from the data folder of the command, or from an
-    installed ``ogbench``. The folder that joins them with the models of the wheel lies in the user's cache and is made
+    installed ``ogbench``. The folder that joins them with what else is there lies in the user's cache and is made
     of links, or of copies where the system allows no links.
     """
-    _, folder, (_, dm_control, ogbench) = _swm.files()
+    _, folder, (_, _, ogbench) = _swm.files()
     if folder is None or (folder / "ogbench" / ogbench).is_dir():
         return
     own = None if _home is None else _home / "ogbench" / ogbench
@@ -69,10 +70,20 @@ def offer_ogbench() -> None:
     home = _cache() / f"models-{ogbench}"
     for place, source in sources.items():
         _link(source, home / "ogbench" / ogbench / place)
-    if (suite := folder / "dm_control" / dm_control).is_dir():
-        _link(suite, home / "dm_control" / dm_control)
+    for package in folder.iterdir() if folder.is_dir() else ():
+        if package.name != "ogbench" and package.is_dir():
+            for version_of in filter(Path.is_dir, package.iterdir()):
+                _link(version_of, home / package.name / version_of.name)
     _swm.set_files(folder=str(home))
     logger.debug("the models of OGBench are those of %s", home)
+
+
+def offer_if_fits() -> None:
+    """As `offer_ogbench`, where it is not known whether the models are needed: why they cannot be taken stands in the error of who does."""
+    try:
+        offer_ogbench()
+    except _swm.EnvError as error:
+        _swm.set_files(fix=f"{_FIX} ({error})")
 
 
 def _package(wanted: str) -> Path | None:

@@ -40,12 +40,15 @@ __all__ = [
     "held_out",
     "make_manifest",
     "manifest_json",
+    "receipt_differences",
     "receipt_json",
     "replay",
     "run_command",
     "save_video",
     "set_files",
     "solvers",
+    "sweep_json",
+    "sweep_manifest",
     "verify_receipt",
     "wilson95",
 ]
@@ -62,6 +65,9 @@ _Tick: TypeAlias = Callable[..., Any]
 _Reset: TypeAlias = tuple[int, int, int, int | None, Mapping[str, Any] | None]
 # Weights of four kinds of goals, the discount, the longest distance, columns, the seed.
 _Goals: TypeAlias = tuple[tuple[float, float, float, float], float, int | None, Sequence[str] | None, int]
+
+# A policy in Python: its World, what is called before episodes begin, its actions, its settings (JSON), its files.
+_Given: TypeAlias = tuple["World", Callable[[], object], _Act, str, Sequence[_Path]]
 
 class SwmError(ValueError):
     """Whatever this package refuses; its message names the fix."""
@@ -291,7 +297,7 @@ def evaluate(
 def evaluate_manifest(
     manifest: str,
     policy: str,
-    foreign: tuple[World, Any] | None = None,
+    foreign: _Given | None = None,
     policy_seed: int = 0,
     references: Sequence[str] = ...,
     oracle: str | None = None,
@@ -300,9 +306,11 @@ def evaluate_manifest(
     threads: int | None = None,
     plan_steps: int | None = None,
     again: bool = False,
+    shard: tuple[int, int] | None = None,
+    join: bool = False,
     begin: Callable[[str], object] | None = None,
     tick: _Tick | None = None,
-) -> tuple[str, bool]: ...
+) -> tuple[str | None, bool]: ...
 def files() -> tuple[Path | None, Path | None, list[str]]: ...
 def held_out(episodes: list[int], share: float) -> list[bool]: ...
 def make_manifest(
@@ -313,6 +321,7 @@ def make_manifest(
     overwrite: bool = False,
 ) -> tuple[str, str, list[str]]: ...
 def manifest_json(path: _Path) -> tuple[str, str]: ...
+def receipt_differences(first: str, this: str) -> str: ...
 def receipt_json(path: _Path) -> str: ...
 def replay(
     path: _Path,
@@ -322,11 +331,38 @@ def replay(
     env: str | None = None,
     tick: _Tick | None = None,
 ) -> str: ...
-def run_command(arguments: Sequence[_Path]) -> int: ...
+def run_command(arguments: Sequence[_Path], launcher: tuple[list[str], _Path] | None = None) -> int: ...
 def save_video(path: str, frames: npt.NDArray[np.uint8], frames_per_second: float) -> None: ...
-def set_files(library: _Path | None = None, folder: _Path | None = None, fix: str | None = None) -> None: ...
+def set_files(
+    library: _Path | None = None, folder: _Path | None = None, fix: str | None = None, python: _Path | None = None
+) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
+def sweep_json(path: _Path) -> str: ...
+def sweep_manifest(
+    manifest: str,
+    policy: str,
+    foreign: _Given | None = None,
+    factors: Sequence[str] = ...,
+    values: str = "sampled",
+    points: int | None = None,
+    policy_seed: int = 0,
+    out: _Path | None = None,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: bool = False,
+    shard: tuple[int, int] | None = None,
+    join: bool = False,
+    begin: Callable[[int], object] | None = None,
+    tick: _Tick | None = None,
+) -> tuple[str | None, bool]: ...
 def verify_receipt(
-    receipt: str, num_envs: int = 16, threads: int | None = None, oracle: bool = False, tick: _Tick | None = None
+    receipt: str,
+    policy: tuple[str, _Given] | None = None,
+    plan_steps: int | None = None,
+    num_envs: int = 16,
+    threads: int | None = None,
+    oracle: bool = False,
+    tick: _Tick | None = None,
 ) -> str: ...
 def wilson95(successes: int, episodes: int) -> tuple[float, float]: ...

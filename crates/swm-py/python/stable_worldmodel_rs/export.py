@@ -45,6 +45,8 @@ def export_onnx(
     action_mean: Iterable[float] | None = None,
     action_std: Iterable[float] | None = None,
     gradient: bool = True,
+    history: int = 1,
+    history_keys: Sequence[str] = ("pixels",),
 ) -> None:
     """Write ``model.json``, ``encode.onnx``, ``cost.onnx`` and (with ``gradient``) ``cost_grad.onnx``.
 
@@ -61,6 +63,10 @@ def export_onnx(
         action_mean: Means by which actions were standardized in training.
         action_std: Their standard deviations.
         gradient: Whether to export derivatives, for solvers with gradients.
+        history: T, frames that ``encode`` is given of each of ``history_keys``, ``(1, T, ...)``, ``action_block`` steps apart, the
+            present one last; the blocks between them are its input ``action_history``, ``(1, T - 1, D)``, if it takes that. Young
+            episodes have copies of their first frame and blocks of zeros in front.
+        history_keys: What it is given so, with ``history`` above 1.
 
     Raises:
         ImportError: torch, onnx or onnxscript is not installed.
@@ -77,6 +83,12 @@ def export_onnx(
         raise ValueError("action_mean and action_std go together: give both, or neither")
     if dim % action_block:
         raise ValueError(f"dim {dim} is not a multiple of action_block {action_block}")
+    keys = [key for key in history_keys if key in fields] if history > 1 else []
+    if history < 1 or (history > 1 and not keys):
+        raise ValueError(f"history={history} of {', '.join(history_keys)}: give 1 or more, and fields that have it")
+    for key, frames in [*((key, history) for key in keys), ("action_history", history - 1)]:
+        if key in fields and (fields[key].ndim < 3 or fields[key].shape[1] != frames):
+            raise ValueError(f"{key} is {tuple(fields[key].shape)}; with history={history} it is (1, {frames}, ...)")
     with torch.no_grad():
         encoded = _named(encode(**fields))
     actions = torch.zeros(samples, horizon, dim)
@@ -103,7 +115,9 @@ def export_onnx(
     if action_mean is not None and action_std is not None:
         settings["action_scale"] = {"kind": "mean_std", "mean": _floats(action_mean), "std": _floats(action_std)}
     if "pixels" in fields:
-        settings["image"] = fields["pixels"].shape[1]
+        settings["image"] = fields["pixels"].shape[-3]
+    if history > 1:
+        settings |= {"history": history, "history_fields": keys}
     (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
 
 

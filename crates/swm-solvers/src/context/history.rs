@@ -85,6 +85,11 @@ impl<'a> HistoryView<'a> {
         values.range(history.slot(back) * dim, dim)
     }
 
+    /// A: values of an action, in the units of plans.
+    pub fn action_dim(&self) -> usize {
+        self.history.dim
+    }
+
     /// Action `index` of `0..(n - 1) × k`, oldest first: `[A]`, as carried out, in the units of plans (normalized, if
     /// they are; integers one-hot). Actions `i × k..(i + 1) × k` lead from frame `i` to frame `i + 1`.
     pub fn action(&self, index: usize) -> &'a [f32] {

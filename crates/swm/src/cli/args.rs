@@ -277,13 +277,21 @@ fn image_note(policy: &str, trained: Option<ImageSize>, shown: Option<ImageSize>
 /// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`
 /// after it override the file's.
 pub(super) fn policy_args(text: &str) -> Result<PolicyArgs, Failure> {
-    let Some((name, rest)) = text.split_once(":@") else { return Ok(PolicyArgs::parse(text)?) };
+    let Some((name, rest)) = text.split_once(":@") else { return Ok(named(PolicyArgs::parse(text)?)) };
     let (path, overrides) = rest.split_once(',').unwrap_or((rest, ""));
     let mut args = PolicyArgs::parse(&format!("{name}:{overrides}"))?;
     let mut named = settings_file(Path::new(path))?;
     named.extend(args.named);
     args.named = named;
     Ok(args)
+}
+
+/// What results call the reference policy no-op is the policy `constant` without values.
+fn named(mut args: PolicyArgs) -> PolicyArgs {
+    if ["no-op", "no_op"].contains(&args.name.as_str()) {
+        args.name = "constant".to_owned();
+    }
+    args
 }
 
 fn settings_file(path: &Path) -> Result<Map<String, Json>, Failure> {

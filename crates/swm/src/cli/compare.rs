@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::Value as Json;
 use swm_core::evaluate::Transfer;
 
 use super::output::table;
 use super::rates::{at_reset, p_value};
 use super::{Failure, Output, usage};
-use crate::evaluation::{Receipt, Side, compare, read_receipt};
+use crate::evaluation::{Compared, Receipt, Side, compare, read_receipt};
 
 /// Compare results on the same manifest, pair by pair.
 #[derive(Args)]
@@ -20,7 +21,8 @@ Examples:
 
 Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval \
 a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's). \
-`± seeds` is the standard deviation of the success rates of its runs, in percentage points. \
+`± seeds` is the standard deviation of the success rates of its runs, in percentage points. Below the table: in what each evaluation \
+differs from the first one (settings, weights, seed, physics). \
 --stream takes results of one policy on one stream, after training on each of its phases, and reports forward and backward transfer.")]
 pub(super) struct Compare {
     /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.
@@ -68,11 +70,12 @@ impl Compare {
             let first = &sides[0].runs()[0];
             let pairs = first.episodes.len();
             format!(
-                "{}, {} tier, {pairs} pairs{}\n\n{}",
+                "{}, {} tier, {pairs} pairs{}\n\n{}{}",
                 first.manifest.env,
                 first.manifest.tier.name(),
                 at_reset(first.summary.solved_at_start),
-                table(&head, &rows)
+                table(&head, &rows),
+                differing(&compared)
             )
         })
     }
@@ -115,6 +118,34 @@ impl Compare {
                 points(transfer.forward)
             )
         })
+    }
+}
+
+/// In what the evaluations differ from the first one: a line per result.
+fn differing(compared: &[Compared]) -> String {
+    let line = |side: &Compared| {
+        let all: Vec<String> = side
+            .differs
+            .iter()
+            .map(|one| format!("{} {} (first: {})", one.what, shown(&one.this), shown(&one.first)))
+            .collect();
+        format!("{} differs in: {}\n", side.name, all.join(", "))
+    };
+    let lines: String = compared.iter().filter(|side| !side.differs.is_empty()).map(line).collect();
+    if lines.is_empty() { lines } else { format!("\n{lines}") }
+}
+
+/// A value in few words: hashes by their beginning.
+fn shown(value: &Json) -> String {
+    match value {
+        Json::Null => "–".to_owned(),
+        Json::String(text) if text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit()) => {
+            text[..12].to_owned()
+        }
+        Json::String(text) => text.clone(),
+        Json::Array(all) if all.is_empty() => "none".to_owned(),
+        Json::Array(all) => all.iter().map(shown).collect::<Vec<_>>().join(" + "),
+        other => other.to_string(),
     }
 }
 

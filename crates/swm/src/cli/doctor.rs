@@ -129,18 +129,32 @@ fn environments(registry: &Registry, output: &Output) -> Check {
     let make = |entry: &EnvEntry| {
         let made = entry.make(&EnvConfig::default());
         bar.inc(1);
-        made.err()
+        made.err().map(|error| (entry.id, error))
     };
     let failures: Vec<_> = registry.envs().filter_map(make).collect();
     bar.finish_and_clear();
     match failures.first() {
         None => Check::works("environments", format!("all {count} can be made")),
-        Some(first) => Check::missing(
-            "environments",
-            format!("{} of {count} cannot be made; the first: {first}", failures.len()),
-            "see above, or `swm envs`",
-        ),
+        Some((_, first)) => {
+            let found = format!("{} of {count} cannot be made; the first: {first}", failures.len());
+            match failures.iter().all(|(id, _)| is_extra(id)) {
+                true => Check::optional("environments", found, "see above"),
+                false => Check::missing("environments", found, "see above, or `swm envs`"),
+            }
+        }
     }
+}
+
+/// Whether this is a package that comes without the models of an environment, which are from elsewhere.
+#[cfg(feature = "mujoco")]
+fn is_extra(env: &str) -> bool {
+    swm_envs_mujoco::assets::chosen_fix().is_some()
+        && ["swm/OGB", "swm/Fetch"].iter().any(|family| env.starts_with(family))
+}
+
+#[cfg(not(feature = "mujoco"))]
+fn is_extra(_env: &str) -> bool {
+    false
 }
 
 #[cfg(feature = "mujoco")]
@@ -155,11 +169,14 @@ mod mujoco {
     };
     use swm_envs_mujoco::ffi::{Library, gl::GlContext};
 
-    use super::Check;
+    use super::{Check, State};
 
     /// What fixes whatever is missing in the data folder.
     fn setup() -> String {
         let setup = "cargo xtask setup";
+        if let Some(fix) = assets::chosen_fix() {
+            return fix;
+        }
         match assets::data_folder() {
             Some(folder) if can_be_made(&folder) => setup.into(),
             Some(folder) => format!(
@@ -220,14 +237,22 @@ mod mujoco {
         let all = assets::manipulation_model("robotiq_2f85/2f85.xml")
             .and(assets::maze_model("ant.xml"))
             .and(assets::maze_model("humanoid.xml"));
-        models(NAME, all, &format!("ogbench {OGBENCH_VERSION}"))
+        extra(models(NAME, all, &format!("ogbench {OGBENCH_VERSION}")))
+    }
+
+    /// Models that a package does not carry.
+    fn extra(check: Check) -> Check {
+        match check.state {
+            State::Missing if assets::chosen_fix().is_some() => Check { state: State::Optional, ..check },
+            _ => check,
+        }
     }
 
     fn models(name: &'static str, found: Result<PathBuf, MujocoError>, version: &str) -> Check {
         match found {
             Ok(_) => Check::works(name, format!("{version}, as published")),
             Err(MujocoError::NoAsset { .. } | MujocoError::NoLibrary { .. }) => {
-                Check::missing(name, "not in the data folder", &setup())
+                Check::missing(name, "not where they are looked for", &setup())
             }
             Err(error) => Check::missing(name, error.to_string(), &setup()),
         }
@@ -235,11 +260,8 @@ mod mujoco {
 
     fn fetch() -> Check {
         const NAME: &str = "models of Fetch";
-        models(
-            NAME,
-            assets::fetch_model("push.xml"),
-            &format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}"),
-        )
+        let version = format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}");
+        extra(models(NAME, assets::fetch_model("push.xml"), &version))
     }
 
     /// Our own renderer draws without it.

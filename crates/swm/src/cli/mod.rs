@@ -64,6 +64,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
 
+pub use crate::jobs::{Launcher, set_launcher};
 pub(crate) use output::{Failure, Output, usage};
 use threads::ThreadsArg;
 

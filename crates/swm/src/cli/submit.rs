@@ -15,9 +15,9 @@ use super::{Failure, Output, usage, version};
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
 use crate::jobs::files::{bytes, now, ranges};
 use crate::jobs::held::{held_shards, queued};
-use crate::jobs::job::{Input, Program};
+use crate::jobs::job::Input;
 use crate::jobs::progress::Progress;
-use crate::jobs::{Job, JobFolder, engine, free_bytes};
+use crate::jobs::{Job, JobFolder, Program, engine, free_bytes};
 use crate::text_file::read_text;
 
 /// Divide a command into shards, and submit them as tasks of a scheduler: Slurm, HyperQueue, or another.
@@ -42,7 +42,7 @@ pub(super) struct Submit {
     /// Wait for the result; exit status 1 if shards fail.
     #[arg(long, conflicts_with = "dry_run")]
     wait: bool,
-    /// Let tasks start this program where it is, in place of a copy in the job's folder.
+    /// Let tasks start this program where it is, in place of a copy in the job's folder. The Python package is never copied.
     #[arg(long)]
     no_copy: bool,
     /// With collect: record about K episodes first, and refuse a job that the disk has no space for.
@@ -72,7 +72,7 @@ Examples:
   swm submit --on slurm --each runs.txt --job runs -- train lewm --dataset tworoom.h5    (a training run per line of arguments)
 
 The commands are collect, eval --manifest, sweep and train, without --out: results go to the job's folder, which all machines must \
-see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals \
+see. It holds the program itself, so that a rebuild does not change queued tasks; of the Python package, its version and hash, which tasks check. The last task joins the shards: the result equals \
 that of the undivided command. `swm jobs` shows progress. `swm submit` does not wait; --wait does.
 
 Schedulers and their settings, --on SCHEDULER:KEY=VALUE,…:

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use swm_core::{Cancel, FactorSpec, Manifest, Registry, Space};
+use swm_core::{Cancel, Manifest, Registry};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::manifest::note_rewards_only;
@@ -11,12 +11,11 @@ use super::output::{create_folder, table};
 use super::rates::{at_reset, p_value, rate};
 use super::training_note;
 use super::work::Plan;
-use super::{Failure, Output, held, interrupt, usage};
+use super::{Failure, Output, interrupt, usage};
 use crate::evaluation::{
     Candidate, CellLedger, Change, Division, RunOptions, Sweep, SweepRun, Values, changes, env_of,
-    read_manifest,
+    grid_points, held_sweep, read_manifest, write_sweep,
 };
-use crate::report_page::sweep_figure;
 
 /// Evaluate a policy under every factor of variation, one by one, by group and together.
 #[derive(Args)]
@@ -77,10 +76,6 @@ enum ValuesArg {
 /// One policy in all cells; each cell's changes are tried once in a part that has some of its pairs.
 const DIVISION: Division = Division::ByCell;
 
-/// Points of a grid, and the most values of a choice that are all taken unless a number is given.
-const POINTS: usize = 5;
-const MOST_CHOICES: usize = 16;
-
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
@@ -93,23 +88,16 @@ impl SweepCommand {
         if let Some(dir) = &self.out {
             create_folder(dir)?;
             if !self.again
-                && let Some(held) = held::sweep(dir)?
+                && let Some(held) = held_sweep(
+                    dir,
+                    &manifest,
+                    &candidate,
+                    &candidate.files(registry, entry)?,
+                    values,
+                    &changes,
+                )
+                .map_err(usage)?
             {
-                let held_changes = held.cells.iter().skip(1).map(|cell| cell.name.as_str());
-                let difference = if held.manifest_hash != manifest.hash() {
-                    Some("another manifest".to_owned())
-                } else if held.candidate.policy != candidate.policy {
-                    Some(format!("policy `{}`, not `{}`", held.candidate.policy, candidate.policy))
-                } else if held.candidate != candidate {
-                    Some(format!("policy seed {}, not {}", held.candidate.seed, candidate.seed))
-                } else if held.values != values || !held_changes.eq(changes.iter().map(Change::name)) {
-                    Some("other factors or values".to_owned())
-                } else {
-                    None
-                };
-                if let Some(difference) = difference {
-                    return Err(held::refusal(dir, &format!("the result of a sweep with {difference}")));
-                }
                 output.note(format!("{}: already done; --again repeats it", dir.display()));
                 return output.result(&held, || text(&held, Some(dir)));
             }
@@ -124,7 +112,7 @@ impl SweepCommand {
             (Some(dir), Some(shard)) => {
                 let mut ledger =
                     CellLedger::open_part(dir, shard.numbers(), DIVISION, &run.identity()?, cells, pairs)?;
-                let done = run.run_part(&mut ledger, told);
+                let done = run.run_part(&mut ledger, None, told);
                 bar.finish_and_clear();
                 done?;
                 ledger.finish_part()?;
@@ -135,18 +123,11 @@ impl SweepCommand {
             }
             (Some(dir), None) => CellLedger::open(&dir.join("sweep.jsonl"), &run.identity()?, cells, pairs)?,
         };
-        let result = run.run(&mut ledger, |cell| told(&cell.name));
+        let result = run.run(&mut ledger, None, |cell| told(&cell.name));
         bar.finish_and_clear();
         let result = result?;
         if let Some(dir) = &self.out {
-            let write = |name: &str, text: &str| {
-                let path = dir.join(name);
-                std::fs::write(&path, text)
-                    .map_err(|error| format!("cannot write {}: {error}", path.display()))
-            };
-            write("sweep.json", &(serde_json::to_string_pretty(&result)? + "\n"))?;
-            write("sweep.csv", &result.csv())?;
-            write("sweep.svg", &sweep_figure(&result))?;
+            write_sweep(dir, &result)?;
         }
         ledger.close()?;
         output.result(&result, || text(&result, self.out.as_deref()))
@@ -171,22 +152,13 @@ impl SweepCommand {
         let values = match self.values {
             ValuesArg::Sampled => Values::Sampled,
             ValuesArg::Extremes => Values::Extremes,
-            ValuesArg::Grid => Values::Grid(self.points.unwrap_or_else(|| self.default_points(&factors))),
+            ValuesArg::Grid => {
+                Values::Grid(self.points.unwrap_or_else(|| grid_points(&factors, &self.factors)))
+            }
         };
         candidate.make(registry, entry, &manifest)?;
         let changes = changes(&factors, &self.factors, values).map_err(usage)?;
         Ok((manifest, candidate, values, changes))
-    }
-
-    /// Points of a grid: as many as the choices have values, where all factors are choices.
-    fn default_points(&self, factors: &[FactorSpec]) -> usize {
-        let names = || self.factors.iter().flat_map(|asked| asked.split('+'));
-        let asked = |factor: &&FactorSpec| names().any(|name| factor.is_selected_by(name));
-        let values = factors.iter().filter(asked).map(|factor| match factor.space {
-            Space::Discrete { n, .. } => usize::try_from(n).ok().filter(|n| (2..=MOST_CHOICES).contains(n)),
-            _ => None,
-        });
-        values.collect::<Option<Vec<_>>>().and_then(|values| values.into_iter().max()).unwrap_or(POINTS)
     }
 
     /// What a job needs to know before it is submitted.

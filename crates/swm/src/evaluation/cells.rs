@@ -67,11 +67,28 @@ impl CellLedger {
     ///
     /// As of [`Ledger::open`].
     pub fn open(path: &Path, identity: &impl Serialize, cells: u64, pairs: u64) -> Result<Self, BoxError> {
-        let ledger = Ledger::open(path, identity)?;
+        Ok(Self::of(Ledger::open(path, identity)?, cells, pairs))
+    }
+
+    /// As [`CellLedger::open`], but a file of other evaluations is replaced.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Ledger::open_again`].
+    pub fn open_again(
+        path: &Path,
+        identity: &impl Serialize,
+        cells: u64,
+        pairs: u64,
+    ) -> Result<Self, BoxError> {
+        Ok(Self::of(Ledger::open_again(path, identity)?, cells, pairs))
+    }
+
+    fn of(ledger: Ledger, cells: u64, pairs: u64) -> Self {
         let mut opened = Self { known: ledger.known.clone(), ..Self::in_memory(cells, pairs) };
         opened.count_seconds(&ledger);
         opened.ledger = Some(ledger);
-        Ok(opened)
+        opened
     }
 
     /// Part `shard` (counted from 1) of `of` parts, in a file below the folder `dir`. Where an earlier version of this program, which

@@ -8,6 +8,7 @@ use swm_core::error::BoxError;
 use swm_core::evaluate::PairedRuns;
 use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
 
+use super::difference::{Difference, differences};
 use super::receipt::Receipt;
 
 /// One side of a comparison: runs of one policy with different seeds on one manifest.
@@ -37,6 +38,9 @@ pub struct Compared {
     /// The first side against this one, all runs of both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub test: Option<PairedRuns>,
+    /// In what this evaluation differs from the first one: settings, weights, seed, physics.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub differs: Vec<Difference>,
 }
 
 impl Side {
@@ -97,7 +101,17 @@ impl Side {
             ci95,
             std,
             test: first.and_then(|first| PairedRuns::of(&slices(&first.successes()), &runs, 0)),
+            differs: first.map_or_else(Vec::new, |first| self.differences(first)),
         }
+    }
+
+    fn differences(&self, first: &Self) -> Vec<Difference> {
+        let mut all = differences(&first.runs[0], &self.runs[0]);
+        // Several runs differ in their seeds.
+        if first.runs.len() + self.runs.len() > 2 {
+            all.retain(|difference| difference.what != "policy_seed");
+        }
+        all
     }
 
     /// Successes of all runs, `[runs][pairs]`.

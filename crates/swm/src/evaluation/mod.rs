@@ -3,6 +3,7 @@
 
 mod cells;
 mod compare;
+mod difference;
 mod files;
 mod gate;
 mod hash;
@@ -22,6 +23,7 @@ mod verify;
 
 pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
+pub use difference::{Difference, differences, result_differences};
 pub(crate) use files::env_of;
 pub use files::{holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
@@ -39,8 +41,11 @@ pub use quality::{Quality, QualityOptions, Ranking, Surprised, measurements, qua
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::{Ledger, identity};
-pub use run::{Candidate, RunOptions, run_pairs};
-pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
+pub use run::{Candidate, ForeignPolicy, RunEpisodes, RunOptions, run_pairs};
+pub use sweep::{
+    Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, grid_points, held_sweep, is_sweep,
+    read_sweep, write_sweep,
+};
 pub use tiers::{TierRules, task_probes, tier_rules};
 pub(crate) use verify::can_be_made;
-pub use verify::{Part, Verification, verify};
+pub use verify::{Part, Verification, verify, verify_by};

@@ -8,8 +8,8 @@ use serde_json::{Map, Value as Json};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{
-    Cancel, EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions,
-    Rollout, World,
+    Cancel, EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Recorder, Registry,
+    ResetOptions, Rollout, World,
 };
 
 use super::files::env_of;
@@ -152,10 +152,7 @@ pub fn run_pairs(
     mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
 ) -> Result<Vec<EpisodeResult>, BoxError> {
     let entry = env_of(registry, manifest)?;
-    let missing = match &options.pairs {
-        Some(pairs) => missing(pairs.iter().copied(), known),
-        None => missing(0..manifest.pairs.len() as u64, known),
-    };
+    let missing = missing_of(manifest, options, known);
     let mut results = known.clone();
     if !missing.is_empty() {
         let most = missing.iter().map(|range| range.end - range.start).max().unwrap_or(1);
@@ -180,6 +177,63 @@ pub fn run_pairs(
         }
     }
     Ok(results.into_values().collect())
+}
+
+/// A policy that no registry has, such as an object of Python: what a result holds of it, and how its episodes are run.
+pub struct ForeignPolicy<'a> {
+    /// The policy with its settings.
+    pub description: String,
+    /// SHA-256 of every file that it depends on, by name.
+    pub files: BTreeMap<String, String>,
+    /// Actions of one plan.
+    pub plan_steps: u64,
+    /// Runs the episodes of a rollout in environments of the manifest, under its budget and its test of success.
+    pub run: Box<RunEpisodes<'a>>,
+}
+
+/// See [`ForeignPolicy::run`].
+pub type RunEpisodes<'a> = dyn FnMut(Rollout, &mut dyn Recorder) -> Result<(), BoxError> + 'a;
+
+impl ForeignPolicy<'_> {
+    /// As [`run_pairs`], by this policy. Of `options`, only the pairs count.
+    ///
+    /// # Errors
+    ///
+    /// A reset, a step or the policy fails, or `each` fails.
+    pub fn run_pairs(
+        &mut self,
+        manifest: &Manifest,
+        resets: &[ResetOptions],
+        options: &RunOptions,
+        known: &BTreeMap<u64, EpisodeResult>,
+        checked: bool,
+        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
+    ) -> Result<Vec<EpisodeResult>, BoxError> {
+        let mut results = known.clone();
+        for range in missing_of(manifest, options, known) {
+            let rollout = Rollout::new(range).seed(manifest.seed).each(resets);
+            let mut recorder =
+                OutcomeRecorder::new(self.plan_steps, checked.then_some(manifest), |pair, result| {
+                    each(pair, &result)?;
+                    results.insert(pair, result);
+                    Ok(())
+                });
+            (self.run)(rollout, &mut recorder)?;
+        }
+        Ok(results.into_values().collect())
+    }
+}
+
+/// The stretches of pairs that are to be run and are not known.
+fn missing_of(
+    manifest: &Manifest,
+    options: &RunOptions,
+    known: &BTreeMap<u64, EpisodeResult>,
+) -> Vec<Range<u64>> {
+    match &options.pairs {
+        Some(pairs) => missing(pairs.iter().copied(), known),
+        None => missing(0..manifest.pairs.len() as u64, known),
+    }
 }
 
 /// The stretches of ascending `pairs` that are not known.

@@ -2,9 +2,11 @@
 //! unchanged environment. Which changes there are is the duty of `changes`, running them that of `run`.
 
 mod changes;
+mod folder;
 mod run;
 mod trial;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
@@ -13,7 +15,8 @@ use swm_core::evaluate::{PairedTest, Summary};
 
 use super::receipt::Code;
 use super::run::Candidate;
-pub use changes::{Change, Scope, Values, changes};
+pub use changes::{Change, Scope, Values, changes, grid_points};
+pub use folder::{held_sweep, read_sweep, write_sweep};
 pub use run::SweepRun;
 
 /// The version of [`Sweep`] that is written and read.
@@ -35,6 +38,9 @@ pub struct Sweep {
     pub candidate: Candidate,
     /// The policy in its own words.
     pub policy: String,
+    /// SHA-256 of every file that the policy depends on: its models.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
     /// Which values factors get.
     pub values: Values,
     /// What made it.

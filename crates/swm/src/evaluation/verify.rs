@@ -7,12 +7,13 @@ use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, PolicyArgs, Registry};
 
+use super::difference::settings;
 use super::files::env_of;
 use super::hash::file_hash;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
 use super::reference::{Reference, Regret, Role, roles};
-use super::run::{Candidate, RunOptions, run_pairs};
+use super::run::{Candidate, ForeignPolicy, RunOptions, run_pairs};
 
 /// A part of a result that can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -68,12 +69,31 @@ pub fn verify(
     receipt: &Receipt,
     options: &RunOptions,
     oracle: bool,
+    each: impl FnMut() + Send,
+) -> Result<Verification, BoxError> {
+    verify_by(registry, receipt, None, options, oracle, each)
+}
+
+/// As [`verify`], where the policy of the receipt is one that the registry does not have: with its settings as a candidate, and who
+/// runs it. Its files are told by their content, not by where they are; without any, those of the receipt are read again.
+///
+/// # Errors
+///
+/// As of [`verify`].
+pub fn verify_by(
+    registry: &Registry,
+    receipt: &Receipt,
+    mut foreign: Option<(&Candidate, ForeignPolicy<'_>)>,
+    options: &RunOptions,
+    oracle: bool,
     mut each: impl FnMut() + Send,
 ) -> Result<Verification, BoxError> {
     let Receipt { manifest, candidate, .. } = receipt;
     manifest.check()?;
     let entry = env_of(registry, manifest)?;
-    can_be_made(registry, entry, candidate)?;
+    if foreign.is_none() {
+        can_be_made(registry, entry, candidate)?;
+    }
     let mut differences = BTreeMap::new();
     let mut differ = |part: Part, recorded: &str, now: &str, what: &str| {
         if recorded != now {
@@ -106,35 +126,52 @@ pub fn verify(
         }
     }
     differ(Part::Seed, &then.noise, &now.noise, "noise of the first pair");
+    let given = foreign.as_ref().map(|(_, policy)| &policy.files).filter(|files| !files.is_empty());
     for (file, hash) in &receipt.files {
-        let now = file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string());
+        let now = match given {
+            Some(files) if files.values().any(|now| now == hash) => hash.clone(),
+            Some(_) => "none of the given files".to_owned(),
+            None => file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string()),
+        };
         differ(Part::Model, hash, &now, file);
     }
-    let described = candidate.make(registry, entry, manifest)?.describe();
-    // A setting may have been renamed since: then the recorded description still makes the same policy.
-    let remade = PolicyArgs::parse(&receipt.policy)
-        .ok()
-        .and_then(|policy| Candidate::new(policy).make(registry, entry, manifest).ok())
-        .map(|policy| policy.describe());
-    if remade.as_ref() != Some(&described) {
-        differ(Part::Solver, &receipt.policy, &described, "policy");
+    for (file, hash) in given.into_iter().flatten() {
+        if !receipt.files.values().any(|then| then == hash) {
+            differ(Part::Model, "no such file", hash, file);
+        }
+    }
+    match &foreign {
+        None => {
+            let described = candidate.make(registry, entry, manifest)?.describe();
+            // A setting may have been renamed since: then the recorded description still makes the same policy.
+            let remade = PolicyArgs::parse(&receipt.policy)
+                .ok()
+                .and_then(|policy| Candidate::new(policy).make(registry, entry, manifest).ok())
+                .map(|policy| policy.describe());
+            if remade.as_ref() != Some(&described) {
+                differ(Part::Solver, &receipt.policy, &described, "policy");
+            }
+        }
+        Some((now, policy)) => {
+            differ(Part::Solver, &candidate.policy.name, &now.policy.name, "policy");
+            for setting in settings(&candidate.policy, &now.policy) {
+                differ(Part::Solver, &setting.first.to_string(), &setting.this.to_string(), &setting.what);
+            }
+            let steps = policy.plan_steps.to_string();
+            differ(Part::Solver, &receipt.plan_steps.to_string(), &steps, "actions of a plan");
+        }
     }
     // Where starts differ, the run says so in its digests: no need to stop at the first.
     let (resets, none) = (manifest.resets()?, BTreeMap::new());
-    let again = run_pairs(
-        registry,
-        manifest,
-        &resets,
-        candidate,
-        receipt.plan_steps,
-        options,
-        &none,
-        false,
-        |_, _| {
-            each();
-            Ok(())
-        },
-    )?;
+    let count = |_, _: &EpisodeResult| {
+        each();
+        Ok(())
+    };
+    let steps = receipt.plan_steps;
+    let again = match &mut foreign {
+        Some((_, policy)) => policy.run_pairs(manifest, &resets, options, &none, false, count)?,
+        None => run_pairs(registry, manifest, &resets, candidate, steps, options, &none, false, count)?,
+    };
     let episodes: Vec<usize> = (0..again.len().max(receipt.episodes.len()))
         .filter(|&index| match (receipt.episodes.get(index), again.get(index)) {
             (Some(then), Some(now)) => !then.is_repeated_by(now),
@@ -205,9 +242,9 @@ pub(crate) fn can_be_made(
         // Other builds have it.
         Some(_) => Err(unknown.into()),
         None => Err(format!(
-            "the policy `{}` was an object of the program that evaluated it: a receipt holds its name, but neither its code nor its \
-             weights, so it cannot be made again here; evaluate it again there (in Python: `swm.evaluate`) and compare the receipts \
-             (`swm compare`, in Python: `swm.compare`)",
+            "the policy `{}` was an object of the program that evaluated it: a receipt holds its name, its settings and the hashes of \
+             its weights, but not its code, so it cannot be made again here; give the object (in Python: `swm.verify(receipt, \
+             policy=…, weights=[…])`), or evaluate it again there and compare the receipts (`swm compare`, in Python: `swm.compare`)",
             unknown.name
         )
         .into()),

@@ -11,6 +11,7 @@ use swm_data::recording::WriterLock;
 use swm_data::tools::parts;
 
 use super::files::{cannot, extension, read_json, seconds, write_json};
+use super::program::{Program, copy_in};
 use crate::evaluation::file_hash;
 
 /// The version of [`Job`] that is written.
@@ -38,19 +39,6 @@ pub(crate) struct Job {
     pub(crate) folder: PathBuf,
 }
 
-/// The program that runs the shards.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Program {
-    /// What `swm --version` prints: commit, renderer, physics, features.
-    pub(crate) about: String,
-    /// Where it was when the job was submitted.
-    pub(crate) path: PathBuf,
-    /// Whether the folder has a copy, which tasks start: another build cannot change it.
-    pub(crate) is_copied: bool,
-    pub(crate) sha256: String,
-}
-
 /// A file or folder that the command reads.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -60,18 +48,6 @@ pub(crate) struct Input {
     /// Seconds since 1970.
     pub(crate) modified: u64,
     pub(crate) sha256: String,
-}
-
-impl Program {
-    /// This program, described by `about`.
-    ///
-    /// # Errors
-    ///
-    /// Its file cannot be read.
-    pub(crate) fn this(about: &str, is_copied: bool) -> Result<Self, BoxError> {
-        let path = std::env::current_exe()?;
-        Ok(Self { about: about.to_owned(), sha256: file_hash(&path)?, path, is_copied })
-    }
 }
 
 impl Input {
@@ -217,7 +193,7 @@ impl JobFolder {
             fs::create_dir_all(&folder).map_err(|error| cannot("make the folder", &folder, error))?;
         }
         if created.job.program.is_copied {
-            let (to, new) = (created.copy(), created.dir.join("swm.new"));
+            let (to, new) = (copy_in(&created.dir), created.dir.join("swm.new"));
             let copied = fs::copy(&created.job.program.path, &new).and_then(|_| fs::rename(&new, &to));
             copied.map_err(|error| cannot("copy the program to", &to, error))?;
         }
@@ -245,43 +221,13 @@ impl JobFolder {
         Ok(WriterLock::take(&dir.join("job"))?)
     }
 
-    fn copy(&self) -> PathBuf {
-        self.dir.join("swm")
-    }
-
-    /// The program that tasks start.
-    pub(crate) fn program(&self) -> PathBuf {
-        if self.job.program.is_copied { self.copy() } else { self.job.program.path.clone() }
-    }
-
     /// Checks that the program, which `about` describes, and the inputs are those of the job; with `fully` the content of all.
     ///
     /// # Errors
     ///
     /// One of them differs.
     pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), BoxError> {
-        let program = &self.job.program;
-        let this = std::env::current_exe()?;
-        let is_copy = match (fs::canonicalize(&this), fs::canonicalize(self.copy())) {
-            (Ok(this), Ok(copy)) => this == copy,
-            _ => false,
-        };
-        if (fully || !is_copy) && file_hash(&this)? != program.sha256 {
-            return Err(format!(
-                "{} is not the program of the job {}: run the tasks with {}",
-                this.display(),
-                self.dir.display(),
-                self.program().display()
-            )
-            .into());
-        }
-        if about != program.about {
-            return Err(format!(
-                "on this machine results would differ from those of the job: it was submitted with\n{}\nand here is\n{about}",
-                program.about
-            )
-            .into());
-        }
+        self.job.program.check(&self.dir, about, fully)?;
         self.job.inputs.iter().try_for_each(|input| input.check(fully))
     }
 
@@ -358,7 +304,7 @@ mod tests {
 
     fn job(command: &str, shards: u64, program: &str, content: &str) -> Job {
         let (about, path) = ("swm".to_owned(), "/bin/swm".into());
-        let program = Program { about, path, is_copied: true, sha256: program.into() };
+        let program = Program { about, path, is_copied: true, sha256: program.into(), package: None };
         let input = Input { path: "/m.toml".into(), bytes: 1, modified: 2, sha256: content.into() };
         let command = command.split(' ').map(str::to_owned).collect();
         Job::new(command, Vec::new(), (shards, 16), program, vec![input]).unwrap()

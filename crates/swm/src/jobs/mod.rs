@@ -8,8 +8,11 @@ pub(crate) mod held;
 pub(crate) mod job;
 pub(crate) mod log;
 mod process;
+mod program;
 pub(crate) mod progress;
 
 pub(crate) use engine::engine;
 pub(crate) use job::{Job, JobFolder};
 pub(crate) use process::free_bytes;
+pub(crate) use program::Program;
+pub use program::{Launcher, set_launcher};

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 try:
     import torch
@@ -43,7 +43,15 @@ def flat_goal_encode(model: Dynamics, info_dict: dict[str, Any]) -> torch.Tensor
     # A goal is a state: what was done, or will be, is no part of it.
     goal.pop("action", None)
     goal.pop("action_history", None)
-    return model.encode(goal)["emb"]
+    encoded = cast("Any", model.encode(goal))
+    if not isinstance(encoded, dict) or "emb" not in encoded:
+        known = cast("dict[str, Any]", encoded)
+        has = ", ".join(map(str, known)) if isinstance(encoded, dict) else type(known).__name__
+        raise TypeError(
+            f"{type(model).__name__}.encode returned {has}; it must return a dict with the embedding as `emb`, [B, T, …], or give the "
+            "evaluator another encode_goal"
+        )
+    return cast("dict[str, Any]", encoded)["emb"]
 
 
 def split_goal_encode(model: Any, info_dict: dict[str, Any]) -> torch.Tensor:
@@ -104,7 +112,13 @@ class ShootingCostEvaluator(torch.nn.Module):
     def _rollout(self, info_dict: dict[str, Any], action_candidates: torch.Tensor) -> dict[str, Any]:
         if self.encode_goal is not None and "goal_emb" not in info_dict:
             info_dict["goal_emb"] = self.encode_goal(self.model, info_dict)
-        info_dict = self.model.rollout(info_dict, action_candidates)
+        found: Any = self.model.rollout(info_dict, action_candidates)
+        if not isinstance(found, dict):
+            raise TypeError(
+                f"{type(self.model).__name__}.rollout returned {type(found).__name__}; it must return the dict that it is given, with its "
+                "predictions added, as info['predicted_emb'] of shape [B, S, T + H, …]"
+            )
+        info_dict = cast("dict[str, Any]", found)
         info_dict["action_candidates"] = action_candidates
         return info_dict
 

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 __all__ = ["ControlPenalty", "GoalMSE", "WeightedSum"]
 
 
+def _of(info_dict: dict[str, Any], key: str, fix: str) -> torch.Tensor:
+    """What an objective reads."""
+    if key not in info_dict:
+        raise ValueError(f"the objective reads `{key}`, and the rollout has {', '.join(info_dict)}; {fix}")
+    return info_dict[key]
+
+
 class GoalMSE(torch.nn.Module):
     """Squared distance of the last predicted embedding from the last frame of the goal.
 
@@ -40,8 +47,10 @@ class GoalMSE(torch.nn.Module):
         self.reduction = reduction
 
     def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
-        last = info_dict[self.pred_key][:, :, -1]
-        goal = info_dict[self.goal_key][:, -1].detach().unsqueeze(1)
+        fix = "let the model's `rollout` add it to the dict that it returns"
+        last = _of(info_dict, self.pred_key, f"{fix}, or give GoalMSE(pred_key=…)")[:, :, -1]
+        fix = "give the evaluator an encode_goal"
+        goal = _of(info_dict, self.goal_key, f"{fix}, or GoalMSE(goal_key=…)")[:, -1].detach().unsqueeze(1)
         error = (last - goal).pow(2).flatten(2) if last.ndim > 2 else (last - goal).pow(2).unsqueeze(-1)
         return error.sum(-1) if self.reduction == "sum" else error.mean(-1)
 
@@ -54,7 +63,7 @@ class ControlPenalty(torch.nn.Module):
         self.action_key = action_key
 
     def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
-        return info_dict[self.action_key].pow(2).flatten(2).sum(-1)
+        return _of(info_dict, self.action_key, "give ControlPenalty(action_key=…)").pow(2).flatten(2).sum(-1)
 
 
 class WeightedSum(torch.nn.Module):

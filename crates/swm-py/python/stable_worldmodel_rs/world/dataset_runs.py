@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .native import whole
 from .results import EvaluationResult
 from .world import World
 
@@ -49,7 +50,7 @@ def evaluate_from_dataset(
     if (episodes_idx is None) != (start_steps is None):
         raise ValueError("give episodes_idx and start_steps together, or neither")
     if episodes_idx is None or start_steps is None:
-        starts = _swm.choose_starts([int(length) for length in dataset.lengths], episodes, offset, seed)
+        starts = _swm.choose_starts([int(length) for length in dataset.lengths], whole("episodes", episodes), whole("goal_offset", offset), whole("seed", seed))
         episodes_idx, start_steps = [episode for episode, _ in starts], [step for _, step in starts]
     return world.evaluate(
         dataset=dataset,

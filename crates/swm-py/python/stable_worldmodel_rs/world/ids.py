@@ -30,6 +30,11 @@ def native_id(env_name: str) -> str | None:
         name = RENAMED.get(env_name, env_name)
         if name not in env_ids():
             return None
-    if name.startswith("swm/OGB"):
-        offer_ogbench()
+    need(name)
     return name
+
+
+def need(env: str) -> None:
+    """Make the files of an environment known that is about to be made; ``env`` is an id of this package's own numbering."""
+    if env.startswith("swm/OGB"):
+        offer_ogbench()

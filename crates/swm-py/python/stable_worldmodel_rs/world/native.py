@@ -46,6 +46,21 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
         raise
 
 
+def whole(what: str, value: Any) -> int:
+    """A whole number from 0 on, such as a seed.
+
+    Raises:
+        SwmError: It is something else.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise _swm.SwmError(f"{what}={value!r}: give a whole number from 0 on, such as {what}=42") from None
+    if number < 0:
+        raise _swm.SwmError(f"the {what} {number} is negative; use 0 or more")
+    return number
+
+
 def checked_shape(image_shape: Any) -> tuple[int, int] | None:
     """The height and width of images as integers; None for no images.
 
@@ -120,11 +135,12 @@ class NativePool:
         count = self.num_envs
         chosen = [row for row in range(count) if mask is None or mask[row]]
         seeds: list[int | None] = [None] * count
-        if seed is None or isinstance(seed, (int, np.integer)):
-            run = self.run_seed(None if seed is None else int(seed), goes_on=seed is None)
+        listed = cast("Sequence[Any]", seed) if isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, str) else None
+        if listed is None:
+            run = self.run_seed(cast("int | None", seed), goes_on=seed is None)
         else:
             run = self.run_seed(None, goes_on=True)
-            seeds = [None if one is None else int(one) for one in seed]
+            seeds = [None if one is None else whole("seed", one) for one in listed]
             if len(seeds) != count:
                 raise _swm.SwmError(f"seed: {len(seeds)} seeds for {count} environments; give one per environment")
         each = _each(options, count)
@@ -158,10 +174,8 @@ class NativePool:
         if seed is None:
             if not goes_on or self._run is None:
                 self._run, self._next = secrets.randbelow(_SEEDS), 0
-        elif seed < 0:
-            raise _swm.SwmError(f"the seed {seed} is negative; use 0 or more")
         else:
-            self._run, self._next = seed, 0
+            self._run, self._next = whole("seed", seed), 0
         assert self._run is not None
         return self._run
 

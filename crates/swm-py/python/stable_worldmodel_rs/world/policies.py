@@ -10,6 +10,11 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from .._core import core as _swm
+from .native import whole
+
+
+# What results call a reference policy, and the policy that it is.
+_ALIASES = {"no-op": "constant", "no_op": "constant"}
 
 
 class NativePolicy:
@@ -17,7 +22,7 @@ class NativePolicy:
 
     Args:
         text: Name and arguments: ``"random"``, ``"noisy-expert:std=0.2"``, ``"cem:samples=300,horizon=5"``;
-            ``"cem:@file.json"`` takes the arguments from a file (JSON or TOML). ``swm-rs envs ENV`` lists the policies of
+            ``"cem:@file.json"`` takes the arguments from a file (JSON or TOML), and ``"no-op"`` is ``"constant"`` without values. ``swm-rs envs ENV`` lists the policies of
             an environment.
         seed: Seed of its own noise; 0: noise comes from the episodes' seeds.
         **settings: Further arguments.
@@ -29,6 +34,7 @@ class NativePolicy:
 
     def __init__(self, text: str, *, seed: int = 0, **settings: Any) -> None:
         name, _, rest = text.partition(":")
+        name = _ALIASES.get(name.strip(), name)
         parts = [part for part in rest.split(",") if part]
         if parts and parts[0].startswith("@"):
             given = {**_read(Path(parts.pop(0)[1:])), **settings}
@@ -36,7 +42,7 @@ class NativePolicy:
             given = settings
         parts += [f"{key}={_literal(value)}" for key, value in given.items()]
         self.text: str = name + (":" + ",".join(parts) if parts else "")
-        self.seed = seed
+        self.seed: int = whole("seed", seed)
 
     def __repr__(self) -> str:
         return f"NativePolicy({self.text!r})"

@@ -13,18 +13,22 @@ class Progress:
         title: What is done.
         total: Episodes of a bar; 0: not known.
         enabled: Whether to show one.
-        parts: There are several bars one after the other, each begun by :meth:`begin`.
+        parts: There are several bars one after the other, each begun by :meth:`begin`; or one, by :meth:`expect`.
+        unit: What is counted.
 
     Example:
         >>> with Progress("Recording", total=10, enabled=False) as bar:
         ...     bar.tick(3, 0, 120)
     """
 
-    def __init__(self, title: str, total: int, enabled: bool = True, parts: bool = False) -> None:
+    def __init__(
+        self, title: str, total: int, enabled: bool = True, parts: bool = False, unit: str = "episodes"
+    ) -> None:
         self._bar: Any = None
         self._title = title
         self._total = total
         self._enabled = enabled
+        self._unit = unit
         if not parts:
             self._open(title)
 
@@ -35,12 +39,18 @@ class Progress:
             from tqdm.auto import tqdm
         except ImportError:
             return
-        self._bar = tqdm(total=self._total or None, desc=title, unit=" episodes", dynamic_ncols=True)
+        self._bar = tqdm(total=self._total or None, desc=title, unit=f" {self._unit}", dynamic_ncols=True)
 
     def begin(self, label: str) -> None:
         """Leave the bar that there is as it stands, and show another one, called ``label``."""
         self._close()
         self._open(f"{self._title} {label}")
+
+    def expect(self, total: int) -> None:
+        """Show a bar of ``total``."""
+        self._close()
+        self._total = total
+        self._open(self._title)
 
     def _close(self) -> None:
         if self._bar is not None:

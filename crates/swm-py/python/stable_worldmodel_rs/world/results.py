@@ -1,15 +1,18 @@
-"""Results of evaluations: the reference's dict, with intervals, and a table in notebooks."""
+"""Results of evaluations, comparisons and sweeps: dicts with a table for people, in notebooks, too."""
 
 from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 # A notebook shows at most so many videos.
 _VIDEOS = 4
@@ -47,6 +50,20 @@ class EvaluationResult(dict[str, Any]):
             wall_time_s=float(data["wall_time_s"]),
         )
 
+    def plain(self) -> dict[str, Any]:
+        """The same with lists and numbers of Python in place of arrays, and None for NaN: what ``json.dumps`` takes."""
+        return {name: _plain(value) for name, value in self.items()}
+
+    def to_json(self, path: str | PathLike[str] | None = None, *, indent: int | None = None) -> str:
+        """The result as JSON, which is also written to ``path``.
+
+        Arrays are the reference's contract: ``json.dumps`` does not take them, so that it needs :meth:`plain`.
+        """
+        text = json.dumps(self.plain(), indent=indent, allow_nan=False)
+        if path is not None:
+            Path(path).expanduser().write_text(text + "\n", encoding="utf-8")
+        return text
+
     def rows(self) -> list[tuple[str, str]]:
         """The table that people read."""
         successes = int(np.sum(self["episode_successes"]))
@@ -69,6 +86,133 @@ class EvaluationResult(dict[str, Any]):
 
     def _repr_html_(self) -> str:
         return html_table(self.rows()) + "".join(_video(path) for path in self.get("videos", ())[:_VIDEOS])
+
+
+class Receipt(dict[str, Any]):
+    """What a policy came to on a manifest, and all it takes to repeat it: the JSON of ``receipt.json``."""
+
+    @property
+    def success_rate(self) -> float:
+        """In percent."""
+        return float(self["summary"]["success_rate"])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the success rate, in percent."""
+        low, high = self["summary"]["ci95"]
+        return float(low), float(high)
+
+    @property
+    def episode_successes(self) -> npt.NDArray[np.bool_]:
+        """Of every pair, bool ``(E,)``."""
+        return np.array([episode["success"] for episode in self["episodes"]], dtype=bool)
+
+    def differences(self, other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+        """In what this result and another one differ, by name: here, there. Nothing where they are equal to the last bit.
+
+        Policies, their settings, seeds and weights (by content), the manifest, the environment's tables, physics and images, what
+        came out in every episode, and the reference policies. Wall times and versions of the package may differ.
+        """
+        from .._core import core as _swm
+
+        found = json.loads(_swm.receipt_differences(json.dumps(self), json.dumps(other)))
+        return {one["what"]: (one["first"], one["this"]) for one in found}
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The table that people read."""
+        rows = [(str(self["policy"]), rate(self["summary"]))]
+        for other in self["references"]:
+            low, high = other["test"]["interval95"]
+            difference = f"difference {other['test']['difference']:+.1f} ({low:+.1f} to {high:+.1f})"
+            rows.append((str(other["role"]), f"{rate(other['summary'])}, {difference}"))
+        at_reset = self["summary"]["solved_at_start"]
+        rows.append(("pairs", f"{len(self['episodes'])}, {at_reset} with success at reset, which count for every policy"))
+        return rows
+
+    def __repr__(self) -> str:
+        return f"Receipt({self['manifest']['env']}, " + ", ".join(f"{name}: {rate}" for name, rate in self.rows()) + ")"
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows())
+
+
+class Comparison(list[dict[str, Any]]):
+    """Sides of a comparison: ``name``, ``policy``, ``runs``, ``success_rate``, ``ci95``, ``std`` (between seeds), and ``test``:
+    the first side against this one, pair by pair (``difference``, ``interval95``, ``p_value``); and ``differs``: in what the evaluation
+    differs from the first one, a list of ``what``, ``first`` and ``this``."""
+
+    def __repr__(self) -> str:
+        return "Comparison(" + ", ".join(f"{name}: {text}" for name, text in self.rows()) + ")"
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The table that people read."""
+        rows: list[tuple[str, str]] = []
+        for side in self:
+            text = rate(side)
+            if side["test"] is not None:
+                low, high = side["test"]["interval95"]
+                difference = side["test"]["difference"]
+                text += f", first − this {difference:+.1f} ({low:+.1f} to {high:+.1f}), p = {side['test']['p_value']:.4f}"
+            rows.append((str(side["name"]), text))
+            rows += [
+                (f"{side['name']}: {one['what']}", f"{_short(one['this'])} (first: {_short(one['first'])})") for one in side["differs"]
+            ]
+        return rows
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows())
+
+
+class Sweep(dict[str, Any]):
+    """A policy under changed factors: the JSON of ``sweep.json``. ``cells`` has a dict per evaluation: ``name`` and ``value`` of what is
+    changed, ``summary``, ``test`` against the unchanged environment (the first cell), ``note``, ``successes``."""
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The table that people read."""
+        rows: list[tuple[str, str]] = []
+        for cell in self["cells"]:
+            text = "–" if cell["summary"] is None else rate(cell["summary"])
+            if cell["test"] is not None:
+                low, high = cell["test"]["interval95"]
+                text += f", difference {cell['test']['difference']:+.1f} ({low:+.1f} to {high:+.1f})"
+            note = cell.get("note")
+            rows.append((f"{cell['name']} {cell['value']}".strip(), text if note is None else f"{text}; {note}"))
+        return rows
+
+    def __repr__(self) -> str:
+        return f"Sweep({self['env']}, {self['policy']}, " + ", ".join(f"{name}: {text}" for name, text in self.rows()) + ")"
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows())
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(cast("Any", value).tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in cast("list[Any]", value)]
+    return str(cast("Any", value)) if isinstance(value, PathLike) else value
+
+
+def rate(summary: Mapping[str, Any]) -> str:
+    """A success rate with its interval."""
+    low, high = summary["ci95"]
+    return f"{summary['success_rate']:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def _short(value: Any) -> str:
+    """A value in few words: hashes by their beginning."""
+    if value is None:
+        return "–"
+    if isinstance(value, list):
+        return " + ".join(_short(one) for one in cast("list[Any]", value)) or "none"
+    text = str(value)
+    return text[:12] if len(text) == 64 else text
 
 
 def html_table(rows: Sequence[tuple[str, str]]) -> str:

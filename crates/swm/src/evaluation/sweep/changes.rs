@@ -45,6 +45,22 @@ pub struct Change {
     share: Option<f64>,
 }
 
+/// Points of a grid, and the most values of a choice that are all taken unless a number is given.
+const POINTS: usize = 5;
+const MOST_CHOICES: usize = 16;
+
+/// Points of a grid over the factors `asked` where no number is given: 5, or as many as the choices have values, where all of
+/// them are choices of up to 16.
+pub fn grid_points(factors: &[FactorSpec], asked: &[String]) -> usize {
+    let names = || asked.iter().flat_map(|asked| asked.split('+'));
+    let asked = |factor: &&FactorSpec| names().any(|name| factor.is_selected_by(name));
+    let values = factors.iter().filter(asked).map(|factor| match factor.space {
+        Space::Discrete { n, .. } => usize::try_from(n).ok().filter(|n| (2..=MOST_CHOICES).contains(n)),
+        _ => None,
+    });
+    values.collect::<Option<Vec<_>>>().and_then(|values| values.into_iter().max()).unwrap_or(POINTS)
+}
+
 /// The changes of a sweep over factors (`asked`: names, groups, `all`, or several joined by `+`, which change together), in order.
 ///
 /// # Errors

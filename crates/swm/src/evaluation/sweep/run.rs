@@ -1,9 +1,11 @@
 //! Running a sweep: all of it, or the part of it that is a ledger's range.
 
+use std::collections::BTreeMap;
+
 use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
-use swm_core::{Manifest, Registry, ResetOptions};
+use swm_core::{EnvEntry, Manifest, Registry, ResetOptions};
 
 use super::trial::Trial;
 use super::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values};
@@ -12,7 +14,7 @@ use crate::evaluation::files::env_of;
 use crate::evaluation::probe::{Fingerprints, fingerprints};
 use crate::evaluation::receipt::Code;
 use crate::evaluation::resume::identity;
-use crate::evaluation::run::{Candidate, RunOptions, run_pairs};
+use crate::evaluation::run::{Candidate, ForeignPolicy, RunOptions, run_pairs};
 
 /// A sweep to be run. Its cells are the unchanged environment and every change, in this order.
 pub struct SweepRun<'a> {
@@ -25,6 +27,8 @@ pub struct SweepRun<'a> {
     resets: Vec<ResetOptions>,
     trial: Trial,
     steps: u64,
+    /// Description and files of the policy, where the registry does not have it.
+    foreign: Option<(String, BTreeMap<String, String>)>,
 }
 
 /// How the pairs of a cell are reset.
@@ -62,7 +66,15 @@ impl<'a> SweepRun<'a> {
             resets: manifest.resets()?,
             trial: Trial::new(entry, manifest)?,
             steps: candidate.plan_steps(registry, entry, manifest),
+            foreign: None,
         })
+    }
+
+    /// The same under a policy that the registry does not have, which the runs get as well; the candidate is what results call it.
+    #[must_use]
+    pub fn by(self, policy: &ForeignPolicy<'_>) -> Self {
+        let described = (policy.description.clone(), policy.files.clone());
+        Self { steps: policy.plan_steps, foreign: Some(described), ..self }
     }
 
     /// The number of cells.
@@ -86,36 +98,60 @@ impl<'a> SweepRun<'a> {
         let fingerprints: Fingerprints = fingerprints(entry, self.manifest, self.candidate.seed)?;
         let names: Vec<(String, String)> = names.collect();
         let parts = (self.manifest.hash(), &self.candidate, fingerprints, self.steps, self.values, names);
-        identity(&parts, &self.candidate.files(self.registry, entry)?)
+        identity(&parts, &self.files(entry)?)
     }
 
-    /// Evaluates the episodes of the ledger's range. `each` is called with the name of every cell that has some.
+    /// SHA-256 of every file that the policy depends on.
+    fn files(&self, entry: &EnvEntry) -> Result<BTreeMap<String, String>, BoxError> {
+        match &self.foreign {
+            Some((_, files)) => Ok(files.clone()),
+            None => self.candidate.files(self.registry, entry),
+        }
+    }
+
+    /// Evaluates the episodes of the ledger's range, by `foreign` where the registry does not have the policy. `each` is called with
+    /// the name of every cell that has some.
     ///
     /// # Errors
     ///
     /// As of [`SweepRun::run`].
-    pub fn run_part(&mut self, ledger: &mut CellLedger, mut each: impl FnMut(&str)) -> Result<(), BoxError> {
+    pub fn run_part(
+        &mut self,
+        ledger: &mut CellLedger,
+        mut foreign: Option<&mut ForeignPolicy<'_>>,
+        mut each: impl FnMut(&str),
+    ) -> Result<(), BoxError> {
         for cell in 0..self.cells() {
             if !ledger.wanted(cell).is_empty() {
                 let pairs = self.admit(cell)?;
-                self.evaluate(ledger, cell, &pairs)?;
+                self.evaluate(ledger, foreign.as_deref_mut(), cell, &pairs)?;
                 each(cell.checked_sub(1).map_or("unchanged", |change| &self.changes[change as usize].name));
             }
         }
         Ok(())
     }
 
-    /// Evaluates what the ledger does not know. `each` is called after every cell.
+    /// Evaluates what the ledger does not know, by `foreign` where the registry does not have the policy. `each` is called after every
+    /// cell.
     ///
     /// # Errors
     ///
     /// The policy cannot be made, an episode fails, the ledger cannot be written, or it is a joined one and lacks episodes. A
     /// change that cannot be is a cell with a note; one that can be in some pairs, or nearly, is evaluated so.
-    pub fn run(mut self, ledger: &mut CellLedger, mut each: impl FnMut(&Cell)) -> Result<Sweep, BoxError> {
+    pub fn run(
+        mut self,
+        ledger: &mut CellLedger,
+        mut foreign: Option<&mut ForeignPolicy<'_>>,
+        mut each: impl FnMut(&Cell),
+    ) -> Result<Sweep, BoxError> {
         let entry = env_of(self.registry, self.manifest)?;
-        let policy = self.candidate.make(self.registry, entry, self.manifest)?.describe();
+        let policy = match &self.foreign {
+            Some((description, _)) => description.clone(),
+            None => self.candidate.make(self.registry, entry, self.manifest)?.describe(),
+        };
+        let files = self.files(entry)?;
         let unchanged = self.admit(0)?;
-        let base = self.evaluate(ledger, 0, &unchanged)?;
+        let base = self.evaluate(ledger, foreign.as_deref_mut(), 0, &unchanged)?;
         let mut cells = vec![Cell {
             summary: Some(Summary::of(&base)),
             successes: successes(&base),
@@ -128,7 +164,7 @@ impl<'a> SweepRun<'a> {
             let mut cell = Cell::new(&change.name, change.scope, &change.value);
             let mut notes: Vec<String> = admitted.note.iter().cloned().collect();
             if !admitted.pairs.is_empty() {
-                let episodes = self.evaluate(ledger, number, &admitted)?;
+                let episodes = self.evaluate(ledger, foreign.as_deref_mut(), number, &admitted)?;
                 let pairs: Vec<usize> = admitted.pairs.iter().map(|&pair| pair as usize).collect();
                 let before: Vec<EpisodeResult> = pairs.iter().map(|&pair| base[pair].clone()).collect();
                 let same = |(a, b): (&EpisodeResult, &EpisodeResult)| {
@@ -159,6 +195,7 @@ impl<'a> SweepRun<'a> {
             tier: self.manifest.tier.name().to_owned(),
             candidate: self.candidate.clone(),
             policy,
+            files,
             values: self.values,
             code: Code::this(),
             cells,
@@ -183,24 +220,19 @@ impl<'a> SweepRun<'a> {
     fn evaluate(
         &self,
         ledger: &mut CellLedger,
+        foreign: Option<&mut ForeignPolicy<'_>>,
         cell: u64,
         CellPairs { resets, pairs, .. }: &CellPairs,
     ) -> Result<Vec<EpisodeResult>, BoxError> {
         let (wanted, known) = (ledger.wanted(cell), ledger.known(cell));
         let here = pairs.iter().copied().filter(|pair| wanted.contains(pair));
         let options = RunOptions { pairs: Some(here.collect()), ..self.options.clone() };
+        let each = |pair, result: &EpisodeResult| ledger.push(cell, pair, result);
+        if let Some(foreign) = foreign {
+            return foreign.run_pairs(self.manifest, resets, &options, &known, cell == 0, each);
+        }
         let Self { registry, manifest, candidate, steps, .. } = *self;
-        run_pairs(
-            registry,
-            manifest,
-            resets,
-            candidate,
-            steps,
-            &options,
-            &known,
-            cell == 0,
-            |pair, result| ledger.push(cell, pair, result),
-        )
+        run_pairs(registry, manifest, resets, candidate, steps, &options, &known, cell == 0, each)
     }
 }
 

@@ -7,9 +7,10 @@ pub(super) mod slurm;
 use super::JobFolder;
 use super::process::quoted;
 
-/// The beginning of the commands of tasks: `JOB/swm task JOB`.
+/// The beginning of the commands of tasks: `JOB/swm task JOB`, or `PYTHON -m PACKAGE task JOB`.
 fn task(folder: &JobFolder) -> String {
-    let [program, dir] =
-        [folder.program(), folder.dir.clone()].map(|path| quoted(&path.display().to_string()));
-    format!("{program} task {dir}")
+    let words = folder.job.program.words(&folder.dir);
+    let words = words.iter().map(|word| quoted(&word.to_string_lossy()));
+    let dir = quoted(&folder.dir.display().to_string());
+    format!("{} task {dir}", words.collect::<Vec<_>>().join(" "))
 }

@@ -1,0 +1,263 @@
+"""Evaluations on manifests that others can repeat: receipts, their comparison and their verification."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from .._core import core as _swm
+from .given import given_policy
+from .ids import need
+from .manifests import AnyPath, Manifest, existing, read_manifest
+from .policies import NativePolicy
+from .progress import Progress
+from .results import Comparison, Receipt
+
+REFERENCES = ("random", "no_op", "oracle")
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+
+
+@overload
+def evaluate(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    out: AnyPath | None = None,
+    *,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    references: Sequence[str] | str = REFERENCES,
+    oracle: str | None = None,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: bool = False,
+    shard: None = None,
+    join: bool = False,
+    progress: bool = True,
+    **world: Any,
+) -> Receipt: ...
+@overload
+def evaluate(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    out: AnyPath,
+    *,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    references: Sequence[str] | str = REFERENCES,
+    oracle: str | None = None,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: Literal[False] = False,
+    shard: tuple[int, int],
+    join: Literal[False] = False,
+    progress: bool = True,
+    **world: Any,
+) -> None: ...
+def evaluate(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    out: AnyPath | None = None,
+    *,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    references: Sequence[str] | str = REFERENCES,
+    oracle: str | None = None,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: bool = False,
+    shard: tuple[int, int] | None = None,
+    join: bool = False,
+    progress: bool = True,
+    **world: Any,
+) -> Receipt | None:
+    """Evaluate a policy on a manifest, beside reference policies on the same pairs.
+
+    An evaluation whose receipt is in ``out`` already is not run again, and another one does not replace it.
+
+    Args:
+        manifest: Its file, or what `read_manifest` gave.
+        policy: The name of a policy of the core with its arguments, a `NativePolicy`, a function of the infos, or an object
+            with ``get_action``.
+        out: A folder for ``receipt.json``; there an interrupted evaluation goes on where it stopped, of a policy in Python
+            if ``weights`` tell that it is the same.
+        name: What a policy in Python is called in the receipt; None: its own description. The receipt has its settings, too:
+            what its method ``settings()`` returns, or else the arguments of its constructor, its solver, its cost and its plans.
+        weights: Files that a policy in Python depends on: its weights, its code where it has none. The receipt has their
+            SHA-256.
+        policy_seed: Seed of the policy's own noise, for repetitions on the same pairs.
+        references: Which of ``"random"``, ``"no_op"`` and ``"oracle"`` (the same planner on the true dynamics) to run.
+        oracle: Another planner for the oracle.
+        num_envs: Environments side by side.
+        threads: Threads; None: one per core.
+        plan_steps: Actions of one plan, for the cost of plans; None: by the settings of the policy, or 25.
+        again: Run what ``out`` holds already again, and replace it. A policy in Python without ``weights`` needs it for a
+            folder that holds a receipt: its name does not tell whether it is the same policy.
+        shard: ``(i, n)``: run part i of n of the episodes, counted from 1, on this machine; there is no receipt.
+        join: Make the receipt of all parts that are in ``out``.
+        progress: Whether to show a bar for each policy.
+        **world: For a Python policy: more arguments of `World`, such as ``image_shape`` or ``image_transform``.
+
+    Returns:
+        The receipt, a dict; None for a part. ``swm.compare`` compares several, ``swm.verify`` repeats one.
+
+    Raises:
+        SwmError: ``out`` holds the result of another evaluation; or the policy does not fit the environment.
+    """
+    found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
+    names = [references] if isinstance(references, str) else list(references)
+    check_parts(policy, out, weights, again, shard, join)
+    need(found["env"])
+    given = given_policy(
+        found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
+    )
+    with Progress("Evaluating", len(found["pairs"]), progress, parts=True) as bar, given as (text, seed, foreign):
+        receipt, is_done = _swm.evaluate_manifest(
+            json.dumps(found),
+            text,
+            foreign,
+            policy_seed=seed,
+            references=names,
+            oracle=oracle,
+            out=None if out is None else str(Path(out).expanduser()),
+            num_envs=num_envs,
+            threads=threads,
+            plan_steps=plan_steps,
+            again=again,
+            shard=shard,
+            join=join,
+            begin=bar.begin,
+            tick=bar.tick,
+        )
+    if is_done:
+        logger.warning("%s: already done; again=True repeats it", Path(str(out)) / "receipt.json")
+    return None if receipt is None else Receipt(json.loads(receipt))
+
+
+def check_parts(
+    policy: Any,
+    out: AnyPath | None,
+    weights: Sequence[AnyPath],
+    again: bool,
+    shard: tuple[int, int] | None,
+    join: bool,
+) -> None:
+    """Refuse parts of an evaluation that could not be joined."""
+    if shard is None and not join:
+        return
+    if shard is not None and join:
+        raise ValueError("shard=(i, n) runs a part, join=True makes the result of all; give one of them")
+    if out is None:
+        raise ValueError("shard and join need out=, the folder of the parts, which all machines see")
+    if again:
+        raise ValueError("again=True goes with whole runs; remove the folder `parts` in out to run parts again")
+    if shard is not None and not 1 <= shard[0] <= shard[1]:
+        raise ValueError(f"shard={shard!r}: give (i, n), part i of n, counted from 1")
+    if not isinstance(policy, (str, NativePolicy)) and not weights:
+        raise ValueError(
+            "parts of a policy in Python are joined if they are of the same policy, and its name does not tell; give weights=[…], "
+            "the files that it depends on: its weights, its code where it has none"
+        )
+
+
+def read_receipt(path: AnyPath) -> Receipt:
+    """Read a receipt, from its file or its folder.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+    """
+    return Receipt(json.loads(_swm.receipt_json(existing(path, "receipt"))))
+
+
+def _receipt(result: AnyPath | Mapping[str, Any]) -> Receipt:
+    if isinstance(result, (str, PathLike)):
+        return read_receipt(result)
+    return result if isinstance(result, Receipt) else Receipt(result)
+
+
+def compare(*results: AnyPath | Receipt | Sequence[AnyPath | Receipt]) -> Comparison:
+    """Compare results on the same manifest, pair by pair: is one policy better than another, and what differs?
+
+    Args:
+        *results: Receipts, their files or folders. A list of several seeds of one policy is one side.
+
+    Returns:
+        A list with one dict per side; ``test`` is the first side against it, ``differs`` in what the evaluation differs from the first
+        one (settings, weights, seed, physics), and ``name`` the paths as they were given, of receipts their policies.
+    """
+    sides: list[tuple[str, list[str]]] = []
+    for side in results:
+        runs = [side] if isinstance(side, (str, PathLike, Receipt)) else list(side)
+        receipts = [_receipt(run) for run in runs]
+        names = [str(run["policy"]) if isinstance(run, Receipt) else str(run) for run in runs]
+        # Runs of one policy have one name.
+        sides.append((",".join(dict.fromkeys(names)) or f"result {len(sides)}", [json.dumps(receipt) for receipt in receipts]))
+    return Comparison({"test": None, "differs": [], **side} for side in json.loads(_swm.compare_receipts(sides)))
+
+
+def same(first: AnyPath | Receipt, other: AnyPath | Receipt) -> bool:
+    """Whether two results are equal to the last bit: the same evaluation (policy, settings, weights, manifest, physics), and the same
+    outcome of every episode. Wall times and versions of the package may differ. ``Receipt.differences`` names what differs.
+
+    Args:
+        first: A receipt, its file or folder.
+        other: Another one.
+    """
+    return not _receipt(first).differences(_receipt(other))
+
+
+def verify(
+    receipt: AnyPath | Receipt,
+    policy: Any = None,
+    *,
+    weights: Sequence[AnyPath] = (),
+    oracle: bool = False,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    progress: bool = True,
+    **world: Any,
+) -> dict[str, Any]:
+    """Run a receipt's policy and its reference policies again, and say what differs.
+
+    Args:
+        receipt: What `evaluate` gave, or its file or folder.
+        policy: For a receipt of a policy in Python, which holds its settings and the hashes of its weights but not its code: that
+            policy. Its settings are compared with those of the receipt.
+        weights: Where its files are here; None are given: where they were. They are compared by content.
+        oracle: Run the oracle again, too, which can take as long as the policy.
+        num_envs: Environments side by side.
+        threads: Threads; None: one per core.
+        plan_steps: Of a policy in Python, if `evaluate` was given it.
+        progress: Whether to show a bar over the episodes of all these policies.
+        **world: As of `evaluate`.
+
+    Returns:
+        ``equal``, ``differences`` by part (``model``, ``solver``, ``physics``, …), the ``episodes`` that differ, and more.
+    """
+    found = _receipt(receipt)
+    repeated = sum(oracle or other["role"] != "oracle" for other in found["references"])
+    need(found["manifest"]["env"])
+    text, own = json.dumps(found), found["candidate"]["policy"]["name"]
+    if policy is None and (weights or world):
+        raise TypeError("weights and arguments of a World go with a policy in Python; give policy=")
+    if isinstance(policy, (str, NativePolicy)):
+        raise TypeError(f"policy={policy!r}: the receipt names policies of the core; leave it out")
+    with Progress("Verifying", len(found["episodes"]) * (1 + repeated), progress) as bar:
+        spread: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "oracle": oracle, "tick": bar.tick}
+        if policy is None:
+            return dict(json.loads(_swm.verify_receipt(text, **spread)))
+        given = given_policy(
+            found["manifest"], policy, name=own, weights=weights, seed=0, num_envs=num_envs, threads=threads, world=world
+        )
+        with given as (name, _, foreign):
+            return dict(json.loads(_swm.verify_receipt(text, (name, foreign), plan_steps, **spread)))

@@ -1,0 +1,145 @@
+"""Sweeps: does a policy generalize to changed factors of variation?"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from .._core import core as _swm
+from .given import given_policy
+from .ids import need
+from .manifests import AnyPath, Manifest, existing, read_manifest
+from .progress import Progress
+from .receipts import check_parts
+from .results import Sweep
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+
+
+@overload
+def sweep(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    factors: Sequence[str] | str = "all",
+    out: AnyPath | None = None,
+    *,
+    values: str = "sampled",
+    points: int | None = None,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: bool = False,
+    shard: None = None,
+    join: bool = False,
+    progress: bool = True,
+    **world: Any,
+) -> Sweep: ...
+@overload
+def sweep(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    factors: Sequence[str] | str = "all",
+    *,
+    out: AnyPath,
+    values: str = "sampled",
+    points: int | None = None,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: Literal[False] = False,
+    shard: tuple[int, int],
+    join: Literal[False] = False,
+    progress: bool = True,
+    **world: Any,
+) -> None: ...
+def sweep(
+    manifest: AnyPath | Manifest,
+    policy: Any,
+    factors: Sequence[str] | str = "all",
+    out: AnyPath | None = None,
+    *,
+    values: str = "sampled",
+    points: int | None = None,
+    name: str | None = None,
+    weights: Sequence[AnyPath] = (),
+    policy_seed: int = 0,
+    num_envs: int = 16,
+    threads: int | None = None,
+    plan_steps: int | None = None,
+    again: bool = False,
+    shard: tuple[int, int] | None = None,
+    join: bool = False,
+    progress: bool = True,
+    **world: Any,
+) -> Sweep | None:
+    """Evaluate a policy under every factor of variation: each alone, each group of which all are named, and all together, on the pairs
+    of a manifest, against the unchanged environment. The same as ``swm-rs sweep``, for policies in Python, too.
+
+    Args:
+        manifest: Its file, or what `read_manifest` gave.
+        policy: As of `evaluate`.
+        factors: Names of factors or groups, or ``"all"``; ``"a+b"`` changes several together.
+        out: A folder for ``sweep.json``, ``sweep.csv`` and ``sweep.svg``; there an interrupted sweep goes on where it stopped, of a
+            policy in Python if ``weights`` tell that it is the same.
+        values: ``"sampled"`` for every episode, ``"extremes"`` (the smallest, then the largest), or ``"grid"``.
+        points: Values of a grid; None: 5, or every value where the factors are choices of up to 16.
+        name, weights, policy_seed, num_envs, threads, again, shard, join: As of `evaluate`.
+        plan_steps: As of `evaluate`, for a policy in Python.
+        progress: Whether to show a bar over the evaluations.
+        **world: As of `evaluate`.
+
+    Returns:
+        The sweep, a dict; None for a part.
+
+    Raises:
+        SwmError: ``out`` holds another sweep, a factor is unknown, or the policy does not fit the environment.
+    """
+    found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
+    asked = factors.split(",") if isinstance(factors, str) else list(factors)
+    check_parts(policy, out, weights, again, shard, join)
+    need(found["env"])
+    given = given_policy(
+        found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
+    )
+    with Progress("Sweeping", 0, progress, parts=True, unit="evaluations") as bar, given as (text, seed, foreign):
+        if foreign is None and plan_steps is not None:
+            raise TypeError("plan_steps: for policies in Python; a policy of the core has its own")
+        swept, is_done = _swm.sweep_manifest(
+            json.dumps(found),
+            text,
+            foreign,
+            [name.strip() for name in asked],
+            values,
+            points,
+            policy_seed=seed,
+            out=None if out is None else str(Path(out).expanduser()),
+            num_envs=num_envs,
+            threads=threads,
+            plan_steps=plan_steps,
+            again=again,
+            shard=shard,
+            join=join,
+            begin=bar.expect,
+            tick=bar.tick,
+        )
+    if is_done:
+        logger.warning("%s: already done; again=True repeats it", Path(str(out)) / "sweep.json")
+    return None if swept is None else Sweep(json.loads(swept))
+
+
+def read_sweep(path: AnyPath) -> Sweep:
+    """Read a sweep, from its file or its folder.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+    """
+    return Sweep(json.loads(_swm.sweep_json(existing(path, "sweep"))))

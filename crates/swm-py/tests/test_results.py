@@ -1,0 +1,319 @@
+"""Policies in Python are first-class: sweeps, parts, resumed runs, settings and weights in receipts, verification, comparison."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stable_worldmodel_rs as swm
+from stable_worldmodel_rs.planning import CEMSolver
+from stable_worldmodel_rs.world.given import settings_of
+
+from test_evaluate import command
+
+
+class Follow:
+    """Moves toward the goal; ``gain`` is a setting, ``calls`` is not."""
+
+    def __init__(self, gain: float = 0.02) -> None:
+        self.gain = gain
+        self.calls = 0
+
+    def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+        self.calls += 1
+        toward = infos["goal_state"][:, 0, 2:4] - infos["state"][:, 0, :2]
+        return (self.gain * toward).clip(-1, 1).astype("float32")
+
+
+class AgentToGoal:
+    array_api = "numpy"
+
+    def get_cost(self, infos: dict[str, Any], candidates: np.ndarray) -> np.ndarray:
+        moves = 40 * candidates.reshape(*candidates.shape[:2], -1, 2).sum(axis=2)
+        agent, goal = infos["state"][:, :, -1, :2], infos["goal_state"][:, :, -1, :2]
+        return np.linalg.norm(agent + moves - goal, axis=-1)
+
+
+def planner(samples: int = 20) -> swm.WorldModelPolicy:
+    solver = CEMSolver(AgentToGoal(), num_samples=samples, n_steps=2, topk=4)
+    config = swm.PlanConfig(horizon=2, receding_horizon=1, action_block=4)
+    return swm.WorldModelPolicy(solver, config, process={"action": swm.data.ZScoreScaler().fit(np.eye(2))})
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("manifest") / "m.toml"
+    swm.make_manifest(path, "swm/PushT-v1", episodes=6, budget=12)
+    return path
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    path = tmp_path / "weights.bin"
+    path.write_bytes(b"weights")
+    return path
+
+
+def cells(sweep: dict[str, Any]) -> Any:
+    """What came out in a sweep, without what the policy is called."""
+    return [(cell["name"], cell["value"], cell["successes"], cell.get("summary"), cell.get("note")) for cell in sweep["cells"]]
+
+
+def test_a_sweep_of_a_policy_in_python_is_that_of_the_same_policy_in_the_core(manifest: Path, tmp_path: Path) -> None:
+    def zero(infos: dict[str, np.ndarray]) -> np.ndarray:
+        return np.zeros((len(infos["state"]), 2))
+
+    factors, seen = ["agent.scale", "block.shape", "agent.scale+block.shape"], []
+    for num_envs in (1, 4):
+        ours = swm.sweep(manifest, zero, factors, values="extremes", num_envs=num_envs, progress=False)
+        seen.append(cells(ours))
+    native = swm.sweep(manifest, "no-op", factors, tmp_path / "native", values="extremes", progress=False)
+    assert seen == [cells(native)] * 2 and len(native["cells"]) == 7
+    assert (ours["policy"], native["policy"]) == ("zero", "constant")
+    receipt = swm.evaluate(manifest, zero, references=["random"], progress=False)
+    assert receipt.success_rate == receipt["summary"]["success_rate"] == native["cells"][0]["summary"]["success_rate"]
+    low, high = receipt.interval
+    assert low <= receipt.success_rate <= high and not receipt.episode_successes.any() and "random" in repr(receipt)
+    theirs = command(
+        *("sweep", "--manifest", str(manifest), "--policy", "no-op", "--factors", ",".join(factors), "--values", "extremes")
+    )
+    assert native == theirs and swm.read_sweep(tmp_path / "native") == native
+    assert "agent.scale" in repr(native) and "agent.scale" in native._repr_html_()
+    assert {path.name for path in (tmp_path / "native").iterdir()} == {"sweep.json", "sweep.csv", "sweep.svg"}
+
+
+def test_parts_of_a_policy_in_python_join_to_the_whole(manifest: Path, tmp_path: Path, weights: Path) -> None:
+    asked: dict[str, Any] = {"weights": [weights], "name": "follow", "progress": False}
+    whole = swm.evaluate(manifest, Follow(), references=["random"], **asked)
+    swept = swm.sweep(manifest, Follow(), "agent", **asked)
+    for part in (3, 1, 2):
+        assert swm.evaluate(manifest, Follow(), tmp_path / "e", references=["random"], shard=(part, 3), num_envs=part, **asked) is None
+        assert swm.sweep(manifest, Follow(), "agent", out=tmp_path / "s", shard=(part, 3), **asked) is None
+    joined = swm.evaluate(manifest, Follow(), tmp_path / "e", references=["random"], join=True, **asked)
+    assert {**joined, "wall_time_s": 0} == {**whole, "wall_time_s": 0} and swm.same(whole, tmp_path / "e")
+    assert swm.sweep(manifest, Follow(), "agent", tmp_path / "s", join=True, **asked) == swept
+    assert swept["files"] == whole["files"] and list(swept["files"]) == [str(weights)]
+
+
+def test_parts_that_could_not_be_joined_are_refused(manifest: Path, tmp_path: Path, weights: Path) -> None:
+    for wrong, message in [
+        ({"out": tmp_path}, "give weights="),
+        ({"weights": [weights]}, "need out="),
+        ({"out": tmp_path, "weights": [weights], "again": True}, "again=True goes with whole runs"),
+        ({"out": tmp_path, "weights": [weights], "join": True}, "give one of them"),
+    ]:
+        for run in (swm.evaluate, swm.sweep):
+            with pytest.raises(ValueError, match=message):
+                run(manifest, Follow(), shard=(1, 2), progress=False, **wrong)  # type: ignore[call-overload]
+    with pytest.raises(ValueError, match=r"shard=\(3, 2\): give \(i, n\)"):
+        swm.evaluate(manifest, Follow(), tmp_path, shard=(3, 2), weights=[weights])
+    swm.evaluate(manifest, Follow(), tmp_path / "e", references=[], weights=[weights], shard=(1, 2), progress=False)
+    with pytest.raises(swm.SwmError, match="2/2 is missing"):
+        swm.evaluate(manifest, Follow(), tmp_path / "e", references=[], weights=[weights], join=True, progress=False)
+
+
+class _Ends(Exception):
+    """Ends a run."""
+
+
+class Interrupted(Follow):
+    """As Follow, and ends the run at a call."""
+
+    def __init__(self, gain: float = 0.02, end: int | None = None) -> None:
+        super().__init__(gain)
+        self.last_call = end
+
+    def settings(self) -> dict[str, Any]:
+        return {"gain": self.gain}
+
+    def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+        if self.calls == self.last_call:
+            raise _Ends
+        return super().get_action(infos)
+
+
+@pytest.mark.parametrize("run", [swm.evaluate, swm.sweep])
+def test_an_interrupted_run_with_weights_goes_on(
+    run: Callable[..., Any], manifest: Path, tmp_path: Path, weights: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked: dict[str, Any] = {"weights": [weights], "num_envs": 1, "progress": False}
+    asked |= {"references": []} if run is swm.evaluate else {"factors": "agent.scale"}
+    whole = run(manifest, uninterrupted := Interrupted(), **asked)
+    with pytest.raises(_Ends):
+        run(manifest, Interrupted(end=40), out=tmp_path / "out", **asked)
+    again = run(manifest, second := Interrupted(), out=tmp_path / "out", **asked)
+    assert {**again, "wall_time_s": 0} == {**whole, "wall_time_s": 0}
+    # 3 episodes of 12 steps were there.
+    assert second.calls == uninterrupted.calls - 36
+    assert run(manifest, third := Interrupted(), out=tmp_path / "out", **asked) == again and third.calls == 0
+    assert "already done; again=True repeats it" in caplog.text
+    weights.write_bytes(b"trained anew")
+    with pytest.raises(swm.SwmError, match="have changed since.*again=True to replace it"):
+        run(manifest, Interrupted(), out=tmp_path / "out", **asked)
+    with pytest.raises(swm.SwmError, match="gain=0.5"):
+        run(manifest, Interrupted(0.5), out=tmp_path / "out", **asked)
+    replaced = run(manifest, Interrupted(0.5), out=tmp_path / "out", again=True, **asked)
+    assert replaced["candidate"]["policy"]["named"] == {"gain": 0.5}
+
+
+@pytest.mark.parametrize("run", [swm.evaluate, swm.sweep])
+def test_without_weights_nothing_is_taken_for_the_same(run: Callable[..., Any], manifest: Path, tmp_path: Path) -> None:
+    asked: dict[str, Any] = {"out": tmp_path, "num_envs": 1, "progress": False}
+    asked |= {"references": []} if run is swm.evaluate else {"factors": "agent.scale"}
+    run(manifest, Follow(), **asked)
+    with pytest.raises(swm.SwmError, match=r"a policy in Python.*weights=\[…\], or again=True to replace it"):
+        run(manifest, Follow(), **asked)
+    assert run(manifest, Follow(), again=True, **asked)["policy"] == "Follow:gain=0.02"
+
+
+def test_a_receipt_has_all_settings_of_a_planner_in_python(manifest: Path, weights: Path) -> None:
+    receipt = swm.evaluate(manifest, planner(), references=[], weights=[weights], progress=False)
+    settings = receipt["candidate"]["policy"]["named"]
+    expected = {"samples": 20, "iterations": 2, "elites": 4, "horizon": 2, "receding_horizon": 1, "action_block": 4}
+    assert expected.items() <= settings.items() and settings["history_len"] == 1 and settings["seed"] == 1234
+    assert (settings["solver"], settings["cost"]) == ("CEMSolver", "AgentToGoal")
+    assert settings["process.action"].startswith("ZScoreScaler#")
+    assert receipt["candidate"]["policy"]["name"] == "WorldModelPolicy" and receipt["plan_steps"] == 4
+    assert receipt["files"] == {str(weights): hashlib.sha256(b"weights").hexdigest()}
+    # What the scaling was fitted to is a setting, too.
+    other = planner()
+    other.process["action"].fit(3 * np.eye(2))
+    again = swm.evaluate(manifest, other, references=[], weights=[weights], progress=False)
+    assert "process.action" in receipt.differences(again)
+
+
+def test_settings_are_those_of_the_objects_that_a_policy_is_made_of() -> None:
+    @dataclass
+    class Config:
+        horizon: int = 3
+        clip: bool = True
+
+    class Solver:
+        def __init__(self, cost: object, noise: float = 0.5, device: str = "cpu") -> None:
+            self.cost, self._noise, self.device = cost, noise, device
+
+        def settings(self) -> dict[str, object]:
+            return {"clip": False, "noise": self._noise}
+
+    class Mine:
+        def __init__(self, solver: object, config: object, transform: object, keys: tuple[str, ...], limit: float) -> None:
+            self.solver, self.cfg, self.transform, self.keys, self.limit, self.count = solver, config, transform, keys, limit, 3
+
+        def get_action(self, infos: object) -> None:
+            """Not asked."""
+
+    made = Mine(Solver(AgentToGoal()), Config(), {"pixels": np.asarray}, ("pixels", "state"), float("inf"))
+    assert settings_of(made) == {
+        **{"solver": "Solver", "clip": False, "noise": 0.5, "cost": "AgentToGoal", "horizon": 3, "config.clip": True},
+        **{"transform.pixels": "asarray", "keys": ["pixels", "state"], "limit": "inf"},
+    }
+
+
+def test_verify_repeats_a_policy_in_python(manifest: Path, tmp_path: Path, weights: Path) -> None:
+    receipt = swm.evaluate(manifest, planner(), references=["random"], weights=[weights], name="mine", progress=False)
+    elsewhere = tmp_path / "elsewhere" / "copy.bin"
+    elsewhere.parent.mkdir()
+    elsewhere.write_bytes(weights.read_bytes())
+    for given in ({}, {"weights": [elsewhere], "num_envs": 2}):
+        told = swm.verify(receipt, planner(), progress=False, **given)  # type: ignore[arg-type]
+        assert told["equal"] and not told["differences"], told
+    elsewhere.write_bytes(b"trained anew")
+    told = swm.verify(receipt, planner(), weights=[elsewhere], progress=False)
+    assert not told["equal"] and set(told["differences"]) == {"model"} and "none of the given files" in told["differences"]["model"]
+    told = swm.verify(receipt, planner(samples=21), progress=False)
+    assert "samples: recorded 20, now 21" in told["differences"]["solver"]
+    weights.unlink()
+    assert "model" in swm.verify(receipt, planner(), progress=False)["differences"]
+    with pytest.raises(swm.SwmError, match=r"the policy `mine` was an object.*swm.verify\(receipt, policy=…, weights=\[…\]\)"):
+        swm.verify(receipt, progress=False)
+    with pytest.raises(TypeError, match="the receipt names policies of the core"):
+        swm.verify(receipt, "cem", progress=False)
+
+
+def test_a_policy_in_python_is_not_taken_for_one_of_the_core(manifest: Path) -> None:
+    def random(infos: dict[str, np.ndarray]) -> np.ndarray:
+        return np.zeros((len(infos["state"]), 2))
+
+    receipt = swm.evaluate(manifest, random, references=[], progress=False)
+    assert receipt["policy"] == "random (Python)"
+    with pytest.raises(swm.SwmError, match="was an object of the program"):
+        swm.verify(receipt, progress=False)
+    for wrong in ({"name": "mine"}, {"weights": ["w.pt"]}, {"image_shape": (8, 8)}):
+        with pytest.raises(TypeError, match=f"{next(iter(wrong))}: for policies in Python"):
+            swm.evaluate(manifest, "random", references=[], progress=False, **wrong)  # type: ignore[call-overload]
+    with pytest.raises(FileNotFoundError, match="w.pt, one of weights"):
+        swm.evaluate(manifest, random, references=[], weights=["w.pt"], progress=False)
+    with pytest.raises(TypeError, match=r"weights=\['w.pt'\]"):
+        swm.evaluate(manifest, random, references=[], weights="w.pt", progress=False)
+
+
+def test_compare_shows_what_differs_and_same_whether(manifest: Path, tmp_path: Path, weights: Path) -> None:
+    one = swm.evaluate(manifest, planner(), tmp_path / "a", references=[], weights=[weights], name="mine", progress=False)
+    weights.write_bytes(b"trained anew")
+    two = swm.evaluate(manifest, planner(24), tmp_path / "b", references=[], weights=[weights], name="mine", progress=False)
+    compared = swm.compare(tmp_path / "a", tmp_path / "b")
+    differs = {entry["what"]: (entry["first"], entry["this"]) for entry in compared[1]["differs"]}
+    assert differs["samples"] == (20, 24) and set(differs) == {"samples", "weights"} and compared[0]["differs"] == []
+    assert "samples" in repr(compared) and "24 (first: 20)" in compared._repr_html_()
+    assert not swm.same(one, two) and swm.same(one, tmp_path / "a") and swm.same(one, json.loads(json.dumps(one)))
+    assert one.differences(two)["samples"] == (20, 24) and one.differences(one) == {}
+    # As the command shows them.
+    assert [side.get("differs", []) for side in command("compare", str(tmp_path / "a"), str(tmp_path / "b"))] == [
+        side["differs"] for side in compared
+    ]
+    # What came out is compared, too, and where it was run is not.
+    moved = json.loads(json.dumps(one))
+    moved["files"] = {"/elsewhere/weights.bin": next(iter(one["files"].values()))}
+    assert swm.same(one, moved)
+    moved["episodes"][2]["success"] = not moved["episodes"][2]["success"]
+    assert list(one.differences(moved)) == ["outcomes (1 of 6 episodes)"]
+
+
+def test_native_results_differ_by_seed_and_settings(manifest: Path) -> None:
+    first = swm.evaluate(manifest, "weak", references=[], progress=False)
+    second = swm.evaluate(manifest, "weak", references=[], policy_seed=2, progress=False)
+    assert set(first.differences(second)) >= {"policy_seed"}
+    assert swm.same(first, swm.evaluate(manifest, "weak", references=[], num_envs=2, progress=False))
+    plan = swm.compare(
+        *(swm.evaluate(manifest, f"cem:samples={n},iterations=1,elites=2", references=[], progress=False) for n in (4, 6))
+    )
+    assert [entry["what"] for entry in plan[1]["differs"]] == ["samples"]
+
+
+def test_results_are_written_as_json(manifest: Path, tmp_path: Path, world: Callable[..., Any]) -> None:
+    one = world()
+    one.set_policy("random")
+    result = one.evaluate(episodes=2, seed=1)
+    text = result.to_json(tmp_path / "result.json")
+    assert json.loads(text) == json.loads((tmp_path / "result.json").read_text()) == json.loads(json.dumps(result.plain()))
+    assert json.loads(text)["episode_successes"] == result["episode_successes"].tolist()
+    assert set(json.loads(text)) == set(result)
+    result["episode_returns"][0] = np.nan
+    assert json.loads(result.to_json())["episode_returns"][0] is None
+    receipt = swm.evaluate(manifest, "random", references=[], progress=False)
+    swept = swm.sweep(manifest, "random", "agent.scale", progress=False)
+    for other in (receipt, swept, swm.compare(receipt), swm.read_manifest(manifest)):
+        assert json.loads(json.dumps(other)) == other
+
+
+def test_sweeps_refuse_what_they_do_not_know(manifest: Path, tmp_path: Path) -> None:
+    for wrong, message in [
+        ({"factors": "agent.sale"}, "unknown factor `agent.sale`.*agent.scale"),
+        ({"values": "some"}, 'values="some": it is "sampled"'),
+        ({"points": 3}, "give both"),
+        ({"values": "grid", "points": 1}, "use 2 or more"),
+    ]:
+        with pytest.raises(swm.SwmError, match=message):
+            swm.sweep(manifest, "random", progress=False, **wrong)  # type: ignore[call-overload]
+    swm.sweep(manifest, "random", "agent.scale", tmp_path, progress=False)
+    with pytest.raises(swm.SwmError, match="policy `random`, not `weak`.*again=True to replace it"):
+        swm.sweep(manifest, "weak", "agent.scale", tmp_path, progress=False)
+    with pytest.raises(swm.SwmError, match="other factors or values"):
+        swm.sweep(manifest, "random", "block.scale", tmp_path, progress=False)
