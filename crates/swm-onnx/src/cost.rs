@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ort::session::{Session, SessionInputValue};
-use ort::value::{DynValue, Tensor, TensorElementType, ValueType};
+use ort::value::{DynValue, Outlet, Tensor, TensorElementType, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::{Row, Slice};
@@ -11,7 +11,9 @@ use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, 
 
 use crate::error::OnnxError;
 use crate::history;
+use crate::output::{Output, refuse_nan};
 use crate::runtime::session;
+use crate::weights::check_weights;
 
 /// Settings in `model.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,8 +75,13 @@ struct Model {
     session: Session,
     /// S, H, D.
     shape: [usize; 3],
+    cost: Output,
+    gradient: Option<Output>,
     actions: Vec<f32>,
 }
+
+/// S of a model that leaves it open. Fixed, so that the bits of a cost do not depend on how many candidates there are.
+const OPEN_SAMPLES: usize = 128;
 
 const ACTIONS: &str = "actions";
 const COST: &str = "cost";
@@ -91,6 +98,7 @@ impl OnnxCost {
         let settings = ModelSettings::read(folder)?;
         let path = folder.join("encode.onnx");
         let encode = session(&path)?;
+        check_weights(&path)?;
         let wrong = |reason: String| OnnxError::Model { path: path.clone(), reason };
         let fields = encode.inputs().iter().map(|input| match input.dtype() {
             ValueType::Tensor { ty, shape, .. } if shape.first() == Some(&1) => {
@@ -102,9 +110,10 @@ impl OnnxCost {
             ))),
         });
         let fields = fields.collect::<Result<_, _>>()?;
-        let cost = Model::load(&folder.join("cost.onnx"), &[COST])?;
+        let encoded: Vec<&str> = encode.outputs().iter().map(Outlet::name).collect();
+        let cost = Model::load(&folder.join("cost.onnx"), &encoded, false)?;
         let path = folder.join("cost_grad.onnx");
-        let gradient = path.exists().then(|| Model::load(&path, &[COST, GRADIENT])).transpose()?;
+        let gradient = path.exists().then(|| Model::load(&path, &encoded, true)).transpose()?;
         Ok(Self { settings, encode, fields, cost, gradient, encoded: Vec::new() })
     }
 
@@ -115,27 +124,38 @@ impl OnnxCost {
 }
 
 impl Model {
-    fn load(path: &Path, outputs: &[&str]) -> Result<Self, OnnxError> {
+    /// Loads a model that takes tensors of the encoder, whose outputs are `encoded`.
+    fn load(path: &Path, encoded: &[&str], with_gradient: bool) -> Result<Self, OnnxError> {
         let wrong = |reason: String| OnnxError::Model { path: path.to_owned(), reason };
         let session = session(path)?;
-        for output in outputs {
-            if !session.outputs().iter().any(|known| known.name() == *output) {
-                return Err(wrong(format!("it has no output `{output}`")));
-            }
-        }
+        check_weights(path)?;
         let actions = session.inputs().iter().find(|input| input.name() == ACTIONS);
-        let shape = match actions.map(ort::value::Outlet::dtype) {
+        let shape = match actions.map(Outlet::dtype) {
             Some(ValueType::Tensor { ty: TensorElementType::Float32, shape, .. }) => shape.to_vec(),
             _ => return Err(wrong(format!("it has no input `{ACTIONS}` [S, H, D] of 32-bit floats"))),
         };
-        let fixed: Vec<usize> =
-            shape.iter().filter_map(|&size| usize::try_from(size).ok()).filter(|&size| size > 0).collect();
-        match fixed[..] {
-            [samples, horizon, dim] if shape.len() == 3 => {
-                Ok(Self { session, shape: [samples, horizon, dim], actions: Vec::new() })
-            }
-            _ => Err(wrong(format!("input `{ACTIONS}` is {shape:?}; export it with fixed S, H and D"))),
+        let fixed = |size: i64| usize::try_from(size).ok().filter(|&size| size > 0);
+        let shape = match shape[..] {
+            [samples, horizon, dim] if samples == -1 || fixed(samples).is_some() => fixed(horizon)
+                .zip(fixed(dim))
+                .map(|(horizon, dim)| [fixed(samples).unwrap_or(OPEN_SAMPLES), horizon, dim]),
+            _ => None,
         }
+        .ok_or_else(|| {
+            wrong(format!("input `{ACTIONS}` is {shape:?}; export it as [S, H, D] with fixed H and D"))
+        })?;
+        let mut others = session.inputs().iter().map(Outlet::name).filter(|&name| name != ACTIONS);
+        if let Some(unknown) = others.find(|name| !encoded.contains(name)) {
+            return Err(wrong(format!(
+                "its input `{unknown}` is no output of encode.onnx, which are `{}`",
+                encoded.join("`, `")
+            )));
+        }
+        let [samples, horizon, dim] = shape;
+        let cost = Output::find(&session, COST, &[samples]).map_err(wrong)?;
+        let gradient = with_gradient.then(|| Output::find(&session, GRADIENT, &[samples, horizon, dim]));
+        let gradient = gradient.transpose().map_err(wrong)?;
+        Ok(Self { session, shape, cost, gradient, actions: Vec::new() })
     }
 
     /// Fills `costs` `[n]`, and `gradient` `[n, H, D]`, of `plans` `[n, H, D]` for one environment.
@@ -146,7 +166,7 @@ impl Model {
         costs: &mut [f64],
         mut gradient: Option<&mut [f32]>,
     ) -> Result<(), OnnxError> {
-        let Self { session, shape: [samples, horizon, dim], actions } = self;
+        let Self { session, shape: [samples, horizon, dim], actions, cost, gradient: slopes } = self;
         let size = *horizon * *dim;
         for (part, (plans, costs)) in
             plans.chunks(*samples * size).zip(costs.chunks_mut(*samples)).enumerate()
@@ -163,12 +183,14 @@ impl Model {
             inputs.retain(|(name, _)| taken.iter().any(|known| known == name));
             inputs.push((ACTIONS, tensor.into()));
             let outputs = session.run(inputs).map_err(OnnxError::Run)?;
-            let (_, found) = outputs[COST].try_extract_tensor::<f32>().map_err(OnnxError::Run)?;
-            costs.iter_mut().zip(found).for_each(|(cost, &found)| *cost = f64::from(found));
-            if let Some(gradient) = gradient.as_deref_mut() {
-                let (_, found) = outputs[GRADIENT].try_extract_tensor::<f32>().map_err(OnnxError::Run)?;
+            cost.read(&outputs, |index, value| {
+                costs.get_mut(index).into_iter().for_each(|cost| *cost = value);
+            })?;
+            if let (Some(gradient), Some(slopes)) = (gradient.as_deref_mut(), &slopes) {
                 let out = &mut gradient[part * *samples * size..][..plans.len()];
-                out.iter_mut().zip(found).for_each(|(out, &found)| *out = found);
+                slopes.read(&outputs, |index, value| {
+                    out.get_mut(index).into_iter().for_each(|out| *out = value as f32);
+                })?;
             }
         }
         Ok(())
@@ -273,7 +295,10 @@ impl Cost for OnnxCost {
             let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), input(field)?.into())));
             let inputs: Vec<(&str, SessionInputValue<'_>)> = inputs.collect::<Result<_, OnnxError>>()?;
             let outputs = self.encode.run(inputs).map_err(OnnxError::Run)?;
-            self.encoded.push(outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect());
+            let outputs: Vec<_> = outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+            // Reductions of ONNX Runtime lose a NaN that is not in the first place: costs may hide it.
+            outputs.iter().try_for_each(|(name, value)| refuse_nan(name, value))?;
+            self.encoded.push(outputs);
         }
         Ok(())
     }

@@ -35,6 +35,12 @@ pub enum OnnxError {
         /// What is wrong, and what is expected.
         reason: String,
     },
+    /// The model gave what is no cost.
+    #[error("the model cannot be used: {reason}")]
+    Output {
+        /// The output, what is wrong with it, and what is expected.
+        reason: String,
+    },
     /// The model failed while it ran.
     #[error("the model failed: {0}")]
     Run(ort::Error),

@@ -7,18 +7,21 @@
 //! |---|---|---|
 //! | `model.json` | – | settings: see [`ModelSettings`] |
 //! | `encode.onnx` | fields of the infos by their names: `pixels` `[1, H, W, 3]` u8, `goal`, `proprio` … | any tensors |
-//! | `cost.onnx` | these tensors, and `actions` `[S, H, D]` f32 | `cost` `[S]` f32 |
-//! | `cost_grad.onnx`, optional | the same | `cost` `[S]`, `gradient` `[S, H, D]` f32 |
+//! | `cost.onnx` | these tensors, and `actions` `[S, H, D]` f32 | `cost` `[S]` or `[S, 1]`, f32 or f64 |
+//! | `cost_grad.onnx`, optional | the same | `cost`, `gradient` `[S, H, D]` f32 or f64 |
 //!
 //! With `history` in `model.json`, the fields that it names are `[1, T, …]`, and `action_history` holds the blocks between the frames.
-//! S and H are fixed at the export. Environments go through it one by one, in batches of S candidates, padded with zeros: the
-//! bits of a cost depend on its candidate alone.
+//! H is fixed at the export; S may be open, and is 128 then. Environments go through it one by one, in batches of S candidates,
+//! padded with zeros: the bits of a cost depend on its candidate alone. Other shapes are refused, and so is NaN in weights and in
+//! encoded tensors.
 
 mod cost;
 mod error;
 mod history;
+mod output;
 mod policy;
 mod runtime;
+mod weights;
 
 pub use cost::{ModelSettings, OnnxCost};
 pub use error::OnnxError;

@@ -13,6 +13,8 @@ Needs torch, onnx, onnxscript: ``pip install 'stable-worldmodel-rs[onnx]'``.
 from __future__ import annotations
 
 import json
+import os
+import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -50,6 +52,9 @@ def export_onnx(
 ) -> None:
     """Write ``model.json``, ``encode.onnx``, ``cost.onnx`` and (with ``gradient``) ``cost_grad.onnx``.
 
+    Either all of them are written, or none: until everything is exported, ``folder`` is left as it is. Then files of these
+    names are replaced, and a ``cost_grad.onnx`` of an earlier export is removed where ``gradient`` is false.
+
     Args:
         folder: Where to; made if missing.
         encode: Module that runs once per plan.
@@ -70,6 +75,7 @@ def export_onnx(
 
     Raises:
         ImportError: torch, onnx or onnxscript is not installed.
+        NotADirectoryError: ``folder`` is a file.
         TypeError: ``encode`` gives no dict.
         ValueError: ``cost`` gives another shape than ``(S,)``, ``dim`` does not fit ``action_block``, or only one of
             ``action_mean`` and ``action_std`` is given.
@@ -99,18 +105,8 @@ def export_onnx(
 
     _require_onnx()
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    examples = tuple(fields.values())
-    encode = _by_position(encode, list(fields), list(encoded))
-    _write(folder / "encode.onnx", encode, examples, list(fields), list(encoded))
-    cost = _by_position(cost, list(encoded))
-    inputs = (actions, *encoded.values())
-    names = ["actions", *encoded]
-    _write(folder / "cost.onnx", cost, inputs, names, ["cost"])
-    if gradient:
-        both = _with_gradient(cost, inputs)
-        _write(folder / "cost_grad.onnx", both, inputs, names, ["cost", "gradient"])
-
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{folder} is a file; name a folder for the model")
     settings: dict[str, Any] = {"name": name, "action_block": action_block}
     if action_mean is not None and action_std is not None:
         settings["action_scale"] = {"kind": "mean_std", "mean": _floats(action_mean), "std": _floats(action_std)}
@@ -118,7 +114,32 @@ def export_onnx(
         settings["image"] = fields["pixels"].shape[-3]
     if history > 1:
         settings |= {"history": history, "history_fields": keys}
-    (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
+    # On the same disk, so that files are moved and not copied.
+    near = next(parent for parent in folder.absolute().parents if parent.is_dir())
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=near) as name_of_draft:
+        draft = Path(name_of_draft)
+        examples = tuple(fields.values())
+        encode = _by_position(encode, list(fields), list(encoded))
+        _write(draft / "encode.onnx", encode, examples, list(fields), list(encoded))
+        cost = _by_position(cost, list(encoded))
+        inputs = (actions, *encoded.values())
+        names = ["actions", *encoded]
+        _write(draft / "cost.onnx", cost, inputs, names, ["cost"])
+        if gradient:
+            both = _with_gradient(cost, inputs)
+            _write(draft / "cost_grad.onnx", both, inputs, names, ["cost", "gradient"])
+        (draft / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
+        _move(draft, folder)
+
+
+def _move(draft: Path, folder: Path) -> None:
+    """Moves the files of a model into its folder, ``model.json`` last: without it, a folder is no model."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = sorted(draft.iterdir(), key=lambda file: file.name == "model.json")
+    (folder / "model.json").unlink(missing_ok=True)
+    (folder / "cost_grad.onnx").unlink(missing_ok=True)
+    for file in files:
+        os.replace(file, folder / file.name)
 
 
 def _require_onnx() -> None:
@@ -172,6 +193,40 @@ def _with_gradient(cost: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> t
         return make_fx(both, decomposition_table=table)(*inputs)
 
 
+def _attend(
+    query: torch.Tensor,
+    key: torch.Tensor,
+    value: torch.Tensor,
+    attn_mask: torch.Tensor | None = None,
+    dropout_p: float = 0.0,
+    is_causal: bool = False,
+    **options: Any,
+) -> Any:
+    """Attention with the four dims that torch's exporter takes, from any number of them."""
+    dims = query.ndim
+    if dims == 4:
+        return NotImplemented
+
+    def four(tensor: torch.Tensor) -> torch.Tensor:
+        return tensor.flatten(0, dims - 4) if dims > 4 else tensor.reshape(*(1,) * (4 - dims), *tensor.shape)
+
+    if attn_mask is not None and attn_mask.ndim > 4:
+        attn_mask = attn_mask.expand(*query.shape[:-3], *attn_mask.shape[-3:]).flatten(0, dims - 4)
+    attend = require_torch(_NEED).ops.aten.scaled_dot_product_attention.default
+    found = attend(four(query), four(key), four(value), attn_mask, dropout_p, is_causal, **options)
+    return found.reshape(*query.shape[:-1], value.shape[-1])
+
+
+def _program(module: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> Any:
+    """``module`` as torch exports it, with attention that the ONNX exporter takes."""
+    torch = require_torch(_NEED)
+    try:
+        program = torch.export.export(module, inputs)
+    except Exception:  # noqa: BLE001  Whatever it is: `torch.onnx.export` has other ways, and reports what it meets.
+        return module
+    return program.run_decompositions({torch.ops.aten.scaled_dot_product_attention.default: _attend})
+
+
 def _write(
     path: Path,
     module: torch.nn.Module,
@@ -179,10 +234,16 @@ def _write(
     input_names: Sequence[str],
     output_names: Sequence[str],
 ) -> None:
-    program: Any = require_torch(_NEED).onnx.export(
-        module, inputs, input_names=input_names, output_names=output_names, dynamo=True, optimize=False, verbose=False
+    exported: Any = require_torch(_NEED).onnx.export(
+        _program(module, inputs),
+        inputs,
+        input_names=input_names,
+        output_names=output_names,
+        dynamo=True,
+        optimize=False,
+        verbose=False,
     )
-    program.save(str(path))
+    exported.save(str(path))
 
 
 def _floats(values: Iterable[float]) -> list[float]:
