@@ -59,6 +59,13 @@ fn solver_tables_are_current() {
 }
 
 #[test]
+fn the_table_of_traps_is_current() {
+    let path = root().join("docs/traps.md");
+    let text = std::fs::read_to_string(&path).unwrap();
+    write_or_compare(&path, &text, &with_table(&text, "traps", &swm::cli::traps_markdown()));
+}
+
+#[test]
 fn factor_tables_are_current() {
     let registry = swm::registry();
     let mut pages = 0;

@@ -156,6 +156,46 @@ fn our_reader_sees_what_the_mcap_package_wrote() {
     }
 }
 
+/// The block of a page that contains `line`, in Python.
+fn block_of(page: &str, line: &str) -> String {
+    let text = std::fs::read_to_string(root().join(page)).expect(page);
+    let found = text.split("```python\n").skip(1).filter_map(|rest| rest.split_once("```"));
+    found.map(|(block, _)| block.to_owned()).find(|block| block.contains(line)).expect(line)
+}
+
+#[test]
+fn the_mcap_package_reads_a_killed_recording_as_the_page_describes() {
+    let Some(python) = python() else { return };
+    let folder = Folder::new();
+    let whole = std::fs::read(recorded(&folder, "whole.mcap")).unwrap();
+    let killed = folder.path("killed.mcap");
+    // In the last episode, with that part of a chunk which the kill left.
+    std::fs::write(&killed, &whole[..whole.len() * 3 / 4]).unwrap();
+    let run = |code: &str| {
+        let output = Command::new(&python).args(["-c", code]).current_dir(folder.path(".")).output();
+        let output = output.expect("Python starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap().replace('\'', "\"");
+        serde_json::from_str::<serde_json::Value>(&text).expect(&text)
+    };
+    let page = run(&block_of("docs/datasets.md", "NonSeekingReader"));
+    let seeking = "from mcap.reader import make_reader\ntopics = {}\n\
+        try:\n    for _, channel, _ in make_reader(open('killed.mcap', 'rb')).iter_messages():\n        \
+        topics[channel.topic] = topics.get(channel.topic, 0) + 1\nexcept Exception as error:\n    \
+        topics['error'] = type(error).__name__\nprint(topics)";
+    let misled = run(seeking);
+    assert!(misled["error"].is_string() && misled.as_object().unwrap().len() == 1, "{misled}");
+    swm_ok(&["verify", &killed, "--fix", "--quiet"]);
+    let fixed = run(seeking);
+    let steps = swm_json(&["inspect", &killed])["steps"].as_u64().unwrap();
+    assert_eq!(fixed["/step"], steps, "{fixed}");
+    for (topic, count) in fixed.as_object().unwrap() {
+        // Chunks that no commit follows are read by the package, and removed by `--fix`.
+        assert!(page[topic].as_u64() >= count.as_u64(), "{topic}: {page} {fixed}");
+    }
+    assert!(steps > 0 && !fixed.as_object().unwrap().contains_key("error"), "{fixed}");
+}
+
 #[test]
 fn our_reader_sees_what_pyarrow_and_svt_av1_wrote_for_lerobot() {
     let Some(python) = python() else { return };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -19,6 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     # Whether one of OGBench is made may stand in a manifest, a recording or a job.
     offer_if_fits()
+    # `doctor` looks at the packages of this Python.
+    os.environ.setdefault("SWM_PYTHON", sys.executable)
     # The command stops by itself at SIGINT. Python's handler would wait for it to return.
     before = signal.signal(signal.SIGINT, signal.SIG_DFL) if arguments is None else None
     try:

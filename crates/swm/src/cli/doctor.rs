@@ -5,6 +5,7 @@ use serde::Serialize;
 use swm_core::{EnvConfig, EnvEntry, Registry};
 use swm_media::Format;
 
+use super::traps::{self, Found};
 use super::{Failure, Output};
 use crate::absent::FEATURES;
 
@@ -35,6 +36,8 @@ struct Check {
 enum State {
     Works,
     Optional,
+    /// Something to know.
+    Note,
     Missing,
 }
 
@@ -59,6 +62,7 @@ impl Doctor {
         #[cfg(feature = "mujoco")]
         let all = all.chain(mujoco::checks());
         let all = all.chain(std::iter::once_with(|| environments(registry, output))).chain(features());
+        let all = all.chain(std::iter::once_with(packages).flatten());
         let checks = look(all, |check| output.line(|| line(check)))?;
         output.json(&checks)?;
         let missing: Vec<_> = checks.iter().filter(|check| check.state == State::Missing).collect();
@@ -88,6 +92,7 @@ fn line(check: &Check) -> String {
     let mark = match state {
         State::Works => "ok      ",
         State::Optional => "optional",
+        State::Note => "note    ",
         State::Missing => "MISSING ",
     };
     let mut text = format!("{mark}  {what:WIDTH$}  {found}");
@@ -107,6 +112,22 @@ fn features() -> impl Iterator<Item = Check> {
     absent.map(|feature| {
         Check::optional(feature.title, format!("not in this build: {}", feature.brings), feature.command)
     })
+}
+
+/// What is known to surprise among the packages of Python.
+fn packages() -> Vec<Check> {
+    const NAME: &str = "packages of Python";
+    let Some((python, found)) = traps::installed() else { return Vec::new() };
+    let note = |found: Found| Check {
+        what: NAME,
+        state: State::Note,
+        found: format!("{}: {}", found.packages, found.trap.does),
+        fix: Some(found.trap.fix.to_owned()),
+    };
+    match found.is_empty() {
+        true => vec![Check::works(NAME, format!("{python} has none of the versions that docs/traps.md warns of"))],
+        false => found.into_iter().map(note).collect(),
+    }
 }
 
 fn videos() -> Check {

@@ -51,6 +51,8 @@ mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
 mod training_note;
+mod traps;
+mod traps_table;
 #[cfg(feature = "ui")]
 mod ui;
 mod verify;
@@ -67,6 +69,7 @@ use swm_core::Registry;
 pub use crate::jobs::{Launcher, set_launcher};
 pub(crate) use output::{Failure, Output, usage};
 use threads::ThreadsArg;
+pub use traps::markdown as traps_markdown;
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
 #[derive(Parser)]
