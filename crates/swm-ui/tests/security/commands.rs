@@ -6,10 +6,9 @@ use std::sync::Arc;
 
 use swm_core::error::BoxError;
 use swm_core::testing::TOY;
-use swm_core::view::Transform;
 use swm_core::{Manifest, Registry, Rollout, World, WorldOptions, policies};
 use swm_data::WriteMode;
-use swm_ui::{Candidate, Options};
+use swm_ui::Options;
 
 use crate::server::{Running, registry};
 use crate::status;
@@ -30,14 +29,6 @@ impl swm_ui::Commands for Commands {
 
     fn job(&self, _: &Registry, dir: &Path) -> Result<serde_json::Value, BoxError> {
         Ok(fs::read_to_string(dir.join("logs/0001.log"))?.into())
-    }
-
-    fn oracle(&self, _: &Registry, _: &Manifest, policy: Candidate) -> Candidate {
-        policy
-    }
-
-    fn distractors(&self, _: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
-        Ok(None)
     }
 }
 

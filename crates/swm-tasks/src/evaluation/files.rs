@@ -14,9 +14,7 @@ use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
-#[cfg(feature = "cli")]
-use crate::text_file::toml_error;
-use crate::text_file::{json_error, read_text};
+use crate::text_file::{json_error, read_text, toml_error};
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
@@ -59,7 +57,7 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
 /// # Errors
 ///
 /// This program does not have it.
-pub(crate) fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
+pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
     env_named(registry, &manifest.env, "the task is in")
 }
 
@@ -213,7 +211,6 @@ fn from_json(text: &str) -> Result<Parsed, BoxError> {
     Ok((seal, read_settings(&json).map_err(|error| format!("`{}`: {}", error.name, error.reason))?))
 }
 
-#[cfg(feature = "cli")]
 fn from_toml(text: &str) -> Result<Parsed, BoxError> {
     let mut table: toml::Table =
         toml::from_str(text).map_err(|error| no_manifest(&toml_error(text, &error)))?;
@@ -221,21 +218,6 @@ fn from_toml(text: &str) -> Result<Parsed, BoxError> {
     Ok((seal, table.try_into().map_err(|error| toml_error(text, &error))?))
 }
 
-#[cfg(feature = "cli")]
 fn to_toml(manifest: &Manifest) -> Result<String, BoxError> {
     Ok(toml::to_string(&Sealed::from(manifest))?)
-}
-
-#[cfg(not(feature = "cli"))]
-const NO_TOML: &str =
-    "this build reads and writes JSON only; use a name that ends in .json, or the feature `cli`";
-
-#[cfg(not(feature = "cli"))]
-fn from_toml(_text: &str) -> Result<Parsed, BoxError> {
-    Err(NO_TOML.into())
-}
-
-#[cfg(not(feature = "cli"))]
-fn to_toml(_manifest: &Manifest) -> Result<String, BoxError> {
-    Err(NO_TOML.into())
 }
