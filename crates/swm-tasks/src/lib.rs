@@ -1,5 +1,6 @@
 //! What people do with environments, policies and datasets, below every program that they do it with.
 //!
+//! * [`request`]: what is asked for, as values: checked once, run once, refused with the remedy as data;
 //! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
 //! * [`distractors`]: what changes the images that policies see;
 //! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
@@ -14,6 +15,7 @@ pub mod plan;
 pub mod replay;
 pub mod report;
 pub mod report_page;
+pub mod request;
 mod svg;
 pub mod text_file;
 pub mod video;

@@ -4,18 +4,11 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use serde_json::Value as Json;
+use swm_core::Registry;
 use swm_core::error::BoxError;
-use swm_core::{Manifest, Registry};
 
 /// What the page asks the command line for; the command `swm ui` hands in all of it. Errors are shown on the page.
 pub trait Commands: Debug + Send + Sync {
-    /// Does as `swm manifest make WORDS`: makes a manifest and writes it.
-    ///
-    /// # Errors
-    ///
-    /// What that command refuses, and what it may meet.
-    fn make_manifest(&self, registry: &Registry, words: &[String]) -> Result<Manifest, BoxError>;
-
     /// What `swm jobs DIR --json` prints.
     ///
     /// # Errors

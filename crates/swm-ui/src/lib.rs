@@ -11,7 +11,7 @@
 //! | `play` | a WebSocket per live environment, and the thread that steps it |
 //! | `data` | datasets: episodes, images, values, samples |
 //! | `results` | receipts, manifests, sweeps, training curves, jobs |
-//! | `commands` | what is handed in: manifests and jobs as the command line has them |
+//! | `commands` | what is handed in: jobs as the command line has them |
 //! | `server` | routes, limits, the idle stop |
 //!
 //! What is deliberately absent: environments, numerics, a file format, and any state that is not in files.

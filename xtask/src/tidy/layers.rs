@@ -16,7 +16,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-baselines", &["swm-core", "swm-solvers", "swm-data"]),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
-    ("swm-tasks", &["swm-core", "swm-media", "swm-solvers", "swm-data"]),
+    ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data"]),
     ("swm-ui", &["swm-core", "swm-media", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm", &["swm-*"]),
     ("swm-py", &["swm"]),

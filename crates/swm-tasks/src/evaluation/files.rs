@@ -14,6 +14,7 @@ use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
+use crate::request::{Assignment, Fix, Message, TaskError};
 use crate::text_file::{json_error, read_text, toml_error};
 
 /// The key of [`Sealed::hash`].
@@ -80,27 +81,21 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
 /// # Errors
 ///
 /// The file is another manifest, or none; or its name is that of YAML, which no manifest is.
-pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, BoxError> {
+pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, TaskError> {
     let out = path.display();
     if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml") {
-        return Err(format!("{out}: a manifest is TOML or JSON; name it .toml or .json").into());
+        return Err(Message::new(format!("{out}: a manifest is TOML or JSON; name it .toml or .json")).into());
     }
     if !path.exists() {
         return Ok(false);
     }
-    match read_manifest(path) {
-        Ok(held) if held.hash() == manifest.hash() => Ok(true),
-        Ok(held) => Err(format!(
-            "{out} holds another manifest ({}, {} pairs); give another --out, or --overwrite to replace it",
-            held.env,
-            held.pairs.len()
-        )
-        .into()),
-        Err(_) => {
-            Err(format!("{out} exists and is no manifest; give another --out, or --overwrite to replace it")
-                .into())
-        }
-    }
+    let holds = match read_manifest(path) {
+        Ok(held) if held.hash() == manifest.hash() => return Ok(true),
+        Ok(held) => format!("{out} holds another manifest ({}, {} pairs)", held.env, held.pairs.len()),
+        Err(_) => format!("{out} exists and is no manifest"),
+    };
+    let replace = Fix::Set { setting: Assignment::of("overwrite", true), to: "to replace it" };
+    Err(Message::new(holds).fix(Fix::Any(vec![Fix::Change("out"), replace])).into())
 }
 
 /// Reads a receipt, from its file or the folder that it lies in.

@@ -22,7 +22,9 @@ mod verify;
 
 pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
-pub use files::{env_of, holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
+pub use files::{
+    env_of, holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt,
+};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;
 pub use held::{held_receipt, refusal};

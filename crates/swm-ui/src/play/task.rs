@@ -49,7 +49,8 @@ impl Task {
                 })
             }
         };
-        let (policy, policy_seed) = candidate.map_or((None, 0), |candidate| (Some(candidate.policy), candidate.seed));
+        let (policy, policy_seed) =
+            candidate.map_or((None, 0), |candidate| (Some(candidate.policy), candidate.seed));
         policy.iter().try_for_each(|policy| app.roots.check_policy(policy))?;
         let transform = distractors::parse_all(&manifest.distractors)?;
         Ok(Self { manifest, index: pair.index, policy, policy_seed, transform })

@@ -9,11 +9,11 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::error::BoxError;
-use swm_core::{Manifest, Registry, WorldError};
+use swm_core::{Registry, WorldError};
 use swm_ui::{Commands, Server};
 
 use super::jobs::Watched;
-use super::{Failure, Output, interrupt, manifest, usage};
+use super::{Failure, Output, interrupt, usage};
 
 /// Steer and record environments, and look at datasets and results, on a page in the browser.
 #[derive(Args)]
@@ -98,10 +98,6 @@ impl fmt::Debug for Own {
 }
 
 impl Commands for Own {
-    fn make_manifest(&self, registry: &Registry, words: &[String]) -> Result<Manifest, BoxError> {
-        manifest::make(registry, words).map_err(Failure::into_source)
-    }
-
     fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError> {
         self.0.status(registry, dir).map_err(Failure::into_source)
     }

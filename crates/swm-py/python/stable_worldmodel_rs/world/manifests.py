@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import core as _swm
-from .native import checked_shape, note_unsampled
+from .native import checked_shape
 from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import html_table
@@ -109,6 +109,11 @@ def _chosen(pair: str | tuple[int, int, int]) -> str:
     return f"{episode}:{start}-{goal}"
 
 
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of NumPy, and what else counts as an integer, as JSON has them."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
+
+
 def make_manifest(
     path: AnyPath,
     env_name: str,
@@ -148,7 +153,8 @@ def make_manifest(
         frame_skip: How often each action is applied; None: 1, or as recorded.
         image_shape: (height, width) of the images that policies see.
         distractors: What changes those images.
-        variation: Factors to sample; ``variation_values``: factors to set.
+        variation: Factors to sample; ``"+NAME"`` in addition to the default ones. ``variation_values``: factors to set, by
+            numbers, or by the names of colors and choices.
         overwrite: Replace a file that holds something else.
         **settings: Of the environment.
 
@@ -157,27 +163,29 @@ def make_manifest(
     """
     from .ids import native_id
 
-    if pairs is not None and dataset is None:
-        raise ValueError("pairs are steps of a dataset; give dataset=…")
-    options = {
+    shape = checked_shape(image_shape)
+    request = {
         "env": native_id(env_name) or env_name,
-        "settings": settings,
+        "env_option": settings,
         "tier": tier,
+        "out": str(path),
         "episodes": episodes,
+        "seed": seed,
+        "dataset": None if dataset is None else str(_existing(dataset, "dataset")),
+        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "goal_offset": goal_offset,
+        "held_out": held_out,
         "budget": budget,
         "frame_skip": frame_skip,
-        "image": checked_shape(image_shape),
-        "seed": seed,
-        "distractors": list(distractors),
+        "image_size": None if shape is None else {"height": shape[0], "width": shape[1]},
+        "distractor": list(distractors),
         "vary": None if variation is None else list(variation),
-        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "set": dict(variation_values or {}),
+        "overwrite": overwrite,
     }
-    source = None if dataset is None else (_existing(dataset, "dataset"), goal_offset, held_out)
-    values = None if variation_values is None else dict(variation_values)
-    # Integers of NumPy are integers, too.
-    asked = json.dumps(options, default=operator.index)
-    text, hash, unsampled = _swm.make_manifest(str(path), asked, values, source, overwrite)
-    note_unsampled(unsampled)
+    text, hash, notes = _swm.make_manifest(json.dumps(request, default=_plain, allow_nan=False))
+    for note in notes:
+        logger.warning("%s", note)
     return Manifest(json.loads(text), hash)
 
 
