@@ -39,9 +39,9 @@ fn a_manifest_says_which_factors_are_set_and_so_not_sampled() {
     for source in [&["--dataset", &data][..], &[]] {
         let made = swm(&[&make[..], &factors, source].concat()).output().unwrap();
         let said = String::from_utf8_lossy(&made.stderr);
-        let note = "note: --vary agent.color samples nothing, since --set agent.color sets it";
+        let note = "note: --vary agent.color: samples nothing, since the factor is set";
         assert!(made.status.success() && said.contains(note), "{said}");
-        assert!(!said.contains("--vary block.color samples nothing"), "{said}");
+        assert!(!said.contains("--vary block.color: samples nothing"), "{said}");
         let note = "note: --set agent.color=gray replaces the earlier --set of `agent.color`";
         assert!(said.contains(note), "{said}");
     }

@@ -27,6 +27,8 @@ mod planning;
 mod quality;
 mod replayable;
 mod reports;
+#[cfg(feature = "ui")]
+mod requests;
 mod results;
 mod shards;
 mod shell;

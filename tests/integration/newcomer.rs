@@ -246,7 +246,7 @@ fn wrong_requests_are_told_what_is_wrong_and_what_to_do() {
     for (status, args, told) in [
         (1, &append[..], "with no images, what is added with images of 32x32; give --image-size none"),
         (2, &at_start, "`goal_offset`: every start would be its goal; use 1 or more"),
-        (2, &vary(""), "it names no factor; `--vary none` samples none"),
+        (2, &vary(""), "it names no factor; give --vary none to sample none"),
         (2, &vary("+"), "name a factor behind `+`, such as +agent.color"),
         (2, &vary("agent.color block.color"), "separate several with commas"),
         (1, &["replay", &blind], "b.h5 was recorded without the column `action`, which a replay repeats"),

@@ -13,14 +13,14 @@ use crate::evaluation::{QUICK, read};
 use crate::support::{Folder, PUSHT, swm, swm_json, swm_ok};
 
 /// A running server and its session.
-struct Page {
+pub(crate) struct Page {
     child: Child,
     host: String,
     cookie: String,
 }
 
 impl Page {
-    fn open(paths: &[&str], save: &str) -> Self {
+    pub(crate) fn open(paths: &[&str], save: &str) -> Self {
         let args = [&["ui", "--no-open", "--save", save], paths].concat();
         let mut child = swm(&args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut line = String::new();
@@ -49,13 +49,13 @@ impl Page {
     }
 
     #[track_caller]
-    fn json(&self, what: &str, body: &str) -> Json {
+    pub(crate) fn json(&self, what: &str, body: &str) -> Json {
         let answer = self.request(what, body);
         serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap_or_else(|_| panic!("{answer}"))
     }
 
     /// The id of the file of this kind.
-    fn id(&self, kind: &str) -> String {
+    pub(crate) fn id(&self, kind: &str) -> String {
         let files = self.json("GET /api/files", "");
         let file = files["files"].as_array().unwrap().iter().find(|file| file["kind"] == kind);
         file.unwrap_or_else(|| panic!("no {kind}: {files}"))["id"].as_str().unwrap().to_owned()

@@ -204,7 +204,7 @@ fn html(
         Ok(json!({ "cells": cells(name, result), "files": files }))
     });
     let page = json!({
-        "style": include_str!("../../crates/swm/templates/style.css"),
+        "style": include_str!("../../crates/swm-tasks/templates/style.css"),
         "recorded": recorded,
         "head": HEAD,
         "results": shown.collect::<Result<Vec<_>>>()?,

@@ -11,8 +11,10 @@ use pyo3::exceptions::{PyFileNotFoundError, PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 use swm::core::{BatchError, DataError, EnvError, PolicyError, UnknownName, WorldError};
 use swm::solvers::PlanError;
+use swm::tasks::request::TaskError;
 
-use crate::words::in_python;
+use crate::manifest::boxed;
+use crate::words::{Arguments, in_python};
 
 create_exception!(
     stable_worldmodel_rs,
@@ -127,6 +129,16 @@ impl IntoPy for WorldError {
                 _ => EnvironmentFault::new_err(message(&self)),
             }
         })
+    }
+}
+
+impl IntoPy for TaskError {
+    fn into_py(self) -> PyErr {
+        match self {
+            Self::Request(message) => SwmError::new_err(message.in_words(&Arguments)),
+            Self::Failed(error) => boxed(error),
+            other => SwmError::new_err(in_python(&other.to_string())),
+        }
     }
 }
 

@@ -1,5 +1,63 @@
 //! Messages of the core name commands and their options; a Python user is told the functions and arguments that do the same.
 
+use serde_json::Value as Json;
+use swm::tasks::request::{List, Words};
+
+/// Settings of a request as keyword arguments: `image_shape=(64, 64)`.
+pub(crate) struct Arguments;
+
+/// Settings that have another name here.
+const NAMES: &[(&str, &str)] = &[
+    ("distractor", "distractors"),
+    ("env", "env_name"),
+    ("image_size", "image_shape"),
+    ("out", "path"),
+    ("set", "variation_values"),
+    ("vary", "variation"),
+];
+
+impl Words for Arguments {
+    fn setting(&self, name: &str, value: Option<&Json>) -> String {
+        let here = NAMES.iter().find(|(core, _)| *core == name).map_or(name, |(_, here)| *here);
+        match (name, value) {
+            // Settings of the environment are arguments of their own.
+            ("env_option", Some(Json::Object(settings))) => {
+                let each = settings.iter().map(|(name, value)| format!("{name}={}", literal(value)));
+                each.collect::<Vec<_>>().join(", ")
+            }
+            (_, Some(value)) => format!("{here}={}", literal(value)),
+            (_, None) => here.to_owned(),
+        }
+    }
+
+    fn list(&self, list: &List) -> String {
+        match list {
+            List::Factors(_) => "`variation_space` of the environment".to_owned(),
+            _ => "the documentation".to_owned(),
+        }
+    }
+}
+
+/// A value as Python writes it.
+fn literal(value: &Json) -> String {
+    let joined = |items: Vec<String>| items.join(", ");
+    match value {
+        Json::Null => "None".to_owned(),
+        Json::Bool(true) => "True".to_owned(),
+        Json::Bool(false) => "False".to_owned(),
+        Json::Number(number) => number.to_string(),
+        Json::String(text) => format!("{text:?}"),
+        Json::Array(items) => format!("[{}]", joined(items.iter().map(literal).collect())),
+        Json::Object(map) => match (map.get("height"), map.get("width")) {
+            (Some(height), Some(width)) => format!("({height}, {width})"),
+            _ => {
+                let items = map.iter().map(|(name, value)| format!("{name:?}: {}", literal(value)));
+                format!("{{{}}}", joined(items.collect()))
+            }
+        },
+    }
+}
+
 /// What the core says, and what it is here.
 const WORDS: &[(&str, &str)] = &[
     ("`swm envs` lists", "`swm.envs.WORLDS` lists"),
@@ -13,10 +71,6 @@ const WORDS: &[(&str, &str)] = &[
     ("evaluate again with --again", "evaluate again with again=True"),
     ("or --again to replace it", "or again=True to replace it"),
     ("--again repeats it", "again=True repeats it"),
-    (
-        "give another --out, or --overwrite to replace it",
-        "give another path, or overwrite=True to replace it",
-    ),
     ("--policy-seed ", "policy_seed "),
     (
         "commas join runs, and spaces separate results to compare",

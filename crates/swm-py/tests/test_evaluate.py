@@ -219,7 +219,7 @@ def test_a_manifest_is_replaced_on_request_only(tmp_path: Path) -> None:
     assert len(swm.make_manifest(path, "swm/TwoRoom-v1", episodes=3, overwrite=True)["pairs"]) == 3
     assert len(swm.read_manifest(path)["pairs"]) == 3
     for wrong in [{"seed": "a"}, {"episodes": -3}, {"budget": 2.5}, {"frame_skip": 2**40}]:
-        with pytest.raises(swm.SwmError, match=f"{next(iter(wrong))}: .* is not a whole number"):
+        with pytest.raises(swm.SwmError, match=f"{next(iter(wrong))}=.*must be a whole number"):
             swm.make_manifest(tmp_path / "wrong.toml", "swm/TwoRoom-v1", **wrong)  # type: ignore[arg-type]
     seeded = swm.make_manifest(tmp_path / "seeded.toml", "swm/TwoRoom-v1", np.int64(2), seed=np.uint8(7))  # type: ignore[arg-type]
     assert seeded["pairs"] == swm.make_manifest(tmp_path / "same.toml", "swm/TwoRoom-v1", 2, seed=7)["pairs"]

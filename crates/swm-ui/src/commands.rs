@@ -2,39 +2,17 @@
 
 use std::fmt::Debug;
 use std::path::Path;
-use std::sync::Arc;
 
 use serde_json::Value as Json;
+use swm_core::Registry;
 use swm_core::error::BoxError;
-use swm_core::view::Transform;
-use swm_core::{Manifest, PolicyArgs, Registry};
-
-/// A policy with the seed of its noise, as receipts hold it.
-pub type Candidate = (PolicyArgs, u64);
 
 /// What the page asks the command line for; the command `swm ui` hands in all of it. Errors are shown on the page.
 pub trait Commands: Debug + Send + Sync {
-    /// Does as `swm manifest make WORDS`: makes a manifest and writes it.
-    ///
-    /// # Errors
-    ///
-    /// What that command refuses, and what it may meet.
-    fn make_manifest(&self, registry: &Registry, words: &[String]) -> Result<Manifest, BoxError>;
-
     /// What `swm jobs DIR --json` prints.
     ///
     /// # Errors
     ///
     /// The folder holds no job, or one that cannot be read.
     fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError>;
-
-    /// The oracle that `swm eval --manifest` compares a policy with.
-    fn oracle(&self, registry: &Registry, manifest: &Manifest, policy: Candidate) -> Candidate;
-
-    /// The distractors of a manifest, which change the images that policies see; `None` for none.
-    ///
-    /// # Errors
-    ///
-    /// There is no such distractor.
-    fn distractors(&self, names: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError>;
 }

@@ -11,7 +11,7 @@
 //! | `play` | a WebSocket per live environment, and the thread that steps it |
 //! | `data` | datasets: episodes, images, values, samples |
 //! | `results` | receipts, manifests, sweeps, training curves, jobs |
-//! | `commands` | what is handed in: manifests, jobs and oracles as the command line makes them |
+//! | `commands` | what is handed in: jobs as the command line has them |
 //! | `server` | routes, limits, the idle stop |
 //!
 //! What is deliberately absent: environments, numerics, a file format, and any state that is not in files.
@@ -26,6 +26,6 @@ mod results;
 mod roots;
 mod server;
 
-pub use commands::{Candidate, Commands};
+pub use commands::Commands;
 pub use error::UiError;
 pub use server::{Options, SAVING, Server, serve};

@@ -19,18 +19,8 @@
 mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;
-pub mod distractors;
-pub mod evaluation;
-mod html;
 #[cfg(feature = "cli")]
 mod jobs;
-pub mod plan;
-pub mod replay;
-pub mod report;
-pub mod report_page;
-mod svg;
-mod text_file;
-pub mod video;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;
@@ -49,10 +39,14 @@ pub use swm_media as media;
 pub use swm_onnx as onnx;
 pub use swm_render as render;
 pub use swm_solvers as solvers;
+pub use swm_tasks as tasks;
+pub use swm_tasks::{distractors, evaluation, plan, replay, report, report_page, video};
 #[cfg(feature = "ui")]
 pub use swm_ui as ui;
 
 use swm_core::Registry;
+#[cfg(feature = "cli")]
+use swm_tasks::text_file;
 
 /// Every environment, policy, solver and dataset format of this workspace.
 pub fn registry() -> Registry {
@@ -70,4 +64,38 @@ pub fn registry() -> Registry {
     let registry = registry.with(swm_data_lance::FORMATS);
     let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);
     registry.with(&[swm_solvers::EXPERT]).with(absent::NAMES)
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::evaluate::Tier;
+    use swm_core::{EnvConfig, Schema, SuccessRule};
+    use swm_tasks::evaluation::{ruled_envs, tier_rules};
+
+    use super::*;
+
+    #[test]
+    fn every_rule_of_a_tier_fits_its_environment() {
+        let registry = registry();
+        for (id, settings) in ruled_envs() {
+            let entry = match registry.env(id) {
+                Ok(entry) => entry,
+                Err(_) if cfg!(not(all(feature = "mujoco", feature = "rapier"))) => continue,
+                Err(unknown) => panic!("{unknown}"),
+            };
+            let config = EnvConfig { image: None, settings: settings.clone() };
+            // What cannot run here, for want of a library say, is tested elsewhere.
+            let Ok(env) = entry.make(&config) else { continue };
+            let schema = Schema::new(env.spec().fields.clone()).unwrap();
+            for tier in [Tier::Moderate, Tier::Strict] {
+                let rules = tier_rules(id, &settings, tier).unwrap();
+                assert!(rules.success.judge(&schema).unwrap().is_some());
+                let motion = SuccessRule { hold: 1, all: rules.motion.into_iter().collect() };
+                assert!(motion.judge(&schema).unwrap().is_some());
+                for (column, _) in rules.rest {
+                    assert!(env.spec().start_columns.contains(&column.as_str()), "{id}: {column}");
+                }
+            }
+        }
+    }
 }

@@ -35,6 +35,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-data", &[HDF5, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-data-lance", &[HDF5, LANCE, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
+    ("swm-tasks", &[HDF5, MATRICES], &[]),
     ("swm-ui", &[HDF5], &[]),
     ("swm-baselines", &[TENSORS, HDF5, MATRICES, VIDEOS], &[]),
 ];

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 use crate::dataset::Dataset;
 use crate::error::WorldError;
 
@@ -16,7 +18,8 @@ use crate::error::WorldError;
 /// assert_eq!("3:10-4:0".parse::<ChosenPair>()?.goal, [4, 0]);
 /// # Ok::<(), String>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct ChosenPair {
     /// The start.
     pub start: [usize; 2],
@@ -65,6 +68,20 @@ impl fmt::Display for ChosenPair {
             write!(f, "{goal_episode}:")?;
         }
         write!(f, "{goal}")
+    }
+}
+
+impl From<ChosenPair> for String {
+    fn from(pair: ChosenPair) -> Self {
+        pair.to_string()
+    }
+}
+
+impl TryFrom<String> for ChosenPair {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }
 

@@ -2,14 +2,7 @@
 //!
 //! Source: Loshchilov & Hutter, *Decoupled Weight Decay Regularization* (2019).
 
-use crate::cost::Cost;
-use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
-use crate::error::PlanError;
-use crate::problem::{Plan, Problem};
-use crate::settings::Validate;
-use crate::solver::SolverConfig;
-use crate::trace::Trace;
-use crate::workspace::Workspace;
+use crate::descent::{Descent, Rule, WeightDecay};
 
 swm_core::settings! {
     /// Settings of AdamW. The learning rate is that of the reference's published runs, the rest are PyTorch's defaults.
@@ -41,28 +34,4 @@ impl AdamW {
     }
 }
 
-impl Validate for AdamW {
-    fn validate(&self) -> Result<(), PlanError> {
-        self.descent.validate()?;
-        self.rule().validate()
-    }
-}
-
-impl SolverConfig for AdamW {
-    const NAME: &'static str = "adamw";
-    const SUMMARY: &'static str = "AdamW (Adam with decoupled weight decay) with restarts";
-
-    fn solve_checked(
-        &self,
-        problem: &Problem<'_>,
-        cost: &mut dyn Cost,
-        workspace: &mut Workspace,
-        trace: &mut dyn Trace,
-        plan: &mut Plan,
-    ) -> Result<(), PlanError> {
-        let how = (&self.descent, self.rule(), Limits::of_box(Self::NAME, problem.action, self.clip)?);
-        Search::begin(Self::NAME, how, problem, workspace, 0)?.run(cost, trace, plan)?;
-        trace.end(problem, plan);
-        Ok(())
-    }
-}
+crate::descent::one_rule!(AdamW, "adamw", "AdamW (Adam with decoupled weight decay) with restarts");

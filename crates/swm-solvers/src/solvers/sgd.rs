@@ -3,14 +3,7 @@
 //! Source: the reference's `GradientSolver` with its SGD; momentum as in Sutskever et al., *On the importance of
 //! initialization and momentum in deep learning* (2013), in PyTorch's form.
 
-use crate::cost::Cost;
-use crate::descent::{Descent, Limits, Rule, Search};
-use crate::error::PlanError;
-use crate::problem::{Plan, Problem};
-use crate::settings::Validate;
-use crate::solver::SolverConfig;
-use crate::trace::Trace;
-use crate::workspace::Workspace;
+use crate::descent::{Descent, Rule};
 
 swm_core::settings! {
     /// Settings of gradient descent.
@@ -35,28 +28,4 @@ impl Sgd {
     }
 }
 
-impl Validate for Sgd {
-    fn validate(&self) -> Result<(), PlanError> {
-        self.descent.validate()?;
-        self.rule().validate()
-    }
-}
-
-impl SolverConfig for Sgd {
-    const NAME: &'static str = "sgd";
-    const SUMMARY: &'static str = "gradient descent with restarts and momentum";
-
-    fn solve_checked(
-        &self,
-        problem: &Problem<'_>,
-        cost: &mut dyn Cost,
-        workspace: &mut Workspace,
-        trace: &mut dyn Trace,
-        plan: &mut Plan,
-    ) -> Result<(), PlanError> {
-        let how = (&self.descent, self.rule(), Limits::of_box(Self::NAME, problem.action, self.clip)?);
-        Search::begin(Self::NAME, how, problem, workspace, 0)?.run(cost, trace, plan)?;
-        trace.end(problem, plan);
-        Ok(())
-    }
-}
+crate::descent::one_rule!(Sgd, "sgd", "gradient descent with restarts and momentum");

@@ -7,6 +7,8 @@ use axum::extract::State;
 use serde::Deserialize;
 use serde_json::json;
 use swm_core::evaluate::{ChosenPair, Tier};
+use swm_core::settings::Settings as _;
+use swm_tasks::request::{MakeManifest, Message, Request as _, value_text};
 
 use super::blocking;
 use crate::error::{Answer, Refusal, json};
@@ -27,17 +29,16 @@ struct Asked {
     file: String,
 }
 
-/// Makes a manifest by the command that it names in its answer.
+/// Makes a manifest, and names in its answer the command that makes the same.
 pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> Answer {
     blocking(move || {
         let Asked { id, pairs, tier, budget, file } = serde_json::from_slice(&body)
             .map_err(|error| Refusal::bad(format!("the page sent `{error}`")))?;
-        let commands = app.commands()?;
-        let pairs: Vec<String> = pairs
-            .iter()
-            .map(|text| text.parse::<ChosenPair>().map(|pair| pair.to_string()))
-            .collect::<Result<_, _>>()
-            .map_err(Refusal::bad)?;
+        if pairs.is_empty() {
+            return Err(Refusal::bad("no pairs are picked; write EPISODE:START-GOAL, such as 3:10-35"));
+        }
+        let pairs: Vec<ChosenPair> =
+            pairs.iter().map(|text| text.parse()).collect::<Result<_, String>>().map_err(Refusal::bad)?;
         let out = app.roots.writable(&file)?;
         if !file.ends_with(".json") && !file.ends_with(".toml") {
             return Err(Refusal::bad(format!("`{file}` is no name of a manifest; end it in .json or .toml")));
@@ -48,19 +49,37 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
         let env = app.registry.env(env).map_err(|error| {
             Refusal::bad(format!("the dataset does not say in which environment it was recorded: {error}"))
         })?;
-        let path = |path: &std::path::Path| path.display().to_string();
-        let mut words = vec![env.id.to_owned(), "--dataset".to_owned(), path(&dataset)];
-        words.extend(["--pairs".to_owned(), pairs.join(",")]);
-        words.extend(["--tier", tier.name(), "--budget"].map(str::to_owned));
-        words.extend([budget.to_string(), "--out".to_owned(), path(&out)]);
-        let manifest = commands.make_manifest(&app.registry, &words)?;
+        let request = MakeManifest {
+            env: env.id.to_owned(),
+            dataset: Some(dataset),
+            pairs: Some(pairs),
+            tier,
+            budget: Some(budget),
+            out,
+            ..MakeManifest::default()
+        };
+        let words = command_line(&request);
+        let mut notes: Vec<Message> = Vec::new();
+        let manifest = request.run(&app.registry, &mut notes)?;
         json(&json!({
             "id": app.roots.saved_id(&file),
-            "path": out,
+            "path": request.out,
             "pairs": manifest.pairs.len(),
             "hash": manifest.hash(),
             "words": words,
+            "notes": notes.iter().map(ToString::to_string).collect::<Vec<_>>(),
         }))
     })
     .await
+}
+
+/// The words of the command for what the page can ask for.
+fn command_line(request: &MakeManifest) -> Vec<String> {
+    let mut changed = request.changed();
+    let [env, out] = ["env", "out"].map(|name| changed.shift_remove(name));
+    let mut words: Vec<String> = env.iter().map(value_text).collect();
+    for (name, value) in changed.into_iter().chain(out.map(|out| ("out".to_owned(), out))) {
+        words.extend([format!("--{}", name.replace('_', "-")), value_text(&value)]);
+    }
+    words
 }

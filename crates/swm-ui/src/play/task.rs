@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use serde::Deserialize;
 use serde_json::{Map, Value as Json};
 use swm_core::view::Transform;
 use swm_core::{Manifest, PolicyArgs};
+use swm_tasks::distractors;
+use swm_tasks::evaluation::{Candidate, Receipt, Reference};
 
 use super::message::{Pair, Run};
-use crate::commands::Candidate;
 use crate::error::Refusal;
 use crate::roots::read_result;
 use crate::server::App;
@@ -25,13 +25,6 @@ pub(super) struct Task {
     pub transform: Option<Arc<dyn Transform>>,
 }
 
-#[derive(Deserialize)]
-struct Stored {
-    policy: PolicyArgs,
-    #[serde(default)]
-    seed: u64,
-}
-
 impl Task {
     /// Reads the manifest, or the receipt that holds one.
     ///
@@ -39,43 +32,40 @@ impl Task {
     ///
     /// There is no such file, run or pair; a policy whose files are outside of the given paths.
     pub(super) fn read(app: &App, pair: &Pair) -> Result<Self, Refusal> {
-        let mut content = read_result(&app.roots.resolve(&pair.id)?)?;
-        let stored = |json: Option<&Json>| -> Result<Option<Candidate>, Refusal> {
-            let stored = json.cloned().map(serde_json::from_value::<Stored>).transpose()?;
-            Ok(stored.map(|Stored { policy, seed }| (policy, seed)))
-        };
-        let policy = stored(content.get("candidate"))?;
-        let reference = match pair.run {
-            Run::Reference(index) => {
-                let all = content.get("references").or_else(|| content.get("beside"));
-                stored(all.and_then(|all| all.get(index)).and_then(|reference| reference.get("candidate")))?
-            }
-            _ => None,
-        };
-        if let Some(within) = content.get_mut("manifest") {
-            content = within.take();
-        }
-        if let Json::Object(map) = &mut content {
-            map.remove("hash");
-        }
-        let manifest: Manifest = serde_json::from_value(content)?;
+        let (manifest, policy, references) = stored(read_result(&app.roots.resolve(&pair.id)?)?)?;
         manifest.check()?;
         let candidate = match pair.run {
             Run::Policy => policy,
-            Run::Reference(index) => Some(
-                reference.ok_or_else(|| Refusal::bad(format!("the receipt holds no reference {index}")))?,
-            ),
+            Run::Reference(index) => {
+                let none = || Refusal::bad(format!("the receipt holds no reference {index}"));
+                Some(references.into_iter().nth(index).ok_or_else(none)?.candidate)
+            }
             Run::Oracle => {
-                let policy = policy.unwrap_or_else(|| (PolicyArgs::new("cem", Map::new()), 0));
-                Some(app.commands()?.oracle(&app.registry, &manifest, policy))
+                let policy = policy.unwrap_or_else(|| Candidate::new(PolicyArgs::new("cem", Map::new())));
+                Some(match app.registry.env(&manifest.env) {
+                    Ok(entry) => policy.oracle(&app.registry, entry, &manifest),
+                    // An unknown environment is an error when it is made.
+                    Err(_) => policy,
+                })
             }
         };
-        let (policy, policy_seed) = candidate.map_or((None, 0), |(policy, seed)| (Some(policy), seed));
+        let (policy, policy_seed) =
+            candidate.map_or((None, 0), |candidate| (Some(candidate.policy), candidate.seed));
         policy.iter().try_for_each(|policy| app.roots.check_policy(policy))?;
-        let transform = match manifest.distractors.is_empty() {
-            true => None,
-            false => app.commands()?.distractors(&manifest.distractors)?,
-        };
+        let transform = distractors::parse_all(&manifest.distractors)?;
         Ok(Self { manifest, index: pair.index, policy, policy_seed, transform })
     }
+}
+
+/// A manifest, the evaluated policy and the reference policies of a file of results: a manifest alone has neither.
+fn stored(content: Json) -> Result<(Manifest, Option<Candidate>, Vec<Reference>), serde_json::Error> {
+    if content.get("receipt").is_some() {
+        let Receipt { manifest, candidate, references, .. } = serde_json::from_value(content)?;
+        return Ok((manifest, Some(candidate), references));
+    }
+    let mut content = content;
+    if let Json::Object(map) = &mut content {
+        map.remove("hash");
+    }
+    Ok((serde_json::from_value(content)?, None, Vec::new()))
 }

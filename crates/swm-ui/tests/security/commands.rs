@@ -1,4 +1,4 @@
-//! What the page asks the command line for: manifests are written into the named folder, jobs are read below the given paths.
+//! What the page writes and reads for others: manifests are written into the named folder, jobs are read below the given paths.
 
 use std::fs;
 use std::path::Path;
@@ -6,38 +6,20 @@ use std::sync::Arc;
 
 use swm_core::error::BoxError;
 use swm_core::testing::TOY;
-use swm_core::view::Transform;
-use swm_core::{Manifest, Registry, Rollout, World, WorldOptions, policies};
+use swm_core::{Registry, Rollout, World, WorldOptions, policies};
 use swm_data::WriteMode;
-use swm_ui::{Candidate, Options};
+use swm_ui::Options;
 
 use crate::server::{Running, registry};
 use crate::status;
 
-/// The command line, as far as these tests need it: manifests are written as they are asked for.
+/// The command line, as far as these tests need it.
 #[derive(Debug)]
 struct Commands;
 
 impl swm_ui::Commands for Commands {
-    fn make_manifest(&self, _registry: &Registry, words: &[String]) -> Result<Manifest, BoxError> {
-        let out = words.iter().skip_while(|word| *word != "--out").nth(1).expect("a file");
-        fs::write(out, words.join(" "))?;
-        Ok(serde_json::from_str(
-            r#"{"version": 1, "env": "swm/Toy-v0", "tier": "historic", "budget": 1, "frame_skip": 1, "seed": 1, "success": {"hold": 1,
-            "all": []}, "source": {"kind": "online"}, "excluded": {}, "solved_at_start": 0, "pairs": []}"#,
-        )?)
-    }
-
     fn job(&self, _: &Registry, dir: &Path) -> Result<serde_json::Value, BoxError> {
         Ok(fs::read_to_string(dir.join("logs/0001.log"))?.into())
-    }
-
-    fn oracle(&self, _: &Registry, _: &Manifest, policy: Candidate) -> Candidate {
-        policy
-    }
-
-    fn distractors(&self, _: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
-        Ok(None)
     }
 }
 
@@ -95,11 +77,8 @@ fn manifests_are_written_by_this_page_alone_and_into_the_named_folder() {
     assert_eq!(status(&send(&both, &" ".repeat((256 << 10) + 1))), 413);
     assert_eq!(fs::read_dir(&save).unwrap().count(), 0, "nothing is written yet");
     assert_eq!(status(&send(&both, &good)), 200);
-    let words = fs::read_to_string(save.join("pairs.toml")).unwrap();
-    assert!(
-        words.starts_with("swm/Toy-v0 --dataset ")
-            && words.contains("--pairs 0:0-3 --tier historic --budget 5 --out ")
-    );
+    let made = swm_tasks::evaluation::read_manifest(&save.join("pairs.toml")).unwrap();
+    assert_eq!((made.env.as_str(), made.pairs[0].from, made.budget), (TOY.id, Some([0, 0, 3]), 5));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     drop(server);
 

@@ -8,6 +8,7 @@ use swm_core::{
     Cancel, EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveStep, Recorder, Registry, Rollout, World,
 };
 use swm_media::Format;
+use swm_tasks::request::{BUDGET_DATASET, BUDGET_ONLINE};
 
 use super::args::{
     EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, note_images, policy, policy_args,
@@ -22,9 +23,6 @@ use crate::evaluation::RunOptions;
 use crate::report::write_report;
 use crate::video::Video;
 
-/// Actions allowed per episode: online, and from goals of a dataset (the reference's).
-const BUDGET_ONLINE: u64 = 200;
-const BUDGET_DATASET: u64 = 50;
 /// Largest side of a video, in pixels.
 const MAX_VIDEO_SIDE: usize = 2160;
 

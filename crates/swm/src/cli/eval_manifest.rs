@@ -7,9 +7,9 @@ use std::time::Instant;
 use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
+use swm_tasks::request::note_rewards_only;
 
 use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
-use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
 use super::rates::{at_reset, p_value, rate};
 use super::regret::regret_line;
@@ -60,7 +60,7 @@ impl EvalManifest<'_> {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = env_of(registry, &manifest).map_err(usage)?;
-        note_rewards_only(entry, &manifest.success, output);
+        note_rewards_only(entry, &manifest.success, &mut &*output);
         let candidate = Candidate::new(policy_args(self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();

@@ -4,17 +4,19 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use swm_core::{EnvEntry, Metadata, Registry};
+use swm_core::Registry;
 use swm_data::tools::alike::rate_doubt;
 use swm_data::tools::copy::{Piece, is_same};
 use swm_data::{DataError, Dataset};
+use swm_tasks::request;
+
+pub(super) use request::check_recorded_in as check_env;
 
 use super::{Failure, Output, usage};
 
 /// Opens a dataset that the user named.
 pub(super) fn open(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>, Failure> {
-    check_exists(path)?;
-    Ok(swm_data::open_in(registry, path)?)
+    Ok(request::open_dataset(registry, path)?)
 }
 
 /// Refuses a path where nothing is.
@@ -23,31 +25,6 @@ pub(super) fn check_exists(path: &Path) -> Result<(), Failure> {
         Err(error) if error.kind() == ErrorKind::NotFound => Err(usage(DataError::io(path, "open", error))),
         // What else stands in the way is told when it is opened.
         _ => Ok(()),
-    }
-}
-
-/// Refuses a dataset that was recorded in another environment than that of the command, or with another frame skip than the one
-/// that was asked for. A dataset that does not say how it was recorded passes.
-pub(super) fn check_env(
-    dataset: &dyn Dataset,
-    entry: &EnvEntry,
-    frame_skip: Option<u32>,
-) -> Result<(), Failure> {
-    let Some(recorded) = dataset.metadata().and_then(Metadata::of_known_env) else { return Ok(()) };
-    let (path, env) = (dataset.path().display(), &recorded.env);
-    if env != entry.id {
-        return Err(usage(format!(
-            "the dataset {path} was recorded in {env}, not in {0}; give a dataset of {0}, or name {env} as the environment",
-            entry.id
-        )));
-    }
-    match frame_skip.filter(|&wanted| wanted != recorded.frame_skip) {
-        Some(wanted) => Err(usage(format!(
-            "--frame-skip {wanted}: the dataset {path} was recorded with frame skip {}, which is the default here; leave out \
-             --frame-skip",
-            recorded.frame_skip
-        ))),
-        None => Ok(()),
     }
 }
 

@@ -2,25 +2,22 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use clap::{Args, Subcommand, ValueEnum};
-use serde_json::{Map, Value as Json, json};
-use swm_core::evaluate::{ChosenPair, ManifestOptions, Tier, make_manifest};
-use swm_core::{EnvConfig, EnvEntry, Manifest, Registry, SuccessRule};
+use serde_json::{Value as Json, json};
+use swm_core::evaluate::{ChosenPair, Tier};
+use swm_core::{Manifest, Registry};
+use swm_tasks::request::{MakeManifest, Request as _};
 
 use super::args::{EnvArgs, ImageArg};
-use super::output::{create_parent, table};
+use super::output::table;
 use super::scenario::ScenarioArgs;
-use super::stream::read_stream;
-use super::{Failure, Output, inputs, usage};
-use crate::distractors;
-use crate::evaluation::{
-    TierRules, holds_manifest, read_manifest, recorded_pairs, tier_rules, write_manifest,
-};
+use super::{Failure, Output, usage};
+use crate::evaluation::read_manifest;
 
-/// Actions allowed per episode, online and on recorded pairs (the reference's).
-const BUDGET_ONLINE: u64 = 200;
-const BUDGET_DATASET: u64 = 50;
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<MakeManifest> = LazyLock::new(MakeManifest::default);
 
 /// Define an evaluation task as a file: pairs of start and goal, budget, success rule.
 #[derive(Args)]
@@ -56,16 +53,16 @@ struct Make {
     #[command(flatten)]
     env: EnvArgs,
     /// How pairs are chosen, and what counts as success.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, default_value_t = DEFAULT.tier.into())]
     tier: TierArg,
     /// The manifest to write.
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
     /// Number of pairs.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = DEFAULT.episodes)]
     episodes: usize,
     /// Seed of the pairs.
-    #[arg(long, default_value_t = 42)]
+    #[arg(long, default_value_t = DEFAULT.seed)]
     seed: u64,
     /// Take starts and goals from this dataset. Without it, the environment samples them.
     #[arg(long, value_name = "FILE")]
@@ -76,10 +73,10 @@ struct Make {
     #[arg(conflicts_with_all = ["episodes", "goal_offset", "held_out"])]
     pairs: Option<Vec<ChosenPair>>,
     /// With --dataset: the goal is this many steps after the start.
-    #[arg(long, default_value_t = 25, requires = "dataset")]
+    #[arg(long, default_value_t = DEFAULT.goal_offset, requires = "dataset")]
     goal_offset: usize,
     /// With --dataset and --tier moderate or strict: the fraction of episodes that is held out from training. 1: all.
-    #[arg(long, default_value_t = 0.2, requires = "dataset", value_name = "SHARE")]
+    #[arg(long, default_value_t = DEFAULT.held_out, requires = "dataset", value_name = "SHARE")]
     held_out: f64,
     /// Actions allowed per episode. Default: 200, or 50 with --dataset.
     #[arg(long)]
@@ -123,6 +120,16 @@ impl From<TierArg> for Tier {
     }
 }
 
+impl From<Tier> for TierArg {
+    fn from(tier: Tier) -> Self {
+        match tier {
+            Tier::Moderate => TierArg::Moderate,
+            Tier::Strict => TierArg::Strict,
+            _ => TierArg::Historic,
+        }
+    }
+}
+
 impl ManifestCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         match self.action {
@@ -135,98 +142,30 @@ impl ManifestCommand {
     }
 }
 
-/// As `swm manifest make WORDS`, and prints nothing.
-#[cfg(feature = "ui")]
-pub(super) fn make(registry: &Registry, words: &[String]) -> Result<Manifest, Failure> {
-    use clap::FromArgMatches as _;
-
-    let command = Make::augment_args(clap::Command::new("manifest make").no_binary_name(true));
-    let matches = command.try_get_matches_from(words).map_err(usage)?;
-    Make::from_arg_matches(&matches).map_err(usage)?.write(registry, &Output::new(false, true))
-}
-
 impl Make {
     /// Makes the manifest and writes it.
     fn write(&self, registry: &Registry, output: &Output) -> Result<Manifest, Failure> {
-        let tier = Tier::from(self.tier);
-        let entry = self.env.entry(registry)?;
-        let mut dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
-        if let Some(dataset) = &dataset {
-            inputs::check_env(dataset.as_ref(), entry, self.frame_skip)?;
-        }
-        let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
-        let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
-        let config = self.env.config_like(settings, self.image_size.0)?;
-        let rules = tier_rules(entry.id, &config.settings, tier).map_err(usage)?;
-        if tier == Tier::Moderate && rules == TierRules::default() {
-            output.note(format!(
-                "note: {} has no moderate rules of its own: success is the environment's test, starts may move, and goals may \
-                 be near",
-                entry.id
-            ));
-        }
-        note_rewards_only(entry, &rules.success, output);
-        if !self.distractors.is_empty() && config.image.is_none() {
-            return Err(usage("--distractor changes images, and there are none; give --image-size"));
-        }
-        distractors::parse_all(&self.distractors).map_err(usage)?;
-        if !(self.held_out > 0.0 && self.held_out <= 1.0) {
-            return Err(usage(format!("--held-out {}: use a share above 0 and at most 1", self.held_out)));
-        }
-        let budget =
-            self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
-        if budget == 0 {
-            return Err(usage("a budget of 0 actions; use 1 or more"));
-        }
-        let factors = entry.make(&EnvConfig { image: None, ..config.clone() })?.spec().factors.clone();
-        let scenario = match &dataset {
-            None => self.scenario.options(entry, &factors, output)?,
-            Some(_) => self.scenario.recorded_options(entry, &factors, output)?,
-        };
-        let options = ManifestOptions {
-            tier,
-            pairs: self.episodes,
-            budget,
-            frame_skip: self.frame_skip.or(recorded.map(|recorded| recorded.frame_skip)).unwrap_or(1),
-            image: config.image,
+        let request = MakeManifest {
+            env: self.env.entry(registry)?.id.to_owned(),
+            env_option: self.env.config(None)?.settings,
+            tier: self.tier.into(),
+            out: self.out.clone(),
+            episodes: self.episodes,
             seed: self.seed,
-            distractors: self.distractors.clone(),
-            vary: scenario.variation,
-            set: scenario.variation_values,
-            success: rules.success,
-            motion: rules.motion,
-            rest: rules.rest,
+            dataset: self.dataset.clone(),
+            pairs: self.pairs.clone(),
+            goal_offset: self.goal_offset,
+            held_out: self.held_out,
+            budget: self.budget,
+            frame_skip: self.frame_skip,
+            image_size: self.image_size.0,
+            distractor: self.distractors.clone(),
+            stream: self.stream.clone(),
+            vary: self.scenario.vary.clone(),
+            set: self.scenario.set(output)?,
+            overwrite: self.overwrite,
         };
-        let pairs = match (&mut dataset, &self.dataset) {
-            (Some(dataset), Some(path)) => {
-                let mut recorded = recorded_pairs(dataset, path)?;
-                recorded.goal_offset = self.goal_offset;
-                recorded.held_out = self.held_out;
-                recorded.chosen.clone_from(&self.pairs);
-                Some(recorded)
-            }
-            _ => None,
-        };
-        let mut manifest = make_manifest(entry, &config, &options, pairs)?;
-        if let Some(path) = &self.stream {
-            read_stream(path)?.lay_over(&mut manifest, entry)?;
-        }
-        if self.overwrite || !holds_manifest(&self.out, &manifest).map_err(usage)? {
-            create_parent(&self.out)?;
-            write_manifest(&self.out, &manifest)?;
-        }
-        Ok(manifest)
-    }
-}
-
-/// Says so where no episode can be a success.
-pub(super) fn note_rewards_only(entry: &EnvEntry, success: &SuccessRule, output: &Output) {
-    if success.all.is_empty() && entry.success.is_empty() {
-        output.note(format!(
-            "note: {0} has rewards and no success test, and a manifest counts successes: all rates will be 0; `swm eval {0}` without \
-             a manifest reports returns",
-            entry.id
-        ));
+        Ok(request.run(registry, &mut &*output)?)
     }
 }
 

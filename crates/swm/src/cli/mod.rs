@@ -41,7 +41,6 @@ mod report;
 mod scenario;
 mod solvers;
 mod stats;
-mod stream;
 mod submit;
 mod sweep;
 mod table;
@@ -58,6 +57,7 @@ mod ui;
 mod verify;
 mod verify_result;
 mod version;
+mod words;
 mod work;
 
 use std::ffi::OsString;

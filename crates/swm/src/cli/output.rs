@@ -9,9 +9,11 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
+use swm_tasks::request::TaskError;
 
 use super::called;
 pub(crate) use super::table::table;
+use super::words::Options;
 
 /// A command that did not succeed.
 #[derive(Debug)]
@@ -91,6 +93,12 @@ pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
 impl<E: Into<BoxError>> From<E> for Failure {
     fn from(error: E) -> Self {
         let source: BoxError = error.into();
+        let source = match source.downcast::<TaskError>().map(|error| *error) {
+            Ok(TaskError::Request(message)) => return usage(message.in_words(&Options)),
+            Ok(TaskError::Failed(source)) => source,
+            Ok(error) => error.into(),
+            Err(source) => source,
+        };
         let usage = is_usage(source.as_ref());
         // A wrong request is wrong for every environment: the first that met it says nothing.
         let source = match source.downcast::<WorldError>().map(|error| *error) {

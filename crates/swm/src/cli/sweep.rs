@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use swm_core::{Cancel, Manifest, Registry};
+use swm_tasks::request::note_rewards_only;
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
-use super::manifest::note_rewards_only;
 use super::output::{create_folder, table};
 use super::rates::{at_reset, p_value, rate};
 use super::training_note;
@@ -80,7 +80,7 @@ impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
         let entry = env_of(registry, &manifest).map_err(usage)?;
-        note_rewards_only(entry, &manifest.success, output);
+        note_rewards_only(entry, &manifest.success, &mut &*output);
         training_note::of_policy_on(registry, entry, &manifest, &candidate.policy, output);
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;

@@ -9,14 +9,11 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::error::BoxError;
-use swm_core::view::Transform;
-use swm_core::{Manifest, Registry, WorldError};
+use swm_core::{Registry, WorldError};
 use swm_ui::{Commands, Server};
 
 use super::jobs::Watched;
-use super::{Failure, Output, interrupt, manifest, usage};
-use crate::distractors;
-use crate::evaluation::Candidate;
+use super::{Failure, Output, interrupt, usage};
 
 /// Steer and record environments, and look at datasets and results, on a page in the browser.
 #[derive(Args)]
@@ -101,31 +98,8 @@ impl fmt::Debug for Own {
 }
 
 impl Commands for Own {
-    fn make_manifest(&self, registry: &Registry, words: &[String]) -> Result<Manifest, BoxError> {
-        manifest::make(registry, words).map_err(Failure::into_source)
-    }
-
     fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError> {
         self.0.status(registry, dir).map_err(Failure::into_source)
-    }
-
-    fn oracle(
-        &self,
-        registry: &Registry,
-        manifest: &Manifest,
-        (policy, seed): swm_ui::Candidate,
-    ) -> swm_ui::Candidate {
-        let candidate = Candidate::new(policy).seeded(seed);
-        let oracle = match registry.env(&manifest.env) {
-            Ok(entry) => candidate.oracle(registry, entry, manifest),
-            // That the environment is unknown is said when it is made.
-            Err(_) => candidate,
-        };
-        (oracle.policy, oracle.seed)
-    }
-
-    fn distractors(&self, names: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
-        distractors::parse_all(names)
     }
 }
 

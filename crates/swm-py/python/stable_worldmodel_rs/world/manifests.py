@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import logging
 import operator
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .._core import core as _swm
 from .ids import need, native_id
-from .native import checked_shape, note_unsampled
+from .native import checked_shape
 from .progress import Progress
 
 AnyPath = str | PathLike[str]
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 class Manifest(dict[str, Any]):
@@ -57,6 +61,11 @@ def _chosen(pair: str | tuple[int, int, int]) -> str:
     return f"{episode}:{start}-{goal}"
 
 
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of NumPy, and what else counts as an integer, as JSON has them."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
+
+
 def make_manifest(
     path: AnyPath,
     env_name: str,
@@ -96,34 +105,37 @@ def make_manifest(
         frame_skip: How often each action is applied; None: 1, or as recorded.
         image_shape: (height, width) of the images that policies see.
         distractors: What changes those images.
-        variation: Factors to sample; ``variation_values``: factors to set.
+        variation: Factors to sample; ``"+NAME"`` in addition to the default ones. ``variation_values``: factors to set, by
+            numbers, or by the names of colors and choices.
         overwrite: Replace a file that holds something else.
         **settings: Of the environment.
 
     Raises:
         SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
-    if pairs is not None and dataset is None:
-        raise ValueError("pairs are steps of a dataset; give dataset=…")
-    options = {
+    shape = checked_shape(image_shape)
+    request = {
         "env": native_id(env_name) or env_name,
-        "settings": settings,
+        "env_option": settings,
         "tier": tier,
+        "out": str(path),
         "episodes": episodes,
+        "seed": seed,
+        "dataset": None if dataset is None else existing(dataset, "dataset"),
+        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "goal_offset": goal_offset,
+        "held_out": held_out,
         "budget": budget,
         "frame_skip": frame_skip,
-        "image": checked_shape(image_shape),
-        "seed": seed,
-        "distractors": list(distractors),
+        "image_size": None if shape is None else {"height": shape[0], "width": shape[1]},
+        "distractor": list(distractors),
         "vary": None if variation is None else list(variation),
-        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "set": dict(variation_values or {}),
+        "overwrite": overwrite,
     }
-    source = None if dataset is None else (existing(dataset, "dataset"), goal_offset, held_out)
-    values = None if variation_values is None else dict(variation_values)
-    # Integers of NumPy are integers, too.
-    asked = json.dumps(options, default=operator.index)
-    text, hash, unsampled = _swm.make_manifest(str(path), asked, values, source, overwrite)
-    note_unsampled(unsampled)
+    text, hash, notes = _swm.make_manifest(json.dumps(request, default=_plain, allow_nan=False))
+    for note in notes:
+        logger.warning("%s", note)
     return Manifest(json.loads(text), hash)
 
 

@@ -222,6 +222,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use swm_core::evaluate::{EpisodeResult, ManifestOptions, make_manifest};
+    use swm_core::testing::TOY;
     use swm_core::{EnvConfig, PolicyArgs, PolicyEntry, policies};
 
     use super::*;
@@ -236,8 +237,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (weights, page) = (folder.path().join("weights"), folder.path().join("page.html"));
         std::fs::write(&weights, "100 steps").unwrap();
-        let registry = crate::registry().with(&MODELS);
-        let entry = registry.env("swm/TwoRoom-v2").unwrap();
+        let registry = Registry::new().with(&[TOY]).with(&MODELS);
+        let entry = registry.env(TOY.id).unwrap();
         let options = ManifestOptions { pairs: 1, budget: 2, ..ManifestOptions::default() };
         let manifest = make_manifest(entry, &EnvConfig::default(), &options, None).unwrap();
         let policy = PolicyArgs::parse(&format!("of-file:{}", weights.display())).unwrap();

@@ -15,7 +15,7 @@ const MAX_BYTES: u64 = 256 << 20;
 /// # Errors
 ///
 /// It cannot be read, is longer than 256 MB, or is not UTF-8.
-pub(crate) fn read_text(path: &Path) -> io::Result<String> {
+pub fn read_text(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     let file = File::open(path)?;
     let read = file.take(MAX_BYTES + 1).read_to_string(&mut text).map_err(|error| match error.kind() {
@@ -32,7 +32,7 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
 }
 
 /// What is wrong in a JSON text, and in which line.
-pub(crate) fn json_error(text: &str, error: &serde_json::Error) -> String {
+pub fn json_error(text: &str, error: &serde_json::Error) -> String {
     if error.is_eof() {
         return "it ends in the middle of a value, as if it was cut off".to_owned();
     }
@@ -42,8 +42,7 @@ pub(crate) fn json_error(text: &str, error: &serde_json::Error) -> String {
 }
 
 /// What is wrong in a TOML text, and in which line or under which name.
-#[cfg(feature = "cli")]
-pub(crate) fn toml_error(text: &str, error: &toml::de::Error) -> String {
+pub fn toml_error(text: &str, error: &toml::de::Error) -> String {
     let said = plain(error.message());
     if let Some(span) = error.span() {
         let before = text.get(..span.start).unwrap_or(text);
@@ -74,7 +73,7 @@ fn in_line(text: &str, number: usize, said: &str) -> String {
 /// # Errors
 ///
 /// It cannot be written.
-pub(crate) fn replace_text(path: &Path, text: &str) -> io::Result<()> {
+pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
     let new = path.with_extension(format!("{}.new", std::process::id()));
     let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
     // What is half written is of no use; the error that counts is the first one.
@@ -95,7 +94,6 @@ mod tests {
         assert!(json_error("{\"a\": ", &cut).contains("cut off"));
     }
 
-    #[cfg(feature = "cli")]
     #[test]
     fn what_is_no_toml_is_told_by_line_or_name() {
         let text = "a = 1\nb = [";

@@ -7,7 +7,6 @@ use super::watched::{PlanStart, Session};
 
 /// The result of a planner's run.
 #[derive(Clone, Debug, Serialize)]
-#[non_exhaustive]
 pub struct PlanSummary {
     /// Environment id.
     pub env: String,
@@ -27,7 +26,6 @@ pub struct PlanSummary {
 
 /// The result of an episode.
 #[derive(Clone, Debug, Serialize)]
-#[non_exhaustive]
 pub struct EpisodeSummary {
     /// Its index in the run.
     pub episode: u64,
@@ -39,7 +37,6 @@ pub struct EpisodeSummary {
 
 /// The figures of one plan.
 #[derive(Clone, Debug, Serialize)]
-#[non_exhaustive]
 pub struct PlanFigures {
     /// Index of the episode.
     pub episode: u64,

@@ -10,7 +10,7 @@ use super::receipt::Receipt;
 
 /// What has happened to the files of a result's model since it was evaluated, as a sentence; `None` where they are the same, the
 /// policy has no model, or its files are not there to be compared.
-pub(crate) fn changed_model(registry: &Registry, receipt: &Receipt) -> Option<String> {
+pub fn changed_model(registry: &Registry, receipt: &Receipt) -> Option<String> {
     if receipt.files.is_empty() {
         return None;
     }

@@ -5,10 +5,11 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::Value as Json;
+use swm_core::error::BoxError;
 use swm_core::evaluate::witness;
 use swm_core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Manifest, Schema};
 
-use super::{Failure, usage};
+use super::{Fix, Message, TaskError, wrong};
 use crate::text_file::{read_text, toml_error};
 
 /// The phases, in order: `[[phase]]` with `episodes`, and `vary` or `set`.
@@ -29,8 +30,8 @@ struct Phase {
 }
 
 /// Reads a stream.
-pub(super) fn read_stream(path: &Path) -> Result<Stream, Failure> {
-    let wrong = |reason: String| usage(format!("stream {}: {reason}", path.display()));
+pub(super) fn read_stream(path: &Path) -> Result<Stream, TaskError> {
+    let wrong = |reason: String| wrong(format!("stream {}: {reason}", path.display()));
     let text = read_text(path).map_err(|error| wrong(error.to_string()))?;
     let stream: Stream = toml::from_str(&text).map_err(|error| wrong(toml_error(&text, &error)))?;
     if stream.phase.is_empty() || stream.phase.iter().any(|phase| phase.episodes == 0) {
@@ -41,12 +42,16 @@ pub(super) fn read_stream(path: &Path) -> Result<Stream, Failure> {
 
 impl Stream {
     /// Gives every pair its phase, with the phase's factors on top of its own.
-    pub(super) fn lay_over(&self, manifest: &mut Manifest, entry: &EnvEntry) -> Result<(), Failure> {
+    pub(super) fn lay_over(&self, manifest: &mut Manifest, entry: &EnvEntry) -> Result<(), TaskError> {
         let total: usize = self.phase.iter().map(|phase| phase.episodes).sum();
         if total != manifest.pairs.len() {
             let reason = format!("the phases have {total} episodes, the manifest {}", manifest.pairs.len());
-            return Err(usage(format!("{reason}; give --episodes {total}")));
+            return Err(Message::new(reason).fix(Fix::set("episodes", total)).into());
         }
+        self.lay(manifest, entry).map_err(TaskError::from)
+    }
+
+    fn lay(&self, manifest: &mut Manifest, entry: &EnvEntry) -> Result<(), BoxError> {
         let mut env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         let spec = env.spec().clone();
         let drawn: Vec<String> =

@@ -11,7 +11,6 @@ use super::run::Candidate;
 /// What a reference policy is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[non_exhaustive]
 pub enum Role {
     /// Actions sampled uniformly.
     Random,

@@ -24,15 +24,14 @@ mod verify;
 pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
 pub use difference::{Difference, differences, result_differences};
-pub(crate) use files::env_of;
-pub use files::{holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt};
+pub use files::{
+    env_of, holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt,
+};
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;
-pub use held::held_receipt;
-#[cfg(feature = "cli")]
-pub(crate) use held::refusal;
+pub use held::{held_receipt, refusal};
 pub use image_model::ImageModel;
-pub(crate) use outdated::changed_model;
+pub use outdated::changed_model;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;
@@ -46,6 +45,6 @@ pub use sweep::{
     Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, grid_points, held_sweep, is_sweep,
     read_sweep, write_sweep,
 };
-pub use tiers::{TierRules, task_probes, tier_rules};
+pub use tiers::{TierRules, ruled_envs, task_probes, tier_rules};
 pub(crate) use verify::can_be_made;
 pub use verify::{Part, Verification, verify, verify_by};

@@ -36,7 +36,7 @@ pub fn held_receipt(
 }
 
 /// Why what `dir` holds is not replaced.
-pub(crate) fn refusal(dir: &Path, holds: &str) -> String {
+pub fn refusal(dir: &Path, holds: &str) -> String {
     format!("{} holds {holds}; give another folder, or --again to replace it", dir.display())
 }
 

@@ -11,7 +11,6 @@ use super::{costs, elites, paths};
 use crate::video::Video;
 
 /// What a report is made from.
-#[non_exhaustive]
 pub struct Report<'a> {
     /// The environment.
     pub entry: &'a EnvEntry,

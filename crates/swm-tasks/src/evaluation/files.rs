@@ -14,9 +14,8 @@ use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
-#[cfg(feature = "cli")]
-use crate::text_file::toml_error;
-use crate::text_file::{json_error, read_text};
+use crate::request::{Assignment, Fix, Message, TaskError};
+use crate::text_file::{json_error, read_text, toml_error};
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
@@ -59,7 +58,7 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
 /// # Errors
 ///
 /// This program does not have it.
-pub(crate) fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
+pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
     env_named(registry, &manifest.env, "the task is in")
 }
 
@@ -82,27 +81,21 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
 /// # Errors
 ///
 /// The file is another manifest, or none; or its name is that of YAML, which no manifest is.
-pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, BoxError> {
+pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, TaskError> {
     let out = path.display();
     if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml") {
-        return Err(format!("{out}: a manifest is TOML or JSON; name it .toml or .json").into());
+        return Err(Message::new(format!("{out}: a manifest is TOML or JSON; name it .toml or .json")).into());
     }
     if !path.exists() {
         return Ok(false);
     }
-    match read_manifest(path) {
-        Ok(held) if held.hash() == manifest.hash() => Ok(true),
-        Ok(held) => Err(format!(
-            "{out} holds another manifest ({}, {} pairs); give another --out, or --overwrite to replace it",
-            held.env,
-            held.pairs.len()
-        )
-        .into()),
-        Err(_) => {
-            Err(format!("{out} exists and is no manifest; give another --out, or --overwrite to replace it")
-                .into())
-        }
-    }
+    let holds = match read_manifest(path) {
+        Ok(held) if held.hash() == manifest.hash() => return Ok(true),
+        Ok(held) => format!("{out} holds another manifest ({}, {} pairs)", held.env, held.pairs.len()),
+        Err(_) => format!("{out} exists and is no manifest"),
+    };
+    let replace = Fix::Set { setting: Assignment::of("overwrite", true), to: "to replace it" };
+    Err(Message::new(holds).fix(Fix::Any(vec![Fix::Change("out"), replace])).into())
 }
 
 /// Reads a receipt, from its file or the folder that it lies in.
@@ -213,7 +206,6 @@ fn from_json(text: &str) -> Result<Parsed, BoxError> {
     Ok((seal, read_settings(&json).map_err(|error| format!("`{}`: {}", error.name, error.reason))?))
 }
 
-#[cfg(feature = "cli")]
 fn from_toml(text: &str) -> Result<Parsed, BoxError> {
     let mut table: toml::Table =
         toml::from_str(text).map_err(|error| no_manifest(&toml_error(text, &error)))?;
@@ -221,21 +213,6 @@ fn from_toml(text: &str) -> Result<Parsed, BoxError> {
     Ok((seal, table.try_into().map_err(|error| toml_error(text, &error))?))
 }
 
-#[cfg(feature = "cli")]
 fn to_toml(manifest: &Manifest) -> Result<String, BoxError> {
     Ok(toml::to_string(&Sealed::from(manifest))?)
-}
-
-#[cfg(not(feature = "cli"))]
-const NO_TOML: &str =
-    "this build reads and writes JSON only; use a name that ends in .json, or the feature `cli`";
-
-#[cfg(not(feature = "cli"))]
-fn from_toml(_text: &str) -> Result<Parsed, BoxError> {
-    Err(NO_TOML.into())
-}
-
-#[cfg(not(feature = "cli"))]
-fn to_toml(_manifest: &Manifest) -> Result<String, BoxError> {
-    Err(NO_TOML.into())
 }

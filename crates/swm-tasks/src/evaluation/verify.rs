@@ -40,7 +40,6 @@ pub enum Part {
 
 /// What a repetition showed.
 #[derive(Clone, Debug, Serialize)]
-#[non_exhaustive]
 pub struct Verification {
     /// Whether everything is equal, to the last bit.
     pub equal: bool,

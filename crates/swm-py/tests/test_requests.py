@@ -1,0 +1,82 @@
+"""One request from Python and from the command gives equal files. The tables are those of ``tests/integration/requests.rs``."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stable_worldmodel_rs as swm
+
+TABLES = Path(__file__).parents[3] / "tests" / "requests"
+# Settings that have another name in Python.
+NAMES = {"distractor": "distractors", "vary": "variation", "set": "variation_values", "env": "env_name"}
+
+
+def arguments(request: dict[str, Any]) -> dict[str, Any]:
+    """The keyword arguments of a request."""
+    given = {NAMES.get(name, name): value for name, value in request.items()}
+    if size := given.pop("image_size", None):
+        given["image_shape"] = (size["height"], size["width"])
+    values = given.get("variation_values", {})
+    for name, value in values.items():
+        if isinstance(value, list):
+            values[name] = np.array(value)
+    settings = given.pop("env_option", {})
+    return {**given, **settings}
+
+
+def words(request: dict[str, Any]) -> list[str]:
+    """The words of the command for a request."""
+
+    def text(value: Any) -> str:
+        return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+
+    found: list[str] = []
+    for name, value in request.items():
+        option = "--" + name.replace("_", "-")
+        if name == "env":
+            found.insert(0, value)
+        elif name == "distractor":
+            found += [word for one in value for word in (option, one)]
+        elif name in ("set", "env_option"):
+            found += [word for key, one in value.items() for word in (option, f"{key}={text(one)}")]
+        elif name == "image_size":
+            found += [option, f"{value['height']}x{value['width']}"]
+        else:
+            found += [option, text(value)]
+    return found
+
+
+def test_a_manifest_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    data = tmp_path / "a.h5"
+    collect = "collect swm/PushT-v1 --policy weak --episodes 4 --max-steps 60 --image-size none --seed 3 --quiet --out"
+    subprocess.run([command, *collect.split(), data], check=True)
+    text = (TABLES / "make_manifest.json").read_text().replace("DATA", str(data))
+    for index, request in enumerate(json.loads(text)):
+        ours, theirs = tmp_path / f"python-{index}.toml", tmp_path / f"command-{index}.toml"
+        subprocess.run([command, "manifest", "make", *words(request), "--out", theirs, "--quiet"], check=True)
+        swm.make_manifest(ours, **arguments(request))
+        assert ours.read_bytes() == theirs.read_bytes(), request
+
+
+def test_python_words_a_remedy_as_keyword_arguments(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    out = tmp_path / "task.toml"
+
+    def refused(**given: Any) -> str:
+        with pytest.raises(swm.SwmError) as error:
+            swm.make_manifest(out, "swm/PushT-v1", **given)
+        assert not out.exists()
+        return str(error.value)
+
+    assert refused(budget=0) == "budget=0: no action is allowed; use 1 or more"
+    assert refused(distractors=["noise"]) == (
+        'distractors=["noise"]: changes images, and there are none; give image_shape=(64, 64)'
+    )
+    assert refused(pairs=[(0, 1, 2)]).endswith("give dataset, or leave out pairs")
+    assert "`variation_space` of the environment lists them" in refused(variation=["agent.colr"])
+    swm.make_manifest(out, "swm/PushT-v1", 2, variation=["agent.color"])
+    assert 'give variation=["+agent.color"] to sample them, too' in caplog.text

@@ -1,0 +1,21 @@
+//! What people do with environments, policies and datasets, below every program that they do it with.
+//!
+//! * [`request`]: what is asked for, as values: checked once, run once, refused with the remedy as data;
+//! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
+//! * [`distractors`]: what changes the images that policies see;
+//! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
+//! * [`text_file`]: texts that a user names.
+//!
+//! This crate has no table of environments: callers hand in a [`Registry`](swm_core::Registry). It prints nothing.
+
+pub mod distractors;
+pub mod evaluation;
+mod html;
+pub mod plan;
+pub mod replay;
+pub mod report;
+pub mod report_page;
+pub mod request;
+mod svg;
+pub mod text_file;
+pub mod video;

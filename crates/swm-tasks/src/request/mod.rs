@@ -1,0 +1,120 @@
+//! Requests: what a user asks for is one value that is checked and run, from whatever program it comes.
+//!
+//! A request is a flat struct of settings, so that it has a default, a reader and a JSON form ([`Settings`]). What is wrong
+//! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
+//! syntax ([`Words`]): the command as options, Python as keyword arguments.
+
+mod make_manifest;
+mod message;
+mod scenario;
+mod source;
+mod stream;
+
+use serde_json::{Map, Value as Json};
+use swm_core::Registry;
+use swm_core::error::BoxError;
+use swm_core::settings::{Settings, read_of};
+
+pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
+pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
+pub use scenario::{Scenario, factor_values};
+pub use source::{check_recorded_in, open_dataset};
+
+/// A request that can be checked and run.
+pub trait Request: Settings {
+    /// Its name: `make_manifest`.
+    const NAME: &'static str;
+    /// What comes out.
+    type Outcome;
+
+    /// Finds what is wrong with it before anything is read at length or written.
+    ///
+    /// # Errors
+    ///
+    /// [`TaskError::Request`]: a setting is out of bounds, or two of them do not go together.
+    fn check(&self, registry: &Registry) -> Result<(), TaskError>;
+
+    /// Checks it, and does what is asked for.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Request::check`]; [`TaskError::Failed`]: what the work itself met.
+    fn run(&self, registry: &Registry, report: &mut dyn Report) -> Result<Self::Outcome, TaskError>;
+
+    /// Reads a request from JSON; what is not given has its default.
+    ///
+    /// # Errors
+    ///
+    /// [`TaskError::Request`]: a setting is unknown, or not what it must be.
+    fn from_json(given: &Map<String, Json>) -> Result<Self, TaskError> {
+        read_of(given, Self::SETTINGS).map_err(|wrong| {
+            let value = given.get(&wrong.name).cloned();
+            let setting = Some(Assignment { name: wrong.name, value });
+            Message { setting, text: wrong.reason, fix: None }.into()
+        })
+    }
+}
+
+/// What hears of a request while it runs.
+pub trait Report {
+    /// Something that the user should know and that stops nothing.
+    fn note(&mut self, note: &Message);
+}
+
+/// Hears nothing.
+impl Report for () {
+    fn note(&mut self, _note: &Message) {}
+}
+
+/// Keeps the notes.
+impl Report for Vec<Message> {
+    fn note(&mut self, note: &Message) {
+        self.push(note.clone());
+    }
+}
+
+/// Why a request is not met.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TaskError {
+    /// The request is wrong.
+    #[error("{0}")]
+    Request(Message),
+    /// The work failed, or the core refuses what is asked for.
+    #[error(transparent)]
+    Failed(BoxError),
+}
+
+impl TaskError {
+    /// What helps, where it is known.
+    pub fn fix(&self) -> Option<&Fix> {
+        match self {
+            Self::Request(message) => message.fix.as_ref(),
+            Self::Failed(_) => None,
+        }
+    }
+}
+
+impl From<Message> for TaskError {
+    fn from(message: Message) -> Self {
+        Self::Request(message)
+    }
+}
+
+/// Errors of the core and of files; a `TaskError` that was boxed on its way is itself again.
+impl From<BoxError> for TaskError {
+    fn from(error: BoxError) -> Self {
+        error.downcast::<Self>().map_or_else(Self::Failed, |error| *error)
+    }
+}
+
+/// An error of the core.
+pub(crate) fn failed(error: impl Into<BoxError>) -> TaskError {
+    TaskError::Failed(error.into())
+}
+
+/// A wrong request, in the words of its reason.
+pub(crate) fn wrong(reason: impl Into<BoxError>) -> TaskError {
+    let reason: BoxError = reason.into();
+    Message::new(reason.to_string()).into()
+}

@@ -1,0 +1,52 @@
+//! Datasets that a request names. One that is not there is a wrong request; one that is there and cannot be read is a failure
+//! of the work.
+
+use std::io::ErrorKind;
+use std::path::Path;
+
+use swm_core::{EnvEntry, Metadata, Registry};
+use swm_data::{DataError, Dataset};
+
+use super::{Fix, Message, TaskError, failed, wrong};
+
+/// Opens a dataset that the user named.
+///
+/// # Errors
+///
+/// Nothing is at the path ([`TaskError::Request`]), or it cannot be read.
+pub fn open_dataset(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>, TaskError> {
+    match std::fs::metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(DataError::io(path, "open", error))),
+        // What else is in the way is found when it is opened.
+        _ => swm_data::open_in(registry, path).map_err(failed),
+    }
+}
+
+/// Refuses a dataset that was recorded in another environment than that of the request, or with another frame skip than the one
+/// that was asked for. A dataset that does not say how it was recorded passes.
+///
+/// # Errors
+///
+/// [`TaskError::Request`], which names both.
+pub fn check_recorded_in(
+    dataset: &dyn Dataset,
+    entry: &EnvEntry,
+    frame_skip: Option<u32>,
+) -> Result<(), TaskError> {
+    let Some(recorded) = dataset.metadata().and_then(Metadata::of_known_env) else { return Ok(()) };
+    let (path, env) = (dataset.path().display(), &recorded.env);
+    if env != entry.id {
+        let text = format!("the dataset {path} was recorded in {env}, not in {}", entry.id);
+        let fixes = vec![Fix::Change("dataset"), Fix::set("env", env.as_str())];
+        return Err(Message::new(text).fix(Fix::Any(fixes)).into());
+    }
+    match frame_skip.filter(|&wanted| wanted != recorded.frame_skip) {
+        Some(wanted) => {
+            let recorded = recorded.frame_skip;
+            let text =
+                format!("the dataset {path} was recorded with frame skip {recorded}, the default for it");
+            Err(Message::about("frame_skip", wanted, text).fix(Fix::Leave("frame_skip")).into())
+        }
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,90 @@
+//! One request from every front end gives equal files. `crates/swm-py/tests/test_requests.py` reads the same tables from Python.
+
+#![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
+
+use serde_json::{Map, Value as Json, json};
+use swm::tasks::request::{MakeManifest, Request as _, value_text};
+
+use crate::support::{Folder, swm_fails, swm_ok};
+use crate::ui::Page;
+
+/// The requests of a table, with the path of a dataset in the place of `DATA`.
+fn table(text: &str, data: &str) -> Vec<Map<String, Json>> {
+    serde_json::from_str(&text.replace("DATA", data)).unwrap()
+}
+
+/// The words of the command for a request.
+fn words(request: &Map<String, Json>) -> Vec<String> {
+    let mut words = Vec::new();
+    for (name, value) in request {
+        let option = format!("--{}", name.replace('_', "-"));
+        match (name.as_str(), value) {
+            ("env", env) => words.insert(0, value_text(env)),
+            ("distractor", Json::Array(each)) => {
+                words.extend(each.iter().flat_map(|one| [option.clone(), value_text(one)]));
+            }
+            ("set" | "env_option", Json::Object(each)) => {
+                let assignment = |(name, value): (&String, &Json)| format!("{name}={}", value_text(value));
+                words.extend(each.iter().map(assignment).flat_map(|one| [option.clone(), one]));
+            }
+            (_, value) => words.extend([option, value_text(value)]),
+        }
+    }
+    words
+}
+
+#[test]
+fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
+    let folder = Folder::new();
+    let (data, save) = (folder.path("a.h5"), folder.path("save"));
+    let collect = "collect swm/PushT-v1 --policy weak --episodes 4 --max-steps 60 --image-size none --seed 3 --quiet --out";
+    swm_ok(&collect.split(' ').chain([data.as_str()]).collect::<Vec<_>>());
+    let page = Page::open(&[&data], &save);
+    let (id, registry) = (page.id("dataset"), swm::registry());
+    let mut pages = 0;
+    for (index, request) in
+        table(include_str!("../requests/make_manifest.json"), &data).into_iter().enumerate()
+    {
+        let [task, command] = ["task", "command"].map(|name| folder.path(&format!("{name}-{index}.toml")));
+        let to = |out: &str| {
+            let mut request = request.clone();
+            request.insert("out".to_owned(), out.into());
+            request
+        };
+        let made = MakeManifest::from_json(&to(&task)).unwrap().run(&registry, &mut ()).unwrap();
+        let bytes = std::fs::read(&task).unwrap();
+        let words = words(&to(&command));
+        swm_ok(&[&["manifest", "make"], &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+        assert_eq!(std::fs::read(&command).unwrap(), bytes, "{request:?}");
+        if let Some(pairs) = request.get("pairs") {
+            let file = format!("page-{index}.toml");
+            let asked =
+                json!({ "id": id, "pairs": pairs, "tier": made.tier, "budget": made.budget, "file": file });
+            let answer = page.json("POST /api/manifest", &asked.to_string());
+            assert_eq!(std::fs::read(format!("{save}/{file}")).unwrap(), bytes, "{answer}");
+            pages += 1;
+        }
+    }
+    assert!(pages > 0, "the page takes chosen pairs");
+}
+
+#[test]
+fn the_command_words_a_remedy_as_options() {
+    let folder = Folder::new();
+    let out = folder.path("task.toml");
+    let make = |more: &str| {
+        let words = format!("manifest make swm/PushT-v1 --out {out} {more}");
+        swm_fails(2, &words.split_whitespace().collect::<Vec<_>>())
+    };
+    for (more, message) in [
+        ("--budget 0", "--budget 0: no action is allowed; use 1 or more"),
+        (
+            "--distractor noise --distractor blur",
+            "--distractor noise --distractor blur: changes images, and there are none; give --image-size 64x64",
+        ),
+        ("--vary agent.colr", "did you mean `agent.color`?; `swm fovs swm/PushT-v1` lists them"),
+    ] {
+        let said = make(more).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(said.contains(message), "{said}");
+    }
+}
