@@ -317,3 +317,51 @@ def test_sweeps_refuse_what_they_do_not_know(manifest: Path, tmp_path: Path) -> 
         swm.sweep(manifest, "weak", "agent.scale", tmp_path, progress=False)
     with pytest.raises(swm.SwmError, match="other factors or values"):
         swm.sweep(manifest, "random", "block.scale", tmp_path, progress=False)
+
+
+def test_a_torch_planner_is_swept_divided_resumed_and_verified(manifest: Path, tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    from stable_worldmodel_rs.planning import GoalMSE, ShootingCostEvaluator
+
+    class Model(torch.nn.Module):  # type: ignore[misc,name-defined]
+        def __init__(self, dim: int = 2) -> None:
+            super().__init__()
+            self.speed = torch.nn.Linear(dim, dim, bias=False)
+
+        def encode(self, x: dict[str, Any]) -> dict[str, Any]:
+            return {**x, "emb": x["state"][..., :2].float()}
+
+        def rollout(self, info: dict[str, Any], candidates: Any) -> dict[str, Any]:
+            moves = self.speed(candidates.unflatten(-1, (-1, 2)).sum(-2)).cumsum(2)
+            info["predicted_emb"] = info["state"][:, :, -1:, :2].float() + moves
+            return info
+
+    made = Model()
+    made.speed.weight.data = 40 * torch.eye(2)
+    torch.save(made.state_dict(), weights := tmp_path / "model.pt")
+
+    def policy() -> swm.WorldModelPolicy:
+        model = Model().eval().requires_grad_(False)
+        model.load_state_dict(torch.load(weights, weights_only=True))
+        cost = ShootingCostEvaluator(
+            model, GoalMSE(), encode_goal=lambda model, info: model.encode({"state": info["goal_state"][:, 0]})["emb"]
+        )
+        config = swm.PlanConfig(horizon=2, receding_horizon=1, action_block=3)
+        return swm.WorldModelPolicy(CEMSolver(cost, num_samples=16, n_steps=2, topk=4, batch_size=2), config)
+
+    asked: dict[str, Any] = {"weights": [weights], "name": "agent", "progress": False}
+    whole = swm.evaluate(manifest, policy(), references=[], num_envs=1, **asked)
+    assert whole["files"] == {str(weights): hashlib.sha256(weights.read_bytes()).hexdigest()} and whole["plan_steps"] == 3
+    settings = whole["candidate"]["policy"]["named"]
+    assert {"cost.model": "Model", "cost.objective": "GoalMSE", "samples": 16, "horizon": 2}.items() <= settings.items()
+    for part in (2, 1):
+        swm.evaluate(manifest, policy(), tmp_path / "parts", references=[], num_envs=3, shard=(part, 2), **asked)
+    joined = swm.evaluate(manifest, policy(), tmp_path / "parts", references=[], join=True, **asked)
+    assert swm.same(whole, joined), whole.differences(joined)
+    swept = [swm.sweep(manifest, policy(), "agent.scale", num_envs=count, **asked) for count in (1, 4)]
+    assert swept[0] == swept[1] and swept[0]["cells"][0]["successes"] == whole.episode_successes.tolist()
+    assert swm.verify(whole, policy(), weights=[weights], num_envs=4, progress=False)["equal"]
+    made.speed.weight.data = -40 * torch.eye(2)
+    torch.save(made.state_dict(), weights)
+    told = swm.verify(whole, policy(), weights=[weights], progress=False)
+    assert not told["equal"] and "model" in told["differences"] and told["episodes"]
