@@ -112,3 +112,21 @@ def test_buffers_in_a_data_loader() -> None:
     buffer.write_episode({"action": torch.rand(10, 2), "state": [torch.rand(4) for _ in range(10)]})
     batch = next(iter(torch.utils.data.DataLoader(buffer, batch_size=4)))
     assert batch["action"].shape == (4, 3, 2) and batch["state"].shape == (4, 3, 4)
+
+
+def test_goals_differ_between_workers_and_epochs(tmp_path: Path) -> None:
+    """Each worker has a copy of the dataset and its generator, in every epoch: without more, all would repeat the same goals."""
+    from torch.utils.data import DataLoader
+
+    dataset = swm.data.load_dataset(write(tmp_path / "a.h5", text=False, lengths=(40,) * 4), num_steps=2)
+    goals = swm.data.GoalDataset(dataset, (1.0, 0.0, 0.0, 0.0), goal_keys={"state": "goal_state"}, seed=1)
+
+    def epochs() -> list[Any]:
+        torch.manual_seed(0)
+        loader = DataLoader(goals, batch_size=78, num_workers=2)
+        return [torch.cat([batch["goal_state"][:, 0, 2] for batch in loader]) for _ in range(2)]
+
+    first, second = epochs()
+    assert not torch.equal(first, second) and not torch.equal(first[:78], first[78:])
+    again = epochs()
+    assert torch.equal(first, again[0]) and torch.equal(second, again[1])

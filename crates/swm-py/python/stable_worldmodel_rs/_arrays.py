@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "is_array", "is_tensor", "require_torch"]
+__all__ = ["Array", "is_array", "is_module", "is_tensor", "require_torch"]
 
 Array = npt.NDArray[Any]
 """An array of any type; shapes are in the docs."""
@@ -23,6 +23,12 @@ def is_tensor(value: object) -> TypeGuard[Any]:
     """Whether ``value`` is a torch tensor. Where torch was never imported, nothing is."""
     torch = sys.modules.get("torch")
     return torch is not None and isinstance(value, torch.Tensor)
+
+
+def is_module(value: object) -> TypeGuard[Any]:
+    """Whether ``value`` is a torch module. Where torch was never imported, nothing is."""
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(value, torch.nn.Module)
 
 
 def require_torch(what: str) -> Any:

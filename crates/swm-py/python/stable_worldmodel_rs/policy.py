@@ -65,6 +65,8 @@ class PlanConfig:
 
     def __post_init__(self) -> None:
         for name in ("horizon", "receding_horizon", "history_len", "action_block"):
+            if not isinstance(getattr(self, name), (int, np.integer)):
+                raise TypeError(f"{name} must be a whole number, got {getattr(self, name)!r}")
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be >= 1, got {getattr(self, name)}")
         if self.receding_horizon > self.horizon:

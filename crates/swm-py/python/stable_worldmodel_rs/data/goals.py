@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,7 +27,8 @@ class GoalDataset:
         current_goal_offset: Which row of a clip is the current one; by default the last, ``dataset.num_steps``.
         goal_keys: ``{column: name of the goal}``; by default ``pixels`` and ``proprio`` as ``goal_pixels``,
             ``goal_proprio``, as far as they exist.
-        seed: Of the choice.
+        seed: Of the choice. Each worker of a ``DataLoader`` has goals of its own, which depend on torch's seed of that
+            worker and epoch, too.
     """
 
     def __init__(
@@ -40,14 +42,24 @@ class GoalDataset:
     ) -> None:
         if len(goal_probabilities) != len(KINDS):
             raise ValueError(f"goal_probabilities must be a 4-tuple {KINDS}, not {goal_probabilities}")
+        if min(goal_probabilities) < 0:
+            raise ValueError(f"goal_probabilities must be 0 or more, not {goal_probabilities}")
         if not np.isclose(sum(goal_probabilities), 1.0):
             raise ValueError(f"goal_probabilities must sum to 1.0, {goal_probabilities} sum to {sum(goal_probabilities)}")
+        if not 0 <= gamma <= 1:
+            raise ValueError(f"gamma must be from 0 to 1, not {gamma}")
+        if current_goal_offset is not None and current_goal_offset < 1:
+            raise ValueError(f"current_goal_offset={current_goal_offset}: rows of a clip are counted from 1")
+        missing = [key for key in goal_keys or () if key not in dataset.column_names]
+        if missing:
+            raise ValueError(f"goal_keys: there is no column {missing[0]!r}; the columns are {list(dataset.column_names)}")
         self.dataset = dataset
         self.current_goal_offset: int = dataset.num_steps if current_goal_offset is None else current_goal_offset
         self.goal_probabilities = goal_probabilities
         self.gamma = gamma
         self.seed = seed
         self.rng: np.random.Generator = np.random.default_rng(seed)
+        self._worker_seed: int | None = None
         self.episode_lengths: NDArray[Any] = dataset.lengths
         self.episode_offsets: NDArray[Any] = dataset.offsets
         self._ends = np.cumsum(self.episode_lengths)
@@ -105,6 +117,14 @@ class GoalDataset:
         """Values per episode."""
         return self.dataset.get_episode_data(episodes_idx) if hasattr(self.dataset, "get_episode_data") else {}
 
+    def _renew(self) -> None:
+        """Begins other random numbers in a worker of a ``DataLoader``, which has a copy of them in every epoch."""
+        data = sys.modules.get("torch.utils.data")
+        worker = None if data is None else data.get_worker_info()
+        if worker is not None and worker.seed != self._worker_seed:
+            self._worker_seed = worker.seed
+            self.rng = np.random.default_rng([worker.seed, *([] if self.seed is None else [self.seed])])
+
     def _sample_goal_kind(self) -> str:
         kinds = np.cumsum(self.goal_probabilities)
         return KINDS[min(int(np.searchsorted(kinds, self.rng.random(), side="right")), len(KINDS) - 1)]
@@ -135,6 +155,7 @@ class GoalDataset:
         steps = dict(self.dataset[idx if self._kept is None else int(self._kept[idx])])
         if not self.goal_keys:
             return steps
+        self._renew()
         episode, start = self._get_clip_info(idx)
         kind = self._sample_goal_kind()
         if kind == "random":

@@ -140,8 +140,8 @@ class Loader:
         reader, names = native_reader(dataset)
         wanted = list(keys) if keys is not None else names
         self._goal_names: dict[str, str] = {}
-        self.num_steps: int = num_steps or first.num_steps
-        self.frameskip: int = frameskip or first.frameskip
+        self.num_steps: int = first.num_steps if num_steps is None else num_steps
+        self.frameskip: int = first.frameskip if frameskip is None else frameskip
         self._clips = _swm.ClipReader(
             reader,
             num_steps=self.num_steps,

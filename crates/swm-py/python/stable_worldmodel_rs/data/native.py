@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from pathlib import Path
@@ -365,6 +366,12 @@ class NativeDataset(Dataset):
     def subset(self, episodes: Sequence[int]) -> Self:
         """The same dataset with some of its episodes, in this order. Nothing is copied but merged columns."""
         wanted = [int(episode) for episode in episodes]
+        count = len(self.lengths)
+        missing = [episode for episode in wanted if not 0 <= episode < count]
+        if missing:
+            raise IndexError(f"{self.path}: there is no episode {missing[0]}; there are {count}, counted from 0")
+        if twice := [episode for episode, times in Counter(wanted).items() if times > 1]:
+            logger.warning("%s: this part has episodes more than once: %s", self.path, ", ".join(map(str, twice[:9])))
         part = copy(self)
         part.episodes = wanted if self.episodes is None else [self.episodes[episode] for episode in wanted]
         starts, lengths = self.offsets[wanted], self.lengths[wanted]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -17,7 +18,10 @@ from .format import validate_write_mode
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 _TYPES = {"b1": "b1", "u1": "u1", "i1": "i4", "i2": "i4", "i4": "i4", "u2": "i4", "u4": "i8", "i8": "i8"}
+# Columns of images, by the names that the environments give them.
+IMAGES = ("pixels", "goal")
 _FLOATS = {"f2": "f4", "f4": "f4", "f8": "f8"}
 
 
@@ -137,12 +141,27 @@ class NativeWriter:
         shapes = {name: per_step(values) for name, values in columns.items()}
         if self._known is None:
             self._known = shapes
+            self._note_no_images(columns)
         missing, more = sorted(self._known.keys() - shapes.keys()), sorted(shapes.keys() - self._known.keys())
         if missing or more:
             raise ValueError(f"schema mismatch on {self.path}: missing columns {missing}, unexpected columns {more}")
         for name, shape in shapes.items():
             if shape != self._known[name]:
                 raise ValueError(f"shape mismatch on {self.path}: column {name!r} has {self._known[name]} per step, not {shape}; give it that shape, or write another file")
+
+    def _note_no_images(self, columns: dict[str, NDArray[Any] | list[str]]) -> None:
+        """Notes what looks like images of torch, which readers take for numbers."""
+        for name, values in columns.items():
+            if isinstance(values, list) or values.ndim != 4 or not {1, 3} & {values.shape[1], values.shape[3]}:
+                continue
+            if values.dtype != np.uint8 and name in IMAGES or values.dtype == np.uint8 and values.shape[3] not in (1, 3):
+                logger.warning(
+                    "%s: column %r is %s of shape %s per step, numbers and no images; images are uint8 (H, W, 3)",
+                    self.path,
+                    name,
+                    values.dtype,
+                    values.shape[1:],
+                )
 
     def write_episodes(self, episodes: Iterable[dict[str, Any]]) -> None:
         """Appends several episodes."""

@@ -10,6 +10,8 @@ try:
 except ImportError as _error:
     raise ImportError("objectives are torch modules, and torch is not installed; `pip install torch`") from _error
 
+from .solver._errors import PlanAssertionError
+
 if TYPE_CHECKING:
     from ..protocols import Objective
 
@@ -51,6 +53,11 @@ class GoalMSE(torch.nn.Module):
         last = _of(info_dict, self.pred_key, f"{fix}, or give GoalMSE(pred_key=…)")[:, :, -1]
         fix = "give the evaluator an encode_goal"
         goal = _of(info_dict, self.goal_key, f"{fix}, or GoalMSE(goal_key=…)")[:, -1].detach().unsqueeze(1)
+        if last.shape[2:] != goal.shape[2:]:
+            raise PlanAssertionError(
+                f"GoalMSE compares {self.pred_key!r}, {tuple(last.shape[2:])} per candidate, with {self.goal_key!r}, "
+                f"{tuple(goal.shape[2:])}; give both one shape"
+            )
         error = (last - goal).pow(2).flatten(2) if last.ndim > 2 else (last - goal).pow(2).unsqueeze(-1)
         return error.sum(-1) if self.reduction == "sum" else error.mean(-1)
 

@@ -182,6 +182,9 @@ class Runs:
         target = Path(str(path or "")).expanduser()
         if path is not None:
             target.parent.mkdir(parents=True, exist_ok=True)
+            by_name = _native_formats().get(target.suffix)
+            if format is not None and by_name not in (None, format):
+                logger.warning("%s: its name is that of the format %s, and %s is written", target, by_name, format)
             format = format or _format_of(target)
             if self._core is None or format not in _native_formats().values():
                 from ..data.format import get_format

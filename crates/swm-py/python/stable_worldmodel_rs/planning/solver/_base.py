@@ -15,6 +15,7 @@ from ..._arrays import Array, is_array, is_tensor, require_torch
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
+from ._mode import note_training_mode
 from ._settings import native_solver
 from ._shown import FirstCandidates, Shown
 from ._space import PlanSpace
@@ -140,6 +141,7 @@ class BaseSolver:
         self._memory.clear()
         self._configured = True
         self._check_space(self._space)
+        note_training_mode(self.cost)
 
     def _check_space(self, space: PlanSpace) -> None:
         """Says early that the solver needs other actions."""
