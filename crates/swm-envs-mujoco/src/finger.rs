@@ -9,7 +9,7 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
     Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, listed, make,
-    planner, randomize_joints, uniform, until_free_of_contacts,
+    planner, randomize_joints, recall_touch, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
@@ -216,6 +216,11 @@ impl Task for Finger {
             out.extend(self.beside_hinge(stage, self.sensors.target));
             out.push(self.to_target(stage));
         }
+    }
+
+    fn recall(&self, stage: &mut Stage, observation: &[f64]) {
+        // Behind two angles, the tip's place and three velocities.
+        recall_touch(stage, &self.sensors.touch, &observation[7..]);
     }
 
     fn reward(&self, stage: &Stage) -> f64 {

@@ -30,6 +30,14 @@ pub(crate) fn recorded(
     Ok(Some(values))
 }
 
+/// Copies a column that a start can do without, if the row has it in this size.
+pub(crate) fn recall(row: &BTreeMap<String, Value>, name: &str, out: &mut [f64]) {
+    let values = row.get(name).and_then(|value| value.to_f64s(name).ok());
+    if let Some(values) = values.filter(|values| values.len() == out.len()) {
+        out.copy_from_slice(&values);
+    }
+}
+
 /// As [`recorded`], of a column that a start or a goal (`what`) cannot do without.
 pub(crate) fn needed(
     env: &str,

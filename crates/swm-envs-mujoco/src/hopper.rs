@@ -8,7 +8,7 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
-    listed, make, mean, planner, randomize_joints, tolerance, unchanged,
+    listed, make, mean, planner, randomize_joints, recall_touch, tolerance, unchanged,
 };
 
 /// The table entry.
@@ -145,6 +145,11 @@ impl Task for Hopper {
         out.extend_from_slice(&stage.sim.qpos()[1..]);
         out.extend_from_slice(stage.sim.qvel());
         out.extend(self.touch_sensors.map(|sensor| stage.sim.sensor(sensor)[0].ln_1p()));
+    }
+
+    fn recall(&self, stage: &mut Stage, observation: &[f64]) {
+        let first = observation.len() - self.touch_sensors.len();
+        recall_touch(stage, &self.touch_sensors, &observation[first..]);
     }
 
     fn reward(&self, stage: &Stage) -> f64 {

@@ -10,7 +10,7 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
     Control, Domain, Effect, GAUSSIAN, Place, Stage, Target, Task, TaskEntry, distance, entry, factors,
-    listed, make, planner, tolerance, uniform, until_free_of_contacts,
+    listed, make, planner, recall_touch, tolerance, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
@@ -224,6 +224,11 @@ impl Task for BringBall {
         out.extend(pose(self.ball));
         out.extend(self.ball_joints.map(|(_, velocity)| sim.qvel()[velocity]));
         out.extend(pose(self.target));
+    }
+
+    fn recall(&self, stage: &mut Stage, observation: &[f64]) {
+        // Behind a sine, a cosine and a velocity of each joint of the arm.
+        recall_touch(stage, &self.touch_sensors, &observation[3 * self.arm.len()..]);
     }
 
     fn reward(&self, stage: &Stage) -> f64 {

@@ -16,5 +16,5 @@ pub use error::DataError;
 pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};
 pub use record::DatasetRecorder;
-pub use restore::{read_known, read_step, recorded_state, whole_episode};
+pub use restore::{read_known, read_step, recorded_goal, recorded_state, whole_episode};
 pub use sink::EpisodeSink;

@@ -23,9 +23,28 @@ pub fn recorded_state(
     Ok(ResetOptions {
         variation: Some(Vec::new()),
         variation_values: recorded_factors(spec, source, episode)?,
-        start: Some(read_known(source, episode, row, spec.start_columns)?),
+        start: Some(read_known(source, episode, row, &[spec.start_columns, spec.start_extras].concat())?),
         ..ResetOptions::default()
     })
+}
+
+/// The columns of a recorded `[episode, row]` that set a goal, and with images those that they take besides
+/// ([`EnvSpec::goal_extras`]); none where the dataset has none of them.
+///
+/// # Errors
+///
+/// As of [`recorded_state`].
+pub fn recorded_goal(
+    spec: &EnvSpec,
+    source: &mut dyn Dataset,
+    [episode, row]: [usize; 2],
+    has_images: bool,
+) -> Result<BTreeMap<String, Value>, BoxError> {
+    let mut goal = read_known(source, episode, row, spec.goal_columns)?;
+    if has_images && !goal.is_empty() {
+        goal.extend(read_known(source, episode, row, spec.goal_extras)?);
+    }
+    Ok(goal)
 }
 
 /// Reset options that repeat a recorded episode from its first row: its factors, its goal, its seed.

@@ -160,6 +160,11 @@ pub struct EnvSpec {
     pub start_columns: &'static [&'static str],
     /// Step columns from which [`ResetOptions::goal`] sets a goal, likewise.
     pub goal_columns: &'static [&'static str],
+    /// Step columns that a start takes besides, which are no part of the state: what was computed on the way there, such as
+    /// sensors of accelerations. With them the first observation is the recorded one.
+    pub start_extras: &'static [&'static str],
+    /// Step columns that a goal takes besides. With them the goal's image is that of the recorded step.
+    pub goal_extras: &'static [&'static str],
     /// SHA-256 of the libraries and files, besides the program, that it was made from, by name. Recordings and receipts keep
     /// them.
     pub made_from: BTreeMap<String, String>,
@@ -177,6 +182,8 @@ impl EnvSpec {
             time_step_s: 1.0,
             start_columns: &[],
             goal_columns: &[],
+            start_extras: &[],
+            goal_extras: &[],
             made_from: BTreeMap::new(),
         }
     }
@@ -209,6 +216,20 @@ impl EnvSpec {
         self
     }
 
+    /// Step columns that a start takes besides.
+    #[must_use]
+    pub fn start_extras(mut self, columns: &'static [&'static str]) -> Self {
+        self.start_extras = columns;
+        self
+    }
+
+    /// Step columns that a goal takes besides.
+    #[must_use]
+    pub fn goal_extras(mut self, columns: &'static [&'static str]) -> Self {
+        self.goal_extras = columns;
+        self
+    }
+
     /// SHA-256 of the libraries and files that it was made from, by name.
     #[must_use]
     pub fn made_from(mut self, hashes: BTreeMap<String, String>) -> Self {
@@ -225,6 +246,8 @@ impl EnvSpec {
 
 /// The name of the pixel field.
 pub const PIXELS: &str = "pixels";
+/// The name of the field of the goal's image.
+pub const GOAL_IMAGE: &str = "goal";
 /// The pixels that an environment renders: height and width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImageSize {
@@ -271,7 +294,7 @@ impl ImageSize {
 
     /// The pixel field, and the image of an episode's goal.
     pub fn fields_with_goal(self) -> [Field; 2] {
-        [self.field(PIXELS), Field::episode("goal", Dtype::U8, &self.shape())]
+        [self.field(PIXELS), Field::episode(GOAL_IMAGE, Dtype::U8, &self.shape())]
     }
 }
 

@@ -13,8 +13,8 @@ use super::from_dataset::choose_starts;
 use super::hash::witness;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
 use crate::batch::{Batch, Schema, Value};
-use crate::dataset::{Dataset, Metadata, read_known, recorded_state};
-use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};
+use crate::dataset::{Dataset, Metadata, recorded_goal, recorded_state};
+use crate::env::{Env, EnvConfig, Episode, ImageSize};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
 use crate::seed::{EpisodeSeed, keyed};
@@ -353,9 +353,11 @@ impl<'a> Sample<'a> {
     fn recorded_pair(&self, recorded: &mut RecordedPairs<'_>, rows: ChosenPair) -> Result<Pair, BoxError> {
         let (options, spec) = (self.options, self.env.spec());
         let ChosenPair { start: [episode, row], goal: [goal_episode, goal_row] } = rows;
-        let ResetOptions { variation_values: mut factors, start, .. } =
-            recorded_state(spec, recorded.source, episode, row)?;
-        let mut start = start.unwrap_or_default();
+        let recorded_start = recorded_state(spec, recorded.source, episode, row)?;
+        let (mut factors, mut start) =
+            (recorded_start.variation_values, recorded_start.start.unwrap_or_default());
+        // Extras belong to the state as it was recorded.
+        start.retain(|name, _| options.rest.is_empty() || spec.start_columns.contains(&name.as_str()));
         for (column, elements) in &options.rest {
             if let Some(value) = start.get_mut(column) {
                 let mut numbers = value.to_f64s(column)?;
@@ -364,7 +366,8 @@ impl<'a> Sample<'a> {
                 *value = Value { shape: value.shape.clone(), ..Value::vector(&numbers) };
             }
         }
-        let goal = read_known(recorded.source, goal_episode, goal_row, spec.goal_columns)?;
+        let goal_step = [goal_episode, goal_row];
+        let goal = recorded_goal(spec, recorded.source, goal_step, options.image.is_some())?;
         if spec.goal_columns.is_empty() {
             return Err(format!(
                 "{} sets no goals from recorded rows, so that a dataset gives no pairs; leave out the dataset",

@@ -18,19 +18,19 @@ const SEEDS: [u64; 3] = [0, 1, 42];
 const TRIES: u64 = 30;
 
 /// An environment with one row to write into.
-struct Bench {
-    env: Box<dyn Env>,
-    row: Batch,
+pub(super) struct Bench {
+    pub(super) env: Box<dyn Env>,
+    pub(super) row: Batch,
 }
 
 impl Bench {
-    fn new(entry: &EnvEntry, config: &EnvConfig) -> Result<Self, String> {
+    pub(super) fn new(entry: &EnvEntry, config: &EnvConfig) -> Result<Self, String> {
         let env = entry.make(config).map_err(|e| format!("cannot be made: {e}"))?;
         let schema = Schema::new(env.spec().fields.clone()).map_err(|e| e.to_string())?;
         Ok(Self { env, row: Batch::new(schema, 1) })
     }
 
-    fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), String> {
+    pub(super) fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), String> {
         self.try_reset(seed, options).map_err(|e| format!("reset with seed {seed}: {e}"))
     }
 
@@ -55,7 +55,7 @@ impl Bench {
         Err(format!("resets with seeds {first} to {} all fail: {last}", first + TRIES - 1))
     }
 
-    fn step(&mut self, seed: u64, step: usize) -> Result<f64, String> {
+    pub(super) fn step(&mut self, seed: u64, step: usize) -> Result<f64, String> {
         let mut rng = EpisodeSeed::new(seed).indexed("conformance actions", [step as u64, 0]);
         let action = self.env.spec().action.sample(&mut rng);
         let outcome = self.env.step(action.data.as_slice()).map_err(|e| format!("step {step}: {e}"))?;
@@ -103,7 +103,8 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
             return Err(format!("the default of `{}`, {default}, lies outside its space", factor.name));
         }
     }
-    for column in spec.start_columns.iter().chain(spec.goal_columns) {
+    let extras = spec.start_extras.iter().chain(spec.goal_extras);
+    for column in spec.start_columns.iter().chain(spec.goal_columns).chain(extras) {
         if bench.row.schema().index(column).is_none() {
             return Err(format!("start or goal column `{column}` is not a field"));
         }
@@ -356,7 +357,7 @@ fn same_bits(a: Slice<'_>, b: Slice<'_>) -> bool {
     }
 }
 
-fn value_of(row: &Batch, field: &str) -> Value {
+pub(super) fn value_of(row: &Batch, field: &str) -> Value {
     let index = row.schema().index(field).expect("checked by spec_is_sound");
     Value::from_slice(&row.schema().fields()[index].shape, row.column(index))
 }

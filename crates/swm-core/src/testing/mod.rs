@@ -2,6 +2,7 @@
 //! environment with `assert_conforms(&ENTRY)`.
 
 mod checks;
+mod restarts;
 mod toy;
 
 use serde_json::{Map, Value as Json};
@@ -13,6 +14,7 @@ use crate::settings::Settings;
 pub use checks::{
     deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
 };
+pub use restarts::{Inexact, goals_look_as_recorded, restarts_continue};
 pub use toy::{DISCRETE_TOY, TOY};
 
 /// Runs every check, with small images, and panics with the list of all violations.
@@ -74,6 +76,9 @@ mod tests {
     fn the_toy_environments_conform() {
         assert_conforms(&TOY);
         assert_conforms(&DISCRETE_TOY);
+        for entry in [&TOY, &DISCRETE_TOY] {
+            assert_eq!(restarts_continue(entry, &EnvConfig::default(), &[]), Ok(()));
+        }
     }
 
     #[test]

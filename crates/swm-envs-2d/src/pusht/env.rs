@@ -14,7 +14,7 @@ use super::discrete;
 use super::engine::Engine;
 use super::factors::{factors_with, setup};
 use super::goal::{self, PushTState, observed_state};
-use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, contact_count};
+use super::physics::{ActionMode, BodyId, Placement, SUBSTEPS, Setup, Sim, contact_count};
 use super::rendering::Look;
 use super::settings::{SETTINGS, Settings};
 use crate::image::Image;
@@ -39,6 +39,8 @@ pub struct PushT<E: Engine = Sim> {
     fov: Fov,
     sim: E,
     goal: PushTState,
+    /// The block's angle at the goal with all its turns, where the goal is a recorded step: its image is that of the step.
+    goal_angle: Option<f64>,
     /// Contact points counted since the last observation.
     contact_points: u32,
     /// The controller's target of the last step, in pixels.
@@ -46,7 +48,7 @@ pub struct PushT<E: Engine = Sim> {
     image: Option<Image<Look>>,
 }
 
-/// A saved state.
+/// A saved state. Behind it stands `goal_angle`, if there is one: older states have none.
 #[derive(Serialize, Deserialize)]
 struct Saved<S> {
     fov: SavedFov,
@@ -63,14 +65,20 @@ impl<S: Clone + Serialize + DeserializeOwned> Saved<S> {
         space: &FovSpace,
         settings: &Settings,
         state: &EnvState,
-    ) -> Result<(Self, Fov, Setup, E), EnvError> {
-        let saved: Self = state.load(env)?;
+    ) -> Result<(Self, Option<f64>, Fov, Setup, E), EnvError> {
+        let (saved, goal_angle) = match state.load::<Self>(env) {
+            Ok(saved) => (saved, None),
+            Err(error) => {
+                let (saved, angle) = state.load::<(Self, f64)>(env).map_err(|_| error)?;
+                (saved, Some(angle))
+            }
+        };
         let foreign = |reason: String| EnvError::State { env: env.to_owned(), reason };
         let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
         let setup = setup::<E>(&fov, settings);
         let mut sim = E::new(&setup).map_err(|error| foreign(error.to_string()))?;
         sim.restore(&saved.sim).map_err(|error| foreign(error.to_string()))?;
-        Ok((saved, fov, setup, sim))
+        Ok((saved, goal_angle, fov, setup, sim))
     }
 }
 
@@ -89,7 +97,7 @@ impl<E: Engine> LoadedState<E> {
         settings: &Settings,
         state: &EnvState,
     ) -> Result<LoadedState<E>, EnvError> {
-        let (saved, _, setup, sim) = Saved::recall(env, space, settings, state)?;
+        let (saved, _, _, setup, sim) = Saved::recall(env, space, settings, state)?;
         Ok(LoadedState { setup, sim, goal: saved.goal })
     }
 }
@@ -122,6 +130,7 @@ impl<E: Engine> PushT<E> {
             space,
             sim,
             goal: [0.0; 7],
+            goal_angle: None,
             contact_points: 0,
             target: None,
             image,
@@ -167,6 +176,25 @@ impl<E: Engine> PushT<E> {
         Ok((sim, points))
     }
 
+    /// What the image of the goal shows: the recorded step, or, of a goal that was sampled, what the reference shows.
+    fn sim_to_show(&self) -> Result<E, EnvError> {
+        let Some(block_angle) = self.goal_angle else { return Ok(self.sim_at_goal()?.0) };
+        let made = E::new(&setup::<E>(&self.fov, &self.settings)).and_then(|mut sim| {
+            sim.place_exactly(&Placement { block_angle, ..Placement::from(self.goal) })?;
+            // Images show contacts.
+            sim.settle();
+            Ok(sim)
+        });
+        made.map_err(|error| self.reset_error(error))
+    }
+
+    /// All of the block's angle in a recorded row, if it has that: `state` holds the angle modulo a full turn.
+    fn whole_angle(row: &std::collections::BTreeMap<String, Value>) -> Result<Option<f64>, EnvError> {
+        let Some(pose) = row.get("block_pose") else { return Ok(None) };
+        let pose = pose.cast("block_pose", Dtype::F64, &[3])?.to_f64s("block_pose")?;
+        Ok(Some(pose[2]))
+    }
+
     fn reset_error(&self, reason: impl std::fmt::Display) -> EnvError {
         EnvError::Reset { env: self.spec.id.clone(), reason: reason.to_string() }
     }
@@ -198,12 +226,13 @@ impl<E: Engine> PushT<E> {
         self.contact_points = points;
         if let Some(start) = &options.start {
             let mut placement = Placement::from(self.recorded_state(start)?);
-            // `state` holds the angle modulo a full turn, `block_pose` all of it.
-            if let Some(pose) = start.get("block_pose") {
-                placement.block_angle = pose.cast("block_pose", Dtype::F64, &[3])?.to_f64s("block_pose")?[2];
-            }
+            placement.block_angle = Self::whole_angle(start)?.unwrap_or(placement.block_angle);
             self.sim.place_exactly(&placement).map_err(|error| self.reset_error(error))?;
             self.contact_points = self.sim.settle();
+            let recorded = start.get("n_contacts").and_then(|value| value.to_f64s("n_contacts").ok());
+            if let Some(&[count]) = recorded.as_deref() {
+                self.contact_points = (count as u32).saturating_mul(SUBSTEPS);
+            }
         } else {
             let start = Placement::from(self.start());
             self.sim.place(&start).map_err(|error| self.reset_error(error))?;
@@ -236,6 +265,7 @@ impl<E: Engine> Env for PushT<E> {
             Some(row) => self.recorded_state(row)?,
             None => self.sampled_goal(episode.seed)?,
         };
+        self.goal_angle = episode.options.goal.as_ref().map(Self::whole_angle).transpose()?.flatten();
         self.target = None;
         self.place_bodies(episode.options)?;
         self.refresh_look();
@@ -273,9 +303,9 @@ impl<E: Engine> Env for PushT<E> {
         out.write(GOAL_PROPRIO, &[x, y, vx, vy]);
         self.fov.write(FACTORS, out);
         let stale = self.image.as_ref().is_some_and(|image| image.goal_is_stale);
-        let at_goal = stale.then(|| self.sim_at_goal()).and_then(Result::ok);
+        let at_goal = stale.then(|| self.sim_to_show()).and_then(Result::ok);
         if let Some(image) = &mut self.image {
-            if let Some((sim, _)) = at_goal {
+            if let Some(sim) = at_goal {
                 image.render_goal(|look, painter| look.render(&sim, None, painter));
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
@@ -306,13 +336,17 @@ impl<E: Engine> Env for PushT<E> {
             target: self.target,
             sim: self.sim.state().clone(),
         };
-        state.store(&self.spec.id, &saved)
+        match self.goal_angle {
+            Some(angle) => state.store(&self.spec.id, &(saved, angle)),
+            None => state.store(&self.spec.id, &saved),
+        }
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let (saved, fov, _, sim) = Saved::recall(&self.spec.id, &self.space, &self.settings, state)?;
-        let same_world = fov == self.fov && saved.goal == self.goal;
-        (self.fov, self.goal, self.sim) = (fov, saved.goal, sim);
+        let (saved, goal_angle, fov, _, sim) =
+            Saved::recall(&self.spec.id, &self.space, &self.settings, state)?;
+        let same_world = fov == self.fov && saved.goal == self.goal && goal_angle == self.goal_angle;
+        (self.fov, self.goal, self.goal_angle, self.sim) = (fov, saved.goal, goal_angle, sim);
         (self.contact_points, self.target) = (saved.contact_points, saved.target);
         if !same_world {
             self.refresh_look();
@@ -358,4 +392,6 @@ fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) ->
         .time_step_s(0.1)
         .start_columns(&["state", "block_pose"])
         .goal_columns(&["state"])
+        .start_extras(&["n_contacts"])
+        .goal_extras(&["block_pose"])
 }

@@ -95,6 +95,7 @@ impl FetchEnv {
             .time_step_s(model.timestep_s() * f64::from(SUBSTEPS))
             .start_columns(start_columns(task))
             .goal_columns(&["achieved_goal", "qpos"])
+            .start_extras(&["proprio"])
             .made_from(assets::made_from(assets::FETCH));
         let mut sim = Simulation::new(Arc::clone(&model))?;
         sim.reset();
@@ -249,6 +250,9 @@ impl Env for FetchEnv {
         }
         self.show_goal();
         self.robot.observe(&mut self.task_state.observation);
+        if let Some(row) = &episode.options.start {
+            self.recall_observation(row);
+        }
         Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.distance() < REACHED) })
     }
 

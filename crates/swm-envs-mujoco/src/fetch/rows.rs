@@ -142,6 +142,25 @@ impl FetchEnv {
         Ok(())
     }
 
+    /// Observes what was recorded, if the row has it: with PickAndPlace it is one physics step older than the state. Another
+    /// state's is not taken.
+    pub(super) fn recall_observation(&mut self, row: &BTreeMap<String, Value>) {
+        /// How far things move in a physics step, at most, m.
+        const NEAR: f64 = 0.05;
+        let now = &mut self.task_state.observation;
+        let Some(recorded) = row.get("proprio").and_then(|value| value.to_f64s("proprio").ok()) else {
+            return;
+        };
+        // The fingers' velocities come last, and do not lag.
+        let is_of_state = recorded.len() == now.len()
+            && recorded.iter().all(|value| value.is_finite())
+            && recorded[..6].iter().zip(&now[..6]).all(|(a, b)| (a - b).abs() < NEAR)
+            && recorded.iter().rev().zip(now.iter().rev()).take(2).all(|(a, b)| a == b);
+        if is_of_state {
+            *now = recorded;
+        }
+    }
+
     /// Wants the object, or the gripper, where it is in a recorded row.
     pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = self.variant.id;

@@ -20,7 +20,7 @@ use super::state::TaskState;
 use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
-use crate::given::finite_values;
+use crate::given::{finite_values, recall};
 use crate::views::{CameraName, Images, Views};
 
 /// Physics steps per control step.
@@ -96,6 +96,7 @@ impl MazeEnv {
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
             .start_columns(START_COLUMNS)
             .goal_columns(&["qpos"])
+            .start_extras(&["prev_qpos", "prev_qvel"])
             .made_from(assets::made_from(body.files()));
         let target = models.light().id(Object::Geom, TARGET)?;
         let task_state = TaskState::new(0, nq, nv);
@@ -250,6 +251,11 @@ impl Env for MazeEnv {
         self.observe_goal().map_err(at_reset)?;
         self.task_state.before_qpos.copy_from_slice(self.sim.qpos());
         self.task_state.before_qvel.copy_from_slice(self.sim.qvel());
+        if let Some(row) = &episode.options.start {
+            let TaskState { before_qpos, before_qvel, .. } = &mut self.task_state;
+            recall(row, "prev_qpos", before_qpos);
+            recall(row, "prev_qvel", before_qvel);
+        }
         self.task_state.success = self.is_at_goal();
         Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.task_state.success) })
     }

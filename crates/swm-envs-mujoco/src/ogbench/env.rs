@@ -16,7 +16,7 @@ use super::furniture::Which;
 use super::layout::{CAMERA, FLOOR, Kind};
 use super::models::Models;
 use super::settings::{CUBE_SETTINGS, Mode, Settings};
-use super::standing::{Goal, Standing};
+use super::standing::{Goal, Observed, Standing};
 use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
@@ -110,8 +110,9 @@ impl TableEnv {
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[5], -1.0, 1.0), fields)
             .factors(space.specs())
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
-            .start_columns(if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS })
+            .start_columns(if is_scene { rows::SCENE_START } else { rows::START })
             .goal_columns(if is_scene { &["qpos", "button_states"] } else { &["qpos"] })
+            .start_extras(if is_scene { rows::SCENE_START_EXTRAS } else { rows::START_EXTRAS })
             .made_from(assets::made_from(assets::MANIPULATION));
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
         let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
@@ -217,7 +218,10 @@ impl TableEnv {
         task_state.before_qpos.copy_from_slice(sim.qpos());
         task_state.before_qvel.copy_from_slice(sim.qvel());
         task_state.before_buttons = task_state.buttons;
-        table.robot.command(sim, action);
+        match standing.observed() {
+            Some(Observed { effector, .. }) => table.robot.command_from(sim, effector, action),
+            None => table.robot.command(sim, action),
+        }
         standing.advance(sim)?;
         if let Some(furniture) = &table.furniture {
             let pressed = furniture.pressed(&task_state.before_qpos, sim);
@@ -230,35 +234,6 @@ impl TableEnv {
         Ok(())
     }
 }
-
-/// The columns that a start may name.
-const START_COLUMNS: &[&str] = &[
-    "qpos",
-    "qvel",
-    "time",
-    "qacc_warmstart",
-    "control",
-    "mocap_pos",
-    "mocap_quat",
-    "privileged.target_block",
-    "task_id",
-];
-const SCENE_START_COLUMNS: &[&str] = &[
-    "qpos",
-    "qvel",
-    "time",
-    "qacc_warmstart",
-    "control",
-    "mocap_pos",
-    "mocap_quat",
-    "button_states",
-    "privileged.target_task",
-    "privileged.target_button",
-    "privileged.target_button_state",
-    "privileged.target_drawer_pos",
-    "privileged.target_window_pos",
-    "task_id",
-];
 
 impl Env for TableEnv {
     fn spec(&self) -> &EnvSpec {
@@ -278,7 +253,8 @@ impl Env for TableEnv {
         self.task_state.before_qpos.copy_from_slice(self.sim.qpos());
         self.task_state.before_qvel.copy_from_slice(self.sim.qvel());
         self.task_state.before_buttons = self.task_state.buttons;
-        self.visit_goal(goal).map_err(at_reset)?;
+        let observed = episode.options.start.as_ref().and_then(|row| self.recall(row));
+        self.visit_goal(goal, observed).map_err(at_reset)?;
         self.task_state.success = self.table.is_met(&self.sim, &self.task_state, self.task_state.pursued);
         Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.task_state.success) })
     }

@@ -103,15 +103,25 @@ impl Robot {
         (norm / FIRM).clamp(0.0, 1.0)
     }
 
+    /// Sets how firmly the right finger touches something, which the next physics step computes anew.
+    pub(super) fn set_gripper_contact(&self, sim: &mut Simulation, contact: f64) {
+        sim.set_cfrc_ext(self.pad, [contact * FIRM, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+
     /// Sets the servos' targets for an action, `[5]`: x, y, z, turn, gripper. Not clipped, as in the reference; the
     /// effector's target is kept in the workspace.
     pub(super) fn command(&self, sim: &mut Simulation, action: [f32; 5]) {
+        self.command_from(sim, self.effector(sim), action);
+    }
+
+    /// As [`Robot::command`], where the effector is known from elsewhere.
+    pub(super) fn command_from(&self, sim: &mut Simulation, effector: Effector, action: [f32; 5]) {
         // The reference's order of operations and types, for its rounding.
         let moved: [f64; 5] = std::array::from_fn(|k| {
             let share = f64::from(0.5 * (action[k] + 1.0));
             share * (ACTION_SCALE[k] + ACTION_SCALE[k]) - ACTION_SCALE[k]
         });
-        let Effector { position, yaw } = self.effector(sim);
+        let Effector { position, yaw } = effector;
         let opening = self.gripper_opening(sim);
         let position =
             std::array::from_fn(|k| (position[k] + moved[k]).clamp(WORKSPACE[0][k], WORKSPACE[1][k]));

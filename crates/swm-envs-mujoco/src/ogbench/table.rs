@@ -27,6 +27,12 @@ struct Cube {
 }
 
 impl Table {
+    /// Whether what is read and rendered after a control step belongs to the state before the last physics step. With furniture,
+    /// everything is computed again.
+    pub(super) fn is_late(&self) -> bool {
+        self.furniture.is_none()
+    }
+
     /// Finds everything. The simulation stands at its reference position, computed.
     pub(super) fn new(kind: Kind, sim: &Simulation) -> Result<Self, MujocoError> {
         let model: &Model = sim.model();

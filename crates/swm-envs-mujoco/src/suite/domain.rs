@@ -89,6 +89,10 @@ pub trait Task: Send + Sync {
     /// Appends the observation, in the order of the suite.
     fn observe(&self, stage: &Stage, out: &mut Vec<f64>);
 
+    /// Sets sensors of accelerations to what a recorded observation has, of as many values as [`Task::observe`] gives. They belong
+    /// to the physics step before the state, and do not follow from it.
+    fn recall(&self, _stage: &mut Stage, _observation: &[f64]) {}
+
     /// The reward of the present state, after a control step.
     fn reward(&self, stage: &Stage) -> f64;
 

@@ -96,6 +96,7 @@ impl SuiteEnv {
                 .time_step_s(control_step_s * f64::from(settings.action_repeat))
                 .start_columns(domain.start_columns)
                 .goal_columns(entry.goal_columns)
+                .start_extras(&["observation"])
                 .made_from(assets::made_from(assets::SUITE));
         let image = views.map(|views| Image::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
@@ -192,9 +193,10 @@ impl Env for SuiteEnv {
         self.fov = self.space.sample(&self.spec.id, episode)?;
         (self.total_reward, self.control_steps) = (0.0, 0);
         self.begin(episode).map_err(|error| error.at_reset(&self.spec.id))?;
-        if let Some(row) = &episode.options.start {
-            self.start_from(row)?;
-        }
+        let observed = match &episode.options.start {
+            Some(row) => self.start_from(row)?,
+            None => None,
+        };
         for (column, value) in episode.options.goal.iter().flatten() {
             if !self.spec.goal_columns.contains(&column.as_str()) {
                 let reason = format!("`{column}` is no goal of this task");
@@ -204,6 +206,9 @@ impl Env for SuiteEnv {
         }
         if episode.options.goal.is_some() {
             self.see_goal().map_err(|error| error.at_reset(&self.spec.id))?;
+        }
+        if let Some(observed) = observed {
+            self.task.recall(&mut self.stage, &observed);
         }
         Ok(Outcome { reward: f64::NAN, terminated: false, success: self.task.success(&self.stage) })
     }

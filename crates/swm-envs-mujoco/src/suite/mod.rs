@@ -21,6 +21,7 @@ pub(crate) use domain::{listed, planner};
 pub use effect::{Control, Effect, set_color};
 pub use env::SuiteEnv;
 pub use models::{Origin, description, edit_in_place};
+pub(crate) use stage::recall_touch;
 pub use stage::{Place, Stage, Target};
 pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};
 pub use sums::{distance, mean};

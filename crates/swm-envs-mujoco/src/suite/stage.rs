@@ -41,6 +41,13 @@ impl Place {
     }
 }
 
+/// Sets touch sensors to what an observation has, as ln(1 + force).
+pub(crate) fn recall_touch(stage: &mut Stage, sensors: &[usize], observed: &[f64]) {
+    for (sensor, value) in sensors.iter().zip(observed) {
+        stage.sim.sensor_mut(*sensor)[0] = value.exp_m1();
+    }
+}
+
 /// The simulation, and the targets of the episode.
 pub struct Stage {
     /// The simulation. Edits of its model by a task belong into [`Stage::set_target`], which undoes, saves and restores

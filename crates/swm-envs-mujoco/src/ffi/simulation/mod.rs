@@ -196,6 +196,16 @@ impl Simulation {
         unsafe { slice_mut(self.header().mocap_quat, self.model.header().nmocap, 4) }
     }
 
+    /// The force and torque on a body, to be set: see [`Simulation::cfrc_ext`].
+    ///
+    /// # Panics
+    /// If there is no such body, a mistake of the caller.
+    pub fn set_cfrc_ext(&mut self, body: usize, values: [f64; 6]) {
+        // SAFETY: MuJoCo allocates `nbody × 6` values here, and `&mut self` is the only access.
+        let all = unsafe { slice_mut(self.header().cfrc_ext, self.model.header().nbody, 6) };
+        all[6 * body..][..6].copy_from_slice(&values);
+    }
+
     /// The linear velocity, m/s, and the angular velocity, rad/s, of a site: its Jacobian, by the positions that were last
     /// computed, times the present velocities. `jacobian` is scratch.
     pub fn site_velocity(&self, site: usize, jacobian: &mut Vec<f64>) -> [[f64; 3]; 2] {
@@ -234,6 +244,18 @@ impl Simulation {
     /// The values of one sensor, by its index in the model.
     pub fn sensor(&self, sensor: usize) -> &[f64] {
         &self.sensordata()[self.model.sensor_range(sensor)]
+    }
+
+    /// All sensors, to be set: those of accelerations do not follow from the state.
+    pub fn sensordata_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `nsensordata` values here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().sensordata, self.model.header().nsensordata, 1) }
+    }
+
+    /// The values of one sensor, to be set.
+    pub fn sensor_mut(&mut self, sensor: usize) -> &mut [f64] {
+        let range = self.model.sensor_range(sensor);
+        &mut self.sensordata_mut()[range]
     }
 
     /// Back to the reference position: time, velocities, controls and activations are zero. Computes nothing yet.
@@ -308,9 +330,7 @@ impl Simulation {
         self.load_state(state)?;
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe { (api.mj_step1)(model, data) })?;
-        // SAFETY: MuJoCo allocates `nsensordata` values here, and `&mut self` is the only access.
-        unsafe { slice_mut(self.header().sensordata, self.model.header().nsensordata, 1) }
-            .copy_from_slice(sensordata);
+        self.sensordata_mut().copy_from_slice(sensordata);
         Ok(())
     }
 

@@ -6,13 +6,21 @@ use super::TableEnv;
 use crate::error::MujocoError;
 use crate::given::finite_values;
 use crate::ogbench::columns::observation;
-use crate::ogbench::standing::{Goal, Standing};
+use crate::ogbench::standing::{Goal, Observed, Standing};
 use crate::ogbench::start;
 
 impl TableEnv {
     /// Finds out what the goal looks like: everything where it belongs, or as it was recorded; then returns to the start.
-    pub(super) fn visit_goal(&mut self, recorded: Option<Vec<f64>>) -> Result<(), MujocoError> {
-        self.standing = Standing::at_rest(&self.sim);
+    pub(super) fn visit_goal(
+        &mut self,
+        recorded: Option<Vec<f64>>,
+        observed: Option<Observed>,
+    ) -> Result<(), MujocoError> {
+        let is_late = self.table.is_late();
+        self.standing = match observed {
+            Some(observed) => Standing::recorded(&mut self.sim, &self.table.robot, observed, is_late)?,
+            None => Standing::at_rest(&self.sim),
+        };
         let start = self.task_state.clone();
         let has_settled = recorded.is_none();
         match recorded {
@@ -62,8 +70,7 @@ impl TableEnv {
         }
         standing.restore(&mut self.sim)?;
         self.apply_buttons(buttons)?;
-        standing.finish(&mut self.sim);
-        Ok(())
+        standing.finish(&mut self.sim, &self.table.robot, self.table.is_late())
     }
 
     /// Renders the goal, and returns to where the episode stands.

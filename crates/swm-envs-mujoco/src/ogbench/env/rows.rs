@@ -5,11 +5,61 @@ use std::collections::BTreeMap;
 use swm_core::{EnvError, EnvSpec, Value};
 
 use super::TableEnv;
-use crate::given::{check_goal, needed, recorded};
+use crate::given::{check_goal, needed, recall, recorded};
 use crate::ogbench::furniture::Which;
+use crate::ogbench::robot::Effector;
 use crate::ogbench::settings::Mode;
+use crate::ogbench::standing::Observed;
 use crate::ogbench::start::Chosen;
 use crate::ogbench::state::Pursued;
+
+/// The columns that a start may name.
+pub(super) const START: &[&str] = &[
+    "qpos",
+    "qvel",
+    "time",
+    "qacc_warmstart",
+    "control",
+    "mocap_pos",
+    "mocap_quat",
+    "privileged.target_block",
+    "task_id",
+];
+pub(super) const SCENE_START: &[&str] = &[
+    "qpos",
+    "qvel",
+    "time",
+    "qacc_warmstart",
+    "control",
+    "mocap_pos",
+    "mocap_quat",
+    "button_states",
+    "privileged.target_task",
+    "privileged.target_button",
+    "privileged.target_button_state",
+    "privileged.target_drawer_pos",
+    "privileged.target_window_pos",
+    "task_id",
+];
+
+/// What rows have besides: see [`Observed`].
+pub(super) const START_EXTRAS: &[&str] = &[
+    "prev_qpos",
+    "prev_qvel",
+    "proprio.effector_pos",
+    "proprio.effector_yaw",
+    "proprio.gripper_contact",
+    "privileged.target_number",
+];
+pub(super) const SCENE_START_EXTRAS: &[&str] = &[
+    "prev_qpos",
+    "prev_qvel",
+    "prev_button_states",
+    "proprio.effector_pos",
+    "proprio.effector_yaw",
+    "proprio.gripper_contact",
+    "privileged.target_number",
+];
 
 impl TableEnv {
     /// Stands at a recorded row.
@@ -45,6 +95,26 @@ impl TableEnv {
             sim.mocap_quat_mut().copy_from_slice(&turns);
         }
         Ok(())
+    }
+
+    /// Takes from a recorded row what was before its last step. Returns what was computed then.
+    pub(super) fn recall(&mut self, row: &BTreeMap<String, Value>) -> Option<Observed> {
+        let state = &mut self.task_state;
+        recall(row, "prev_qpos", &mut state.before_qpos);
+        recall(row, "prev_qvel", &mut state.before_qvel);
+        let mut buttons = state.before_buttons.map(f64::from);
+        recall(row, "prev_button_states", &mut buttons);
+        state.before_buttons = states_of(&buttons);
+        let mut targets = [state.targets as f64];
+        recall(row, "privileged.target_number", &mut targets);
+        state.targets = targets[0] as u64;
+        let mut observed = [f64::NAN; 5];
+        recall(row, "proprio.effector_pos", &mut observed[..3]);
+        recall(row, "proprio.effector_yaw", &mut observed[3..4]);
+        recall(row, "proprio.gripper_contact", &mut observed[4..]);
+        let [x, y, z, yaw, contact] = observed;
+        let effector = Effector { position: [x, y, z], yaw };
+        observed.iter().all(|value| value.is_finite()).then_some(Observed { effector, contact })
     }
 
     /// Wants what the expert was after in a recorded row. Where the row does not tell, the cube whose goal it shows.
