@@ -166,18 +166,9 @@ impl Make {
             ));
         }
         note_rewards_only(entry, &rules.success, output);
-        if !self.distractors.is_empty() && config.image.is_none() {
-            return Err(usage("--distractor changes images, and there are none; give --image-size"));
-        }
         distractors::parse_all(&self.distractors).map_err(usage)?;
-        if !(self.held_out > 0.0 && self.held_out <= 1.0) {
-            return Err(usage(format!("--held-out {}: use a share above 0 and at most 1", self.held_out)));
-        }
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
-        if budget == 0 {
-            return Err(usage("a budget of 0 actions; use 1 or more"));
-        }
         let factors = entry.make(&EnvConfig { image: None, ..config.clone() })?.spec().factors.clone();
         let scenario = match &dataset {
             None => self.scenario.options(entry, &factors, output)?,
