@@ -24,6 +24,10 @@ impl EpisodeSink for Memory {
         Ok(0)
     }
 
+    fn holds(&self, _column: &str) -> bool {
+        false
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.episodes.push(rows.clone());
         Ok(())

@@ -136,10 +136,22 @@ pub enum WorldError {
     /// A step of a run has no actions yet.
     #[error("this step has no actions; call `act` or `set_actions` before `advance`")]
     NoActions,
+    /// A step, and no environment that it would step is in an episode.
+    #[error("{reason}; call `reset` before the next step")]
+    NoEpisode {
+        /// Whether none has begun, or all are over.
+        reason: &'static str,
+    },
     /// The run was asked to stop. Committed episodes stay.
     #[error("cancelled")]
     Cancelled,
-    /// Actions have a wrong shape or value.
+    /// Actions of another number or type than the environments take.
+    #[error("{reason}")]
+    Actions {
+        /// What was needed and what was found.
+        reason: String,
+    },
+    /// An action has a wrong value.
     #[error("environment {slot} (episode {episode}, step {step}): {reason}")]
     Action {
         /// Slot of the world.

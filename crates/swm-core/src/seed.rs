@@ -6,12 +6,13 @@
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
+use serde::{Deserialize, Serialize};
 
 /// The generator behind every stream: ChaCha with 8 rounds, the same on every machine.
 pub type Stream = ChaCha8Rng;
 
 /// The seed of one episode: a non-negative 63-bit number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct EpisodeSeed(u64);
 
 impl EpisodeSeed {

@@ -6,9 +6,9 @@ use std::thread::{self, ThreadId};
 use swm_core::dataset::Metadata;
 use swm_core::testing::TOY;
 use swm_core::{
-    Actions, Batch, BoxError, Cancel, Column, Dtype, EpisodeEnd, EpisodeSink, Field, LiveEpisode, LiveStep,
-    Policy, PolicyError, Recorder, ResetOptions, Rollout, RowsMut, Schema, Slice, SliceMut, Value, View,
-    World, WorldError, WorldOptions, policies, policy,
+    Actions, Batch, BoxError, Cancel, Column, Dtype, EnvState, EpisodeEnd, EpisodeSink, Field, LiveEpisode,
+    LiveStep, Policy, PolicyError, Recorder, ResetOptions, Rollout, RowsMut, SavedSlot, Schema, Slice,
+    SliceMut, Value, View, World, WorldError, WorldOptions, policies, policy,
 };
 
 fn world(num_envs: usize, threads: usize) -> World {
@@ -214,6 +214,10 @@ impl EpisodeSink for Committed {
         Ok(0)
     }
 
+    fn holds(&self, _column: &str) -> bool {
+        false
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.lengths.push(rows.rows());
         if self.lengths.len() == self.enough {
@@ -274,6 +278,10 @@ fn a_slot_goes_back_and_the_same_actions_give_the_same_bits() {
         first.push(row(&world, 0));
     }
     let other = row(&world, 1);
+    // By way of another process, too.
+    let mut bytes = EnvState::new();
+    bytes.store("swm/Toy-v0", &saved).unwrap();
+    let saved: SavedSlot = EnvState::from_bytes(bytes.bytes().to_vec()).load("swm/Toy-v0").unwrap();
     world.restore_slot(0, &saved).unwrap();
     assert_eq!((row(&world, 0), row(&world, 1)), (there, other));
     for (index, expected) in first.iter().enumerate() {

@@ -47,6 +47,10 @@ impl EpisodeSink for Lengths {
         Ok(0)
     }
 
+    fn holds(&self, _column: &str) -> bool {
+        false
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.0.push(rows.rows());
         Ok(())

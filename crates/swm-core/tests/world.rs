@@ -84,6 +84,37 @@ fn a_world_can_be_stepped_by_hand() {
 }
 
 #[test]
+fn a_step_that_would_step_nothing_is_refused() {
+    let mut world = world(2, 3);
+    let actions = Slice::F32(&[0.1, 0.1]);
+    let refused = |world: &mut World, words: &str| {
+        for error in [world.step().unwrap_err(), world.step_with(actions).unwrap_err()] {
+            assert!(matches!(error, WorldError::NoEpisode { .. }), "{error}");
+            let message = error.to_string();
+            assert!(message.contains(words) && message.contains("call `reset`"), "{message}");
+        }
+    };
+    world.set_policy(policies::random());
+    refused(&mut world, "no episode has begun");
+    world.reset(1, &ResetOptions::default()).unwrap();
+    // One of the two ends first: the other goes on, and it stays as it ended.
+    for _ in 0..3 {
+        world.step_slots(&[true, false], actions).unwrap();
+    }
+    let ended = world.infos().get::<f64>("state").unwrap()[0];
+    world.step().unwrap();
+    assert_eq!(world.infos().get::<f64>("state").unwrap()[0], ended);
+    assert_eq!(world.infos().get::<i64>("step_idx").unwrap(), [3, 1]);
+    assert!(matches!(world.step_slots(&[true, false], actions), Err(WorldError::NoEpisode { .. })));
+    world.step_slots(&[false, false], actions).expect("nothing was asked for");
+    world.step().unwrap();
+    world.step().unwrap();
+    refused(&mut world, "are over");
+    world.reset(2, &ResetOptions::default()).unwrap();
+    world.step().unwrap();
+}
+
+#[test]
 fn unusable_actions_are_refused_before_anything_moves() {
     let mut world = world(2, 100);
     world.reset(1, &ResetOptions::default()).unwrap();
@@ -92,6 +123,7 @@ fn unusable_actions_are_refused_before_anything_moves() {
     assert!(nan.contains("environment 1") && nan.contains("not finite"), "{nan}");
     let width = world.step_with(Slice::F32(&[0.0; 3])).unwrap_err().to_string();
     assert!(width.contains("2 values of float32") && width.contains("found 3"), "{width}");
+    assert!(!width.contains("environment 0"), "no environment is at fault: {width}");
     let kind = world.step_with(Slice::F64(&[0.0; 2])).unwrap_err().to_string();
     assert!(kind.contains("float64"), "{kind}");
     assert_eq!(world.infos().get::<f64>("state").unwrap(), before.get::<f64>("state").unwrap());

@@ -177,6 +177,10 @@ impl EpisodeSink for ReplayBuffer {
         Ok(self.written)
     }
 
+    fn holds(&self, column: &str) -> bool {
+        self.content.as_ref().is_some_and(|(held, _)| held.index(column).is_some())
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         Ok(self.push(rows)?)
     }

@@ -113,9 +113,11 @@ impl IntoPy for WorldError {
             }
             match &self {
                 Self::Cancelled | Self::Policy(PolicyError::Cancelled) => PyKeyboardInterrupt::new_err(()),
-                Self::NoPolicy | Self::NoActions | Self::Action { .. } | Self::Policy(_) => {
-                    PolicyFault::new_err(message(&self))
-                }
+                Self::NoPolicy
+                | Self::NoActions
+                | Self::Actions { .. }
+                | Self::Action { .. }
+                | Self::Policy(_) => PolicyFault::new_err(message(&self)),
                 Self::Record(_) | Self::Dataset(_) => self.foreign().map_or_else(
                     || DataFault::new_err(message(&self)),
                     |error| {

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use numpy::{PyArrayDyn, PyArrayMethods as _, PyUntypedArray, PyUntypedArrayMethods as _};
+use numpy::{
+    PyArrayDescrMethods as _, PyArrayDyn, PyArrayMethods as _, PyUntypedArray, PyUntypedArrayMethods as _,
+};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use swm::core::error::{did_you_mean, nearest};
 use swm::core::{Column, Dtype, EnvSpec, FactorSpec, ResetOptions, Value};
 use swm::fov::color_values;
 
-use crate::errors::{OrRaise as _, SwmError};
+use crate::errors::{OrRaise as _, PolicyFault, SwmError};
 
 /// Any array, number or list as a NumPy array in the order of C.
 fn as_array<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyUntypedArray>> {
@@ -19,7 +21,21 @@ fn as_array<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyUntypedArra
         true => given.call_method0("detach")?.call_method0("cpu")?,
         false => given.clone(),
     };
-    Ok(numpy.call_method1("ascontiguousarray", (given,))?.cast_into()?)
+    let array: Bound<'py, PyUntypedArray> = numpy.call_method1("ascontiguousarray", (given,))?.cast_into()?;
+    // What the core has no type of, as one that holds it: half and extended precision, other byte orders, u64.
+    let (dtype, py) = (array.dtype(), array.py());
+    let is_known = dtype.is_native_byteorder() != Some(false);
+    let target = match (dtype.kind(), dtype.itemsize()) {
+        (b'f', 4 | 8) | (b'i', _) | (b'u', 1 | 2 | 4) if is_known => return Ok(array),
+        (b'f', 2 | 4) => numpy::dtype::<f32>(py),
+        (b'f', _) => numpy::dtype::<f64>(py),
+        (b'u', 8) if array.call_method0("max").is_ok_and(|max| max.extract::<i64>().is_err()) => {
+            return Ok(array);
+        }
+        (b'i' | b'u', _) => numpy::dtype::<i64>(py),
+        _ => return Ok(array),
+    };
+    Ok(array.call_method1("astype", (target,))?.cast_into()?)
 }
 
 /// The values of an array, in the order of C, as the type of the core that holds them; `None` for other kinds.
@@ -69,10 +85,20 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
     }
     let values = values.as_slice();
     let numbers = (0..count).map(|index| values.as_f64(index).unwrap_or(f64::NAN));
+    if wanted == Dtype::I64
+        && let Some(part) = numbers.clone().find(|value: &f64| value.is_finite() && value.fract() != 0.0)
+    {
+        return Err(PolicyFault::new_err(format!(
+            "the actions of `{}` are whole numbers, found {part}; round them, or give the number of an action",
+            spec.id
+        )));
+    }
     Ok(match wanted {
         Dtype::F64 => Column::F64(numbers.collect()),
-        // NaN of an idle row becomes 0, which nobody takes.
-        Dtype::I64 => Column::I64(numbers.map(|value| value.round() as i64).collect()),
+        // NaN is what an idle row may have; in another row, no space holds the number that it becomes.
+        Dtype::I64 => {
+            Column::I64(numbers.map(|value| if value.is_nan() { i64::MIN } else { value as i64 }).collect())
+        }
         _ => Column::F32(numbers.map(|value| value as f32).collect()),
     })
 }

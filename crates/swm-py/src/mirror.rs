@@ -5,6 +5,7 @@
 //! `terminated`, so that policies leave them alone.
 
 use pyo3::prelude::*;
+use serde::{Deserialize, Serialize};
 use swm::core::{Batch, Column, Dtype, Slice, View, World};
 
 use crate::errors::OrRaise as _;
@@ -14,7 +15,7 @@ pub(crate) struct Mirror {
     /// The last actions, `[N, …action shape]`.
     action: Column,
     action_shape: Vec<usize>,
-    /// Of the infos: 0 or 1. Booleans are bytes here, as Python may write into them.
+    /// Of the infos: 0 or 1.
     terminated: Vec<u8>,
     truncated: Vec<u8>,
     /// Of the last step: no reward and no end where it did nothing.
@@ -27,6 +28,15 @@ pub(crate) struct Mirror {
     stepped: Vec<bool>,
     /// The episode that each environment was in, in a run.
     episodes: Vec<Option<u64>>,
+}
+
+/// One environment's row of a [`Mirror`].
+#[derive(Serialize, Deserialize)]
+pub(crate) struct SavedRow {
+    action: Column,
+    /// `terminated` and `truncated` of the infos, then those of the last step.
+    flags: [bool; 4],
+    reward: f32,
 }
 
 /// One column of a [`Mirror`].
@@ -134,6 +144,31 @@ impl Mirror {
             flags[row] = 0;
         }
         self.rewards[row] = 0.0;
+    }
+
+    /// An environment's row.
+    pub(crate) fn save(&self, row: usize) -> SavedRow {
+        let dim = self.action.len() / self.stepped.len();
+        let flags = [&self.terminated, &self.truncated, &self.terminateds, &self.truncateds];
+        SavedRow {
+            action: self.action.as_slice().range(row * dim, dim).to_column(),
+            flags: flags.map(|flags| flags[row] != 0),
+            reward: self.rewards[row],
+        }
+    }
+
+    /// Goes back to a saved row; whether its action is of the same type and length, else it stays missing.
+    pub(crate) fn restore(&mut self, row: usize, saved: &SavedRow) -> bool {
+        self.reset(row);
+        let dim = self.action.len() / self.stepped.len();
+        let (_, rest) = self.action.as_slice_mut().split_at(row * dim);
+        let is_copied = rest.split_at(dim).0.copy_from(saved.action.as_slice());
+        let flags = [&mut self.terminated, &mut self.truncated, &mut self.terminateds, &mut self.truncateds];
+        for (flags, saved) in flags.into_iter().zip(saved.flags) {
+            flags[row] = u8::from(saved);
+        }
+        self.rewards[row] = saved.reward;
+        is_copied
     }
 
     /// A run begins: no environment has been seen in it.

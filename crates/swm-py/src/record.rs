@@ -96,6 +96,10 @@ impl EpisodeSink for Sink<'_> {
         self.writer.begin(schema, metadata)
     }
 
+    fn holds(&self, column: &str) -> bool {
+        self.writer.holds(column)
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.writer.write_episode(rows)?;
         self.progress.count(false);
@@ -143,15 +147,16 @@ struct Running {
     thread: JoinHandle<()>,
 }
 
-/// Begins a run whose episodes are read one by one; see [`Episodes`].
+/// Begins a run whose episodes are read one by one; see [`Episodes`]. `held`: columns of the dataset that they continue.
 #[pyfunction]
-#[pyo3(signature = (world, act, episodes, seed, options=None))]
+#[pyo3(signature = (world, act, episodes, seed, options=None, held=Vec::new()))]
 fn episodes(
     world: &Bound<'_, PyWorld>,
     act: Option<Bound<'_, PyAny>>,
     episodes: (u64, u64),
     seed: u64,
     options: Option<&Bound<'_, PyAny>>,
+    held: Vec<String>,
 ) -> PyResult<Episodes> {
     let world = world.get();
     let cancel = Cancel::new();
@@ -162,7 +167,7 @@ fn episodes(
     let thread = thread::Builder::new().name("swm-episodes".to_owned()).spawn({
         let (shared, sender) = (Arc::clone(&shared), sender);
         move || {
-            let result = run(&shared, &rollout, &sender, is_foreign);
+            let result = run(&shared, &rollout, &sender, is_foreign, held);
             // Nobody listens where the iterator was dropped.
             _ = sender.send(Event::Done(result));
         }
@@ -173,10 +178,16 @@ fn episodes(
 }
 
 /// The run itself, on its thread.
-fn run(shared: &Shared, rollout: &Rollout, sender: &SyncSender<Event>, is_foreign: bool) -> PyResult<()> {
+fn run(
+    shared: &Shared,
+    rollout: &Rollout,
+    sender: &SyncSender<Event>,
+    is_foreign: bool,
+    held: Vec<String>,
+) -> PyResult<()> {
     let mut core = shared.lock()?;
     let (world, mirror) = core.parts()?;
-    let mut sink = Sent { sender: sender.clone(), first: rollout.episodes.start };
+    let mut sink = Sent { sender: sender.clone(), first: rollout.episodes.start, held };
     let mut recorder = DatasetRecorder::new(&mut sink);
     if !is_foreign {
         let result = world.run(rollout, &mut recorder).or_raise();
@@ -198,11 +209,16 @@ fn run(shared: &Shared, rollout: &Rollout, sender: &SyncSender<Event>, is_foreig
 struct Sent {
     sender: SyncSender<Event>,
     first: u64,
+    held: Vec<String>,
 }
 
 impl EpisodeSink for Sent {
     fn begin(&mut self, _schema: &Arc<Schema>, _metadata: &Metadata) -> Result<u64, BoxError> {
         Ok(self.first)
+    }
+
+    fn holds(&self, column: &str) -> bool {
+        self.held.iter().any(|held| held == column)
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {

@@ -3,17 +3,17 @@
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use swm::core::{
-    Batch, EnvConfig, EnvEntry, EnvSpec, EpisodeSeed, FactorSpec, ImageSize, LiveEpisode, Policy, Registry,
-    ResetOptions, SuccessRule, World, WorldOptions,
+    Batch, EnvConfig, EnvEntry, EnvSpec, EnvState, EpisodeSeed, FactorSpec, ImageSize, LiveEpisode, Policy,
+    Registry, ResetOptions, SavedSlot, SuccessRule, World, WorldError, WorldOptions,
 };
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::infos;
 use crate::memory::views::{self, Table};
-use crate::mirror::Mirror;
+use crate::mirror::{Mirror, SavedRow};
 use crate::policy::{Farewell, Foreign};
 
 /// Every environment, policy, solver and format of the package.
@@ -247,9 +247,6 @@ impl PyWorld {
         py.detach(|| {
             let mut core = self.shared.lock()?;
             let (world, mirror) = core.parts()?;
-            if (0..self.shared.num_envs).all(|slot| world.episode(slot).is_none()) {
-                return Err(SwmError::new_err("no episode has begun; call `reset` before the first step"));
-            }
             if let Some(mask) = &mask
                 && mask.len() != self.shared.num_envs
             {
@@ -269,6 +266,45 @@ impl PyWorld {
             }
             .or_raise()?;
             mirror.end_step(world.infos(), world.actions());
+            Ok(())
+        })
+    }
+
+    /// Every environment amid its episode, as bytes that `restore` takes; None of one that was not reset.
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Vec<Option<Bound<'py, PyBytes>>>> {
+        let saved = py.detach(|| {
+            let mut core = self.shared.lock()?;
+            let (world, mirror) = core.parts()?;
+            let save = |slot| {
+                world.episode(slot)?;
+                let save = || {
+                    let mut bytes = EnvState::new();
+                    bytes.store(&self.shared.spec.id, &(world.save_slot(slot)?, mirror.save(slot)))?;
+                    Ok::<_, WorldError>(bytes)
+                };
+                Some(save())
+            };
+            let saved: Result<Vec<_>, _> =
+                (0..self.shared.num_envs).map(|slot| save(slot).transpose()).collect();
+            saved.or_raise()
+        })?;
+        Ok(saved.into_iter().map(|bytes| Some(PyBytes::new(py, bytes?.bytes()))).collect())
+    }
+
+    /// Goes back to what `save` gave, of a World with the same environments and options.
+    fn restore(&self, py: Python<'_>, saved: Vec<Option<Vec<u8>>>) -> PyResult<()> {
+        py.detach(|| {
+            let mut core = self.shared.lock()?;
+            let (world, mirror) = core.parts()?;
+            for (slot, bytes) in saved.into_iter().enumerate() {
+                let Some(bytes) = bytes else { continue };
+                let (saved, row): (SavedSlot, SavedRow) =
+                    EnvState::from_bytes(bytes).load(&self.shared.spec.id).or_raise()?;
+                world.restore_slot(slot, &saved).or_raise()?;
+                if !mirror.restore(slot, &row) {
+                    return Err(SwmError::new_err("the saved action is of another environment"));
+                }
+            }
             Ok(())
         })
     }

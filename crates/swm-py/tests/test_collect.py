@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -12,8 +14,13 @@ import numpy as np
 import pytest
 
 import stable_worldmodel_rs as swm
+from stable_worldmodel_rs.world.policies import PolicyInfos
 
 h5py = pytest.importorskip("h5py")
+try:
+    import torch
+except ImportError:
+    torch = None  # type: ignore[assignment]
 
 
 def make(num_envs: int = 3, **kwargs: object) -> swm.World:
@@ -215,3 +222,132 @@ def test_a_bar_shows_progress(capsys: pytest.CaptureFixture[str], tmp_path: Path
     world.collect(tmp_path / "b.h5", episodes=3, seed=0, progress=False)
     captured = capsys.readouterr()
     assert captured.err == "" and captured.out == ""
+
+
+def in_place(infos: dict[str, Any]) -> Any:
+    """Scales every column of the infos in place, by NumPy, and one by torch, as programs normalize observations."""
+    for values in infos.values():
+        if isinstance(values, np.ndarray):
+            values[...] = 0
+    if torch is not None:
+        torch.as_tensor(infos["pixels"]).fill_(7)
+    infos["state"] = None
+    infos["new"] = np.ones(3)
+    return np.full((3, 2), 0.1, np.float32)
+
+
+def constant(infos: dict[str, Any]) -> Any:
+    assert "new" not in infos and infos["state"] is not None
+    return np.full((3, 2), 0.1, np.float32)
+
+
+def blacken(image: np.ndarray) -> np.ndarray:
+    image[...] = 0
+    return image
+
+
+def test_a_policy_that_changes_its_infos_changes_nothing_of_the_recording(tmp_path: Path) -> None:
+    recorded = {}
+    for name, policy, transform in (("plain", constant, None), ("in_place", in_place, None), ("transform", constant, blacken)):
+        world = make(image_transform=transform)
+        world.set_policy(policy)
+        world.collect(tmp_path / f"{name}.h5", episodes=4, seed=3, progress=False)
+        recorded[name] = columns(tmp_path / f"{name}.h5")
+        buffer = Keeps()
+        world.collect(writer=buffer, episodes=4, seed=3, progress=False)
+        recorded[f"{name} by a writer"] = {
+            column: np.concatenate([np.asarray(episode[column]) for episode in buffer.episodes]) for column in ("state", "pixels", "action")
+        }
+    plain = recorded["plain"]
+    assert len(np.unique(plain["state"], axis=0)) > 20 and plain["pixels"].any()
+    for name, found in recorded.items():
+        for column, values in found.items():
+            if column in plain and column != "policy":
+                np.testing.assert_array_equal(values, plain[column], err_msg=f"{name}: {column}")
+    assert swm.replay(tmp_path / "in_place.h5", progress=False)["ok"]
+
+
+def test_a_recording_is_checked_by_a_replay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = make()
+    world.set_policy(in_place)
+    path = tmp_path / "a.h5"
+    world.collect(path, episodes=2, seed=3, progress=False, check=True)
+    world.collect(path, episodes=2, seed=3, mode="append", progress=False, check=True)
+    replayed: list[Any] = []
+
+    def differs(path: Path, episodes: Any, **options: Any) -> dict[str, Any]:
+        replayed.append(list(episodes))
+        return {"ok": False}
+
+    monkeypatch.setattr("stable_worldmodel_rs.world.manifests.replay", differs)
+    with pytest.raises(swm.DataError, match="a replay of the new episodes differs"):
+        world.collect(path, episodes=3, seed=3, mode="append", progress=False, check=True)
+    assert replayed == [[4, 5, 6]]
+    with pytest.raises(TypeError, match="check=True"):
+        world.collect(writer=Keeps(), episodes=1, check=True)
+
+
+def test_infos_of_policies_are_dicts_whose_columns_are_their_own() -> None:
+    shown = {"state": np.arange(3.0), "pixels": np.zeros(4, np.uint8), "name": [["a"]]}
+    for values in shown.values():
+        if isinstance(values, np.ndarray):
+            values.setflags(write=False)
+
+    def made() -> Any:
+        return PolicyInfos(shown)
+
+    reads: list[Any] = [
+        lambda infos: infos["state"],
+        lambda infos: infos.get("state"),
+        lambda infos: infos.pop("state"),
+        lambda infos: dict(infos)["state"],
+        lambda infos: {**infos}["state"],
+        lambda infos: infos.copy()["state"],
+        lambda infos: dict(infos.items())["state"],
+        lambda infos: next(iter(infos.values())),
+        lambda infos: copy.deepcopy(infos)["state"],
+        lambda infos: pickle.loads(pickle.dumps(infos))["state"],
+    ]
+    for number, read in enumerate(reads):
+        state = read(made())
+        state += 1
+        assert state.tolist() == [1, 2, 3] and shown["state"].tolist() == [0, 1, 2], number
+    infos = made()
+    assert infos["state"] is infos["state"], "a change stays for the rest of the step"
+    infos["name"][0][0] = "b"
+    infos["new"] = 1
+    assert shown["name"] == [["a"]] and "new" not in shown and isinstance(infos, dict) and len(infos) == 4
+    assert infos.get("none", 5) == infos.pop("none", 5) == 5 and list(infos) == ["state", "pixels", "name", "new"]
+    with pytest.raises(KeyError):
+        infos.pop("none")
+
+
+def test_what_a_policy_was_given_is_its_own() -> None:
+    kept: list[np.ndarray] = []
+
+    def keeps(infos: dict[str, Any]) -> Any:
+        kept.append(infos["state"])
+        return np.full((3, 2), 0.1, np.float32)
+
+    world = make()
+    world.set_policy(keeps)
+    world.reset(seed=0)
+    for _ in range(4):
+        world.step()
+    assert len({state.tobytes() for state in kept}) == 4, "frames that are kept differ"
+
+
+def test_an_append_holds_the_factors_that_the_file_holds(tmp_path: Path) -> None:
+    path, varied = tmp_path / "a.h5", {"variation": ["default", "agent.color"]}
+    for policy in ("random", constant):
+        world = make()
+        world.set_policy(policy)
+        world.collect(path, episodes=2, seed=1, options=varied, mode="overwrite", progress=False)
+        report = world.collect(path, episodes=3, seed=1, mode="append", progress=False)
+        assert report["total_episodes"] == 5
+        found = columns(path)
+        color = found["variation.agent.color"][found["ep_offset"]]
+        assert len(color) == 5 and (color[2:] == color[2]).all() and (color[:2] != color[2]).any()
+    with swm.data.HDF5Writer(path, mode="append") as writer:
+        world.collect(writer=writer, episodes=1, seed=4, progress=False)
+    assert len(swm.data.load_dataset(path).lengths) == 6

@@ -228,6 +228,24 @@ def test_a_manifest_is_replaced_on_request_only(tmp_path: Path) -> None:
         swm.make_manifest(tmp_path / "notes.toml", "swm/TwoRoom-v1", episodes=2)
 
 
+def test_manifests_that_nothing_could_run_are_not_written(tmp_path: Path, pusht_file: Path) -> None:
+    path = tmp_path / "m.toml"
+    recorded = {"dataset": pusht_file, "goal_offset": 5}
+    for wrong, words in (
+        ({"budget": 0}, "0 actions; use 1 or more"),
+        ({"distractors": ["noise"]}, "no image size; give one"),
+        ({**recorded, "held_out": 0.0}, "held_out.*above 0 and at most 1"),
+        ({**recorded, "held_out": 1.5}, "held_out.*above 0 and at most 1"),
+        ({**recorded, "budget": 0}, "0 actions"),
+        ({"episodes": 0}, "0 pairs"),
+    ):
+        with pytest.raises(swm.SwmError, match=words):
+            swm.make_manifest(path, "swm/PushT-v1", **{"episodes": 2, **wrong})  # type: ignore[arg-type]
+        assert not path.exists(), wrong
+    swm.make_manifest(path, "swm/PushT-v1", 2, distractors=["noise"], image_shape=(32, 32))
+    assert swm.read_manifest(path)["distractors"] == ["noise"]
+
+
 def test_a_result_is_replaced_on_request_only(manifest: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     out = tmp_path / "result"
     first = swm.evaluate(manifest, "random", out, references=[], progress=False)

@@ -97,16 +97,26 @@ def test_masks_reset_and_step_some_environments() -> None:
     assert np.isnan(infos["action"][1]).all() and not np.isnan(infos["action"][0]).any()
 
 
-def test_environments_that_are_over_stand_still() -> None:
+def test_environments_that_are_over_stand_still_and_a_step_of_none_is_refused() -> None:
     world = make(2, max_episode_steps=2)
     world.reset(seed=0)
     for _ in range(2):
-        world.step(np.zeros((2, 2)))
-    assert world.truncateds.all() and not world.terminateds.any()
+        world.envs.step(np.zeros((2, 2)), mask=[True, False])
     state = world.infos["state"].copy()
-    world.step(np.full((2, 2), np.nan))
-    np.testing.assert_array_equal(world.infos["state"], state)
-    assert world.infos["truncated"].all() and not world.truncateds.any() and not world.rewards.any()
+    world.step(np.array([[np.nan, np.nan], [0.1, 0.1]]))
+    np.testing.assert_array_equal(world.infos["state"][0], state[0])
+    assert not np.array_equal(world.infos["state"][1], state[1])
+    assert world.infos["truncated"].ravel().tolist() == [True, False]
+    assert not world.truncateds.any() and world.rewards[0] == 0 != world.rewards[1]
+    world.step(np.zeros((2, 2)))
+    assert world.truncateds.tolist() == [False, True]
+    world.set_policy("random")
+    for step in (lambda: world.step(np.zeros((2, 2))), world.step, lambda: world.envs.step(np.zeros((2, 2)), [True, False])):
+        with pytest.raises(swm.EnvError, match="are over; call `reset` before the next step"):
+            step()
+        assert world.truncateds.tolist() == [False, True], "what the last step gave stays"
+    world.reset()
+    world.step()
 
 
 def test_factors_are_sampled_set_and_shown() -> None:
@@ -215,6 +225,38 @@ def test_integers_lists_and_doubles_are_actions() -> None:
     assert dtype == np.int64 and (discrete.infos["action"] == -1).all()
     discrete.step(np.full(discrete.envs.action_space.shape, 3.0))
     assert (discrete.infos["action"] == 3).all()
+
+
+def test_actions_of_other_types_are_taken_or_refused_by_name() -> None:
+    def state(actions: object) -> np.ndarray:
+        world = make(1)
+        world.reset(seed=0)
+        world.step(actions)
+        return world.infos["state"].copy()
+
+    given = np.array([[0.5, -0.25]])
+    expected = state(given.astype(np.float32))
+    for dtype in ("f2", ">f4", ">f8", "f8", "g"):
+        np.testing.assert_array_equal(state(given.astype(dtype)), expected, err_msg=dtype)
+    for dtype in (">i2", ">i8", "u8", "?"):
+        np.testing.assert_array_equal(state(np.array([[1, 0]], dtype)), state([[1.0, 0.0]]), err_msg=dtype)
+    world = make(1)
+    world.reset(seed=0)
+    for wrong, words in ((given.astype("c8"), "complex64"), (given.astype("U4"), "<U4"), (given.astype("O"), "object")):
+        with pytest.raises(swm.SwmError, match=words):
+            world.step(wrong)
+
+
+def test_discrete_actions_are_whole_numbers() -> None:
+    world = swm.World("swm/CartPoleControl-v1", 2, add_pixels=False, threads=1)
+    world.reset(seed=0)
+    for wrong, words in (([0.6, 0], "whole numbers, found 0.6"), ([2, 0], "not between"), ([np.nan, 0], "not between"), ([-1, 0], "not between")):
+        with pytest.raises(swm.PolicyError, match=words):
+            world.step(np.array(wrong))
+    assert not world.infos["step_idx"].any()
+    world.step(np.array([1.0, 0.0]))
+    assert world.infos["action"].ravel().tolist() == [1, 0]
+    world.envs.step(np.array([1.0, np.nan]), mask=[True, False])
 
 
 def test_settings_frame_skip_and_images_reach_the_environments() -> None:

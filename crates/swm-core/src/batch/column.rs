@@ -70,7 +70,7 @@ pub trait Element: Clone + Default + PartialEq + fmt::Debug + Send + Sync + 'sta
 macro_rules! column_types {
     ($($variant:ident: $type:ty),* $(,)?) => {
         /// The values of one column, row after row.
-        #[derive(Clone, Debug, PartialEq)]
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         pub enum Column { $(#[doc = concat!("Values of type `", stringify!($type), "`.")] $variant(Vec<$type>)),* }
 
         /// A borrowed range of a column.

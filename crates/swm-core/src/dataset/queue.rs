@@ -192,6 +192,10 @@ mod tests {
             Ok(0)
         }
 
+        fn holds(&self, _column: &str) -> bool {
+            false
+        }
+
         fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
             (self.before)(self.episodes.len())?;
             self.episodes.push(rows.get::<f64>("state")?.to_vec());

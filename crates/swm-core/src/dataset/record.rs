@@ -244,6 +244,10 @@ mod tests {
             Ok(0)
         }
 
+        fn holds(&self, _column: &str) -> bool {
+            false
+        }
+
         fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
             assert!(!self.encodes, "the images are encoded");
             let images = rows.get::<u8>("pixels")?.chunks(SIDE * SIDE * 3);

@@ -17,11 +17,9 @@ pub trait EpisodeSink: Send {
     /// What is there has other columns or settings, or cannot be written.
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
 
-    /// Whether the dataset holds a column already. A factor of variation that it holds is recorded even where a run does
-    /// not vary it, so that the run can be appended.
-    fn holds(&self, _column: &str) -> bool {
-        false
-    }
+    /// Whether the dataset holds a column already; the writer that has it open answers, and a sink around one passes that on. A
+    /// factor of variation that it holds is recorded even where a run does not vary it, so that the run can be appended.
+    fn holds(&self, column: &str) -> bool;
 
     /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
     ///

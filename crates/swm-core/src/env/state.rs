@@ -1,12 +1,12 @@
 //! Saved states of environments.
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::error::EnvError;
 
 /// A saved state of an environment: plain bytes, so that it can be kept, compared, sent and stored.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EnvState {
     bytes: Vec<u8>,
 }

@@ -251,6 +251,9 @@ impl Manifest {
         if self.budget == 0 {
             return wrong("allows 0 actions; use 1 or more".to_owned());
         }
+        if !self.distractors.is_empty() && self.image.is_none() {
+            return wrong("has distractors, which change images, and no image size; give one".to_owned());
+        }
         Ok(())
     }
 
@@ -335,6 +338,8 @@ mod tests {
         assert!(message(&Manifest { version: 9, ..manifest() }).contains("version 9"));
         assert!(message(&Manifest { pairs: Vec::new(), ..manifest() }).contains("no pairs"));
         assert!(message(&Manifest { budget: 0, ..manifest() }).contains("0 actions"));
+        let blind = Manifest { distractors: vec!["noise".to_owned()], ..manifest() };
+        assert!(message(&blind).contains("no image size"));
         assert!(serde_json::from_str::<Manifest>("{\"version\":1,\"environment\":\"x\"}").is_err());
     }
 }

@@ -106,8 +106,8 @@ const MOST_TRIES: usize = 1000;
 ///
 /// # Errors
 ///
-/// No pairs are asked for, the dataset is of another environment or cannot be read, or too few starts and goals pass
-/// the tier's rules. What making and resetting the environment may meet.
+/// No pairs are asked for, a held-out share out of range, what [`Manifest::check`] refuses, a dataset of another environment or that
+/// cannot be read, too few starts and goals that pass the tier's rules. What making and resetting the environment may meet.
 pub fn make_manifest(
     entry: &EnvEntry,
     config: &EnvConfig,
@@ -125,6 +125,10 @@ pub fn make_manifest(
         None => (PairSource::Online, sample.online()?),
         Some(mut recorded) => {
             sample.check_source(&recorded)?;
+            if !(recorded.held_out > 0.0 && recorded.held_out <= 1.0) {
+                let reason = format!("a share of {}; use one above 0 and at most 1", recorded.held_out);
+                return Err(WorldError::Option { option: "held_out", reason });
+            }
             let chosen = recorded.chosen.take();
             let pairs = match (&chosen, options.tier) {
                 (Some(chosen), _) => sample.chosen(&mut recorded, chosen)?,
@@ -142,7 +146,7 @@ pub fn make_manifest(
             (source, pairs)
         }
     };
-    Ok(Manifest {
+    let manifest = Manifest {
         version: MANIFEST_VERSION,
         env: entry.id.to_owned(),
         settings: config.settings.clone(),
@@ -157,7 +161,9 @@ pub fn make_manifest(
         excluded: sample.excluded,
         solved_at_start: sample.solved,
         pairs,
-    })
+    };
+    manifest.check()?;
+    Ok(manifest)
 }
 
 /// An environment that candidates are tried in.
@@ -312,11 +318,6 @@ impl<'a> Sample<'a> {
     /// One pair per held-out episode, episodes in random order, rows uniform within.
     fn held_out(&mut self, recorded: &mut RecordedPairs<'_>) -> Result<Vec<Pair>, BoxError> {
         let options = self.options;
-        if !(recorded.held_out > 0.0 && recorded.held_out <= 1.0) {
-            return Err(
-                format!("a held-out share of {} is not above 0 and at most 1", recorded.held_out).into()
-            );
-        }
         let mut episodes: Vec<usize> =
             (0..recorded.source.num_episodes()).filter(|&e| is_held_out(e, recorded.held_out)).collect();
         let candidates = episodes.len();

@@ -1,9 +1,11 @@
 //! One episode of a run: where it stands, and how it ended.
 
+use serde::{Deserialize, Serialize};
+
 use crate::seed::EpisodeSeed;
 
 /// The episode that an environment is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct LiveEpisode {
     /// Its index in the run.
@@ -48,7 +50,7 @@ pub struct EpisodeEnd {
 }
 
 /// How near a goal was, as a part of what is allowed: below 1 is reached.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Margins {
     /// At its nearest.

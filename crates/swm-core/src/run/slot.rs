@@ -1,5 +1,7 @@
 //! One environment of a `World` and the episode it is in: what a view of a policy borrows.
 
+use serde::{Deserialize, Serialize};
+
 use super::{EpisodeEnd, LiveEpisode, Margins};
 use crate::env::{Env, EnvState};
 use crate::view::Scratch;
@@ -40,7 +42,7 @@ impl Slot {
 }
 
 /// What is known of a running episode.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub episode: LiveEpisode,
     pub total_reward: f64,

@@ -25,7 +25,7 @@ impl World {
                 actions.len(),
                 actions.dtype(),
             );
-            return Err(WorldError::Action { slot: 0, episode: 0, step: 0, reason });
+            return Err(WorldError::Actions { reason });
         }
         assert!(self.actions.as_slice_mut().copy_from(actions), "checked above");
         self.check_actions(mask)

@@ -267,12 +267,18 @@ impl World {
         self.reset_phase(&|slot, _| options[slot].expect("only slots with options have a next episode"))
     }
 
-    /// Asks the policy for actions and steps every environment whose episode is not over.
+    /// Asks the policy for actions and steps every environment whose episode is not over; the others keep their last row until
+    /// they are reset.
     ///
     /// # Errors
     ///
-    /// No policy is attached, the policy fails, or an action is outside of the space (NaN, say). The lowest slot's error is given.
+    /// No policy is attached; no environment is in an episode ([`WorldError::NoEpisode`]); the policy fails; an action is outside of
+    /// the space (NaN, say). The lowest slot's error is given.
     pub fn step(&mut self) -> Result<(), WorldError> {
+        if self.policy.is_none() {
+            return Err(WorldError::NoPolicy);
+        }
+        self.check_live(None)?;
         self.act(None)?;
         self.step_phase(None)
     }
@@ -286,8 +292,10 @@ impl World {
     ///
     /// # Errors
     ///
-    /// Another number or type of values, or an action outside of the space; nothing has been stepped then.
+    /// No environment is in an episode, another number or type of values, or an action outside of the space; nothing has been
+    /// stepped then.
     pub fn step_with(&mut self, actions: Slice<'_>) -> Result<(), WorldError> {
+        self.check_live(None)?;
         self.take_actions(actions, None)?;
         self.step_phase(None)
     }
@@ -297,14 +305,30 @@ impl World {
     ///
     /// # Errors
     ///
-    /// A mask of another length. As [`World::step_with`].
+    /// A mask of another length. As [`World::step_with`], where the mask chooses a slot.
     pub fn step_slots(&mut self, mask: &[bool], actions: Slice<'_>) -> Result<(), WorldError> {
         if mask.len() != self.slots.len() {
             let reason = format!("{} values for {} environments", mask.len(), self.slots.len());
             return Err(WorldError::Option { option: "mask", reason });
         }
+        self.check_live(Some(mask))?;
         self.take_actions(actions, Some(mask))?;
         self.step_phase(Some(mask))
+    }
+
+    /// Refuses a step that would step nothing, unless `mask` chooses no slot.
+    fn check_live(&self, mask: Option<&[bool]>) -> Result<(), WorldError> {
+        let is_chosen = |index: usize| mask.is_none_or(|mask| mask[index]);
+        let mut chosen =
+            self.slots.iter().enumerate().filter(|&(index, _)| is_chosen(index)).map(|(_, slot)| slot);
+        if chosen.clone().any(Slot::is_live) || chosen.clone().next().is_none() {
+            return Ok(());
+        }
+        let reason = match chosen.all(|slot| slot.progress.is_none()) {
+            true => "no episode has begun",
+            false => "the episodes of all environments that it would step are over",
+        };
+        Err(WorldError::NoEpisode { reason })
     }
 
     fn reset_phase(&mut self, options: OptionsOf<'_>) -> Result<(), WorldError> {

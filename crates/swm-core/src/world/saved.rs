@@ -1,13 +1,16 @@
 //! Going back: the state of one slot amid an episode, and the return to it.
 
+use serde::{Deserialize, Serialize};
+
 use super::World;
 use crate::batch::{Column, Dtype, Field};
 use crate::env::EnvState;
 use crate::error::WorldError;
 use crate::run::{Progress, Slot};
 
-/// One slot of a [`World`] amid an episode: what [`World::restore_slot`] goes back to. Holds no images.
-#[derive(Clone, Debug)]
+/// One slot of a [`World`] amid an episode: what [`World::restore_slot`] goes back to. Holds no images. It can be serialized, for the
+/// same build of the program.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SavedSlot {
     state: EnvState,
     /// The last checkpoint of the recording, if states are saved.

@@ -55,6 +55,15 @@ pub trait Backend: Send + 'static {
     fn start(&self, start: &SessionStart<'_>) -> Result<Self::Session, DataError>;
 }
 
+/// [`Backend::remove`] of a format whose datasets are files.
+///
+/// # Errors
+///
+/// The file cannot be removed.
+pub fn remove_file(path: &Path) -> Result<(), DataError> {
+    std::fs::remove_file(path).map_err(|source| DataError::io(path, "remove", source))
+}
+
 /// What a recording begins with.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]

@@ -23,18 +23,9 @@ use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
 pub use crate::lock::WriterLock;
 
-pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex};
+pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex, remove_file};
 pub use self::fit::{check_fit, foreign, with_run};
 pub(crate) use self::fit::{check_own, difference, resolve};
-
-/// [`Backend::remove`] of a format whose datasets are files.
-///
-/// # Errors
-///
-/// The file cannot be removed.
-pub fn remove_file(path: &Path) -> Result<(), DataError> {
-    std::fs::remove_file(path).map_err(|source| DataError::io(path, "remove", source))
-}
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";
@@ -45,6 +36,8 @@ pub struct BackendWriter<S: Backend> {
     backend: S,
     options: WriteOptions,
     state: State<S::Session>,
+    /// Columns of the dataset that is continued.
+    continued: Arc<Schema>,
     episodes: u64,
     /// Rows of the open episode; 0: none is open.
     open: usize,
@@ -114,9 +107,14 @@ impl<S: Backend> BackendWriter<S> {
             };
             return Err(DataError::record(&path, reason));
         }
+        let mut continued = Arc::default();
         let episodes = match options.mode {
             _ if backend.is_new(&path)? => 0,
-            WriteMode::Append => backend.open(&path)?.num_episodes() as u64,
+            WriteMode::Append => {
+                let there = backend.open(&path)?;
+                continued = Arc::clone(there.schema());
+                there.num_episodes() as u64
+            }
             // A folder that is to be replaced must be a dataset: more would be lost with it than one file.
             _ if backend.is_folder() => {
                 backend.open(&path).map_err(|error| {
@@ -126,19 +124,18 @@ impl<S: Backend> BackendWriter<S> {
             }
             _ => 0,
         };
-        let options = options.clone();
-        let synced = (Instant::now(), Duration::ZERO);
         Ok(Self {
             path,
             backend,
-            options,
+            options: options.clone(),
             state: State::Waiting,
+            continued,
             episodes,
             open: 0,
             made: None,
             is_finished: false,
             identity: None,
-            synced,
+            synced: (Instant::now(), Duration::ZERO),
             _lock: lock,
         })
     }
@@ -311,6 +308,10 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
         self.state = State::Recording(Box::new(session), schema.clone());
         self.identity = identity(&self.path);
         Ok(self.episodes)
+    }
+
+    fn holds(&self, column: &str) -> bool {
+        self.continued.index(column).is_some()
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {

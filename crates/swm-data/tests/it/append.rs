@@ -25,6 +25,32 @@ fn appending_equals_recording_at_once() {
 }
 
 #[test]
+fn in_every_format_a_writer_knows_the_columns_that_it_continues() {
+    for format in swm_data::FORMATS {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data").with_extension(format.extensions[0]);
+        assert!(
+            !create(&path, WriteMode::Append, None).unwrap().holds("action"),
+            "{}: nothing is there",
+            format.name
+        );
+        record(&path, WriteMode::Append, 0..1).unwrap();
+        let writer = create(&path, WriteMode::Append, None).unwrap();
+        let there = open(&path).unwrap();
+        for field in there.schema().fields() {
+            assert!(writer.holds(&field.name), "{}: {}", format.name, field.name);
+        }
+        assert!(!writer.holds("variation.of.nothing"), "{}", format.name);
+        drop(writer);
+        assert!(
+            !create(&path, WriteMode::Overwrite, None).unwrap().holds("action"),
+            "{}: all is replaced",
+            format.name
+        );
+    }
+}
+
+#[test]
 fn the_mode_decides_about_an_old_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");

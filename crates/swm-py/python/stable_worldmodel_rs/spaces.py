@@ -462,12 +462,16 @@ def action_space(spec: Mapping[str, Any]) -> spaces.Space[Any]:
 
 
 def observation_space(spec: Mapping[str, Any]) -> spaces.Dict:
-    """Gymnasium's space of one observation: the environment's step columns, without axes for environments and time."""
+    """Gymnasium's space of one observation: the environment's step columns, without axes for environments and time.
+
+    A column of one number per step has the shape ``(1,)``.
+    """
     found: dict[str, spaces.Space[Any]] = {}
     for field in spec["fields"]:
         if field["kind"] != "step" or field["dtype"] == "str":
             continue
-        shape, dtype = tuple(field["shape"]), _DTYPES[field["dtype"]]
+        # Scalars are vectors of one element: libraries index the first axis of an observation.
+        shape, dtype = tuple(field["shape"]) or (1,), _DTYPES[field["dtype"]]
         if dtype in (np.float32, np.float64):
             found[field["name"]] = spaces.Box(-np.inf, np.inf, shape, dtype)
         elif dtype is np.bool_:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 import gymnasium as gym
@@ -10,9 +11,9 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from . import spaces
 from ._core import core as _swm
-from .envs.env import make_core, without_image
+from .envs.env import make_core
+from .envs.observed import Observed, goals_of
 from .world.native import NativePool
 
 __all__ = ["VectorEnv"]
@@ -38,10 +39,11 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         autoreset_mode: ``NEXT_STEP`` (an environment whose episode is over ignores its next action and resets),
             ``SAME_STEP`` (it resets at once; ``final_obs`` and ``final_info`` hold how it ended) or ``DISABLED``
             (call ``reset(options={"reset_mask": mask})``).
-        copy: False: observations are views, which the next step overwrites.
+        copy: False: observations are read-only views, which the next step overwrites.
         threads: Threads; None: one per core. Results do not depend on it.
         frame_skip: How often each action is applied per step.
         render: ``"exact"`` or ``"fast"``.
+        goals: Observations for goals, as of `Env`.
         **settings: Settings of the environments.
 
     Example:
@@ -66,6 +68,7 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         threads: int | None = None,
         frame_skip: int = 1,
         render: str = "exact",
+        goals: bool | Mapping[str, Any] | None = None,
         **settings: Any,
     ) -> None:
         self.pool: NativePool = make_core(
@@ -79,10 +82,12 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         self._hides_image = image_shape is None
         self.single_action_space: gym.Space[Any] = self.pool.single_action_space
         self.action_space: gym.Space[Any] = self.pool.action_space
-        observed = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
-        self.single_observation_space: gym.Space[Any] = observed
-        self.observation_space: gym.Space[Any] = batch_space(observed, num_envs)
-        self._observed = tuple(observed.spaces)
+        self.goals = goals_of(self.pool.spec_data, goals)
+        if self.goals is not None:
+            self.compute_reward = self.goals.compute_reward
+        self._observed = Observed(self.pool, self._hides_image, self.goals)
+        self.single_observation_space: gym.Space[Any] = self._observed.space
+        self.observation_space: gym.Space[Any] = batch_space(self._observed.space, num_envs)
         self._over: Flags = np.zeros(num_envs, np.bool_)
 
     @property
@@ -132,14 +137,15 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
                 f"the episodes of the environments {rows} are over, and autoreset_mode is DISABLED; "
                 'call reset(options={"reset_mask": mask}) for them'
             )
-        self.pool.core.step(actions)
+        if not restarts.all():
+            # The core leaves environments alone whose episode is over.
+            self.pool.core.step(actions)
         _, shown_terminateds, shown_truncateds = self.pool.results
-        terminateds, truncateds = shown_terminateds.copy(), shown_truncateds.copy()
+        terminateds, truncateds = shown_terminateds & ~restarts, shown_truncateds & ~restarts
         # The column has the full precision, but keeps the last reward of episodes that are over.
-        rewards: npt.NDArray[np.float64] = np.where(restarts, 0.0, self.pool.raw("reward")[:, 0])
+        rewards: npt.NDArray[np.float64] = np.where(restarts, 0.0, self._rewards())
         self._over = terminateds | truncateds
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and restarts.any():
-            # The core leaves environments alone whose episode is over: reward 0, no end.
             self.pool.reset(mask=restarts)
         elif self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = self._final()
@@ -153,14 +159,21 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         """How the episodes ended that are over: observations one by one, infos together, and who they are of."""
         over = self._over.copy()
         observations = np.full(self.num_envs, None, object)
+        values = self._observed.values(self.pool)
         for row in np.flatnonzero(over):
-            observations[row] = {name: self.pool.raw(name)[row, 0, ...].copy() for name in self._observed}
+            observations[row] = {name: column[row].copy() for name, column in values.items()}
         infos = self._infos()
         infos.update({name: over for name in infos if name.startswith("_")})
         return {"final_obs": observations, "_final_obs": over, "final_info": infos, "_final_info": over}
 
     def _observations(self) -> Observations:
-        return {name: self._all(self.pool.raw(name)) for name in self._observed}
+        return {name: self._all(values) for name, values in self._observed.values(self.pool).items()}
+
+    def _rewards(self) -> npt.NDArray[np.float64]:
+        if self.goals is None:
+            return self.pool.raw("reward")[:, 0]
+        values = self._observed.values(self.pool)
+        return self.goals.reward(values["achieved_goal"], values["desired_goal"])
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -171,13 +184,16 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
             infos[name] = (
                 np.array([row[0] for row in cast("list[list[Any]]", column)], object)
                 if isinstance(column, list)
-                else self._all(column)
+                else self._all(column[:, 0])
             )
             infos[f"_{name}"] = there
+        if self.goals is not None:
+            values = self._observed.values(self.pool)
+            infos["is_success"] = self.goals.is_success(values["achieved_goal"], values["desired_goal"])
+            infos["_is_success"] = there
         return infos
 
-    def _all(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        values = column[:, 0]
+    def _all(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         return values.copy() if self._copy else values
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -1,4 +1,4 @@
-//! NumPy arrays that show the columns of a World in place: no copies, valid for as long as anyone holds them.
+//! NumPy arrays that show the columns of a World in place: no copies, read-only, valid for as long as anyone holds them.
 //!
 //! Every array has a [`Table`] as its base, which keeps the World alive. Where the World replaces its infos (another
 //! policy, the end), the old columns move into the `Table` of the arrays that show them.
@@ -91,17 +91,16 @@ fn view<'py>(
         Slice::I64(values) => array(table, values.as_ptr(), shape),
         Slice::F32(values) => array(table, values.as_ptr(), shape),
         Slice::F64(values) => array(table, values.as_ptr(), shape),
-        Slice::Bool(values) => {
-            let array = array(table, values.as_ptr(), shape);
-            // The core reads these bytes as booleans: nobody else may write another value there.
-            array.call_method1("setflags", (false,))?;
-            array
-        }
+        Slice::Bool(values) => array(table, values.as_ptr(), shape),
         Slice::Str(_) => return Ok(None),
-    }))
+    }?))
 }
 
-fn array<'py, T: Element>(table: &Bound<'py, Table>, values: *const T, shape: &[usize]) -> Bound<'py, PyAny> {
+fn array<'py, T: Element>(
+    table: &Bound<'py, Table>,
+    values: *const T,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
     // SAFETY: `values` is the start of a column of `shape` values (a table has as many rows and values as its schema says),
     // which is initialized and lives at this address until the table is dropped: columns of the infos and of the mirror are
     // written in place and never resized. The array's base is the `Table`, which holds the World, and which is given the
@@ -109,5 +108,8 @@ fn array<'py, T: Element>(table: &Bound<'py, Table>, values: *const T, shape: &[
     // reads then is as undetermined as in any array that two threads share, and its memory is there.
     let shown = unsafe { ArrayViewD::from_shape_ptr(IxDyn(shape), values) };
     // SAFETY: as above; the base outlives the array.
-    unsafe { PyArrayDyn::borrow_from_array(&shown, table.clone().into_any()) }.into_any()
+    let array = unsafe { PyArrayDyn::borrow_from_array(&shown, table.clone().into_any()) }.into_any();
+    // The core records these values, and reads some bytes as booleans: nobody else writes there.
+    array.call_method1("setflags", (false,))?;
+    Ok(array)
 }

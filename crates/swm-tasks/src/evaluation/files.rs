@@ -66,8 +66,9 @@ pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEn
 ///
 /// # Errors
 ///
-/// A value that TOML does not have, or the file cannot be written.
+/// What [`read_manifest`] would refuse, a value that TOML does not have, or the file cannot be written.
 pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> {
+    manifest.check()?;
     let text = match is_json(path) {
         true => serde_json::to_string_pretty(&Sealed::from(manifest))? + "\n",
         false => to_toml(manifest)?,

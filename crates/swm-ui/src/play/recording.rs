@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 use swm_core::dataset::DatasetRecorder;
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSink, ImageSize, Metadata, Registry, Schema};
-use swm_data::{DatasetWriter, WriteMode, WriteOptions};
+use swm_core::{ImageSize, Registry};
+use swm_data::{WriteMode, WriteOptions};
 
 use super::take::{Ending, Take};
 
@@ -86,42 +86,13 @@ impl Recording {
 
     /// Runs an episode again, into the file. Returns how many episodes that holds.
     fn write(&self, take: &Take) -> Result<u64, BoxError> {
-        let columns = match swm_data::open_in(&self.registry, &self.path) {
-            Ok(there) => there.schema().fields().iter().map(|field| field.name.clone()).collect(),
-            Err(_) => Vec::new(),
-        };
         let mut writer = swm_data::create_in(&self.registry, &self.path, &append(), self.format.as_deref())?;
         let held = writer.num_episodes();
-        let mut sink = Continued { writer: writer.as_mut(), columns };
-        take.repeat(held, self.image, None, &mut DatasetRecorder::new(&mut sink))?;
+        take.repeat(held, self.image, None, &mut DatasetRecorder::new(writer.as_mut()))?;
         Ok(held + 1)
     }
 }
 
 fn append() -> WriteOptions {
     WriteOptions::default().mode(WriteMode::Append)
-}
-
-/// A file that may hold factors that this episode does not vary.
-struct Continued<'a> {
-    writer: &'a mut dyn DatasetWriter,
-    columns: Vec<String>,
-}
-
-impl EpisodeSink for Continued<'_> {
-    fn begin(&mut self, schema: &std::sync::Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.writer.begin(schema, metadata)
-    }
-
-    fn holds(&self, column: &str) -> bool {
-        self.columns.iter().any(|held| held == column)
-    }
-
-    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
-        self.writer.write_episode(rows)
-    }
-
-    fn finish(&mut self) -> Result<(), BoxError> {
-        self.writer.finish()
-    }
 }

@@ -108,13 +108,10 @@ impl Collect {
             return Err(usage(self.exists(held.map(|dataset| dataset.num_episodes() as u64))));
         }
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
-        // What the file holds of factors that this run does not vary is recorded, too.
         let existing = match self.mode {
             WriteMode::Append if self.out.exists() => swm_data::open_in(registry, &self.out).ok(),
             _ => None,
         };
-        let held_columns = existing.iter().flat_map(|dataset| dataset.schema().fields());
-        let held_columns = held_columns.map(|field| field.name.clone()).collect();
         let last_run = existing.and_then(|dataset| Some(dataset.info().runs.last()?.1.clone()));
         create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
@@ -149,7 +146,6 @@ impl Collect {
             path: &self.out,
             committed: &committed,
             offset,
-            held_columns,
             part,
             continues,
             must_continue,
@@ -314,8 +310,6 @@ struct Committed<'a> {
     committed: &'a AtomicU64,
     /// Episodes of other parts, before this one's.
     offset: u64,
-    /// Columns of the file before this run.
-    held_columns: Vec<String>,
     /// Which part of a divided recording this is.
     part: Option<RecordingPart>,
     /// The run that this one follows in the file.
@@ -350,7 +344,7 @@ impl EpisodeSink for Committed<'_> {
     }
 
     fn holds(&self, column: &str) -> bool {
-        self.held_columns.iter().any(|held| held == column)
+        self.writer.holds(column)
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {

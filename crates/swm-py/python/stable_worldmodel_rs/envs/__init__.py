@@ -13,8 +13,9 @@ from typing import Any
 from .._core import core as _swm
 from .._gym import gym_ids, register_all
 from .env import Env
+from .observed import Goals
 
-__all__ = ["DISCRETE_WORLDS", "WORLDS", "Env", "gym_ids", "info", "register", "register_all"]
+__all__ = ["DISCRETE_WORLDS", "WORLDS", "Env", "Goals", "gym_ids", "info", "register", "register_all"]
 
 #: Ids of all environments of this package, as the reference names them.
 WORLDS: set[str] = {name for name in gym_ids() if name.startswith("swm/")}

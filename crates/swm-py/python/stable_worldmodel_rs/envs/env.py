@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import gymnasium as gym
@@ -14,8 +14,9 @@ from .. import spaces
 from .._core import core as _swm
 from ..world.ids import native_id
 from ..world.native import NativePool, checked_shape, make_native
+from .observed import Observed, goals_of
 
-__all__ = ["Env", "make_core", "without_image"]
+__all__ = ["Env", "make_core"]
 
 Observation = dict[str, npt.NDArray[Any]]
 # What `render` shows where no size is given, as in the reference.
@@ -44,31 +45,30 @@ def make_core(
         image_shape = DEFAULT_IMAGE
     if render != "exact":
         settings = {**settings, "render": render}
-    core = make_native(
-        of,
-        id=native_id(env_name) or env_name,
-        num_envs=num_envs,
-        image=image_shape,
-        max_episode_steps=max_episode_steps,
-        frame_skip=frame_skip,
-        threads=threads,
-        settings=json.dumps(settings),
-    )
-    return NativePool(core)
-
-
-def without_image(space: gym.spaces.Dict, hidden: bool) -> gym.spaces.Dict:
-    """The observation space, without the images that are for `render` alone."""
-    kept = {name: inner for name, inner in space.spaces.items() if not (hidden and name == "pixels")}
-    return gym.spaces.Dict(kept)
+    built: dict[str, Any] = {
+        "id": native_id(env_name) or env_name,
+        "num_envs": num_envs,
+        "image": image_shape,
+        "max_episode_steps": max_episode_steps,
+        "frame_skip": frame_skip,
+        "threads": threads,
+        "settings": json.dumps(settings),
+    }
+    return NativePool(make_native(of, **built), built)
 
 
 class Env(gym.Env[Observation, npt.NDArray[Any]]):
     """One environment, made by ``gymnasium.make("swm/PushT-v1", **settings)``.
 
     The observation is a dict of the environment's step columns (``state``, ``proprio``, … and ``pixels`` if
-    ``image_shape`` is given); the info holds the rest: ``goal``, ``goal_state``, factors of variation, ``seed``,
-    ``step_idx``, the last ``action``. All are copies, unless ``copy=False``.
+    ``image_shape`` is given; one number per step has the shape ``(1,)``); the info holds the rest: ``goal``, ``goal_state``,
+    factors of variation, ``seed``, ``step_idx``, the last ``action``. All are copies, unless ``copy=False``.
+
+    With ``goals`` the observation is ``observation``, ``achieved_goal`` and ``desired_goal``, and the reward
+    ``compute_reward(achieved_goal, desired_goal, info)``, as hindsight experience replay needs it. The ids
+    ``swm/Fetch…Dict-v3`` are so by default.
+
+    ``copy.deepcopy`` and ``pickle`` make an environment that goes on alike from the same step.
 
     ``reset(seed=s)`` begins episode 0 of run ``s``, as ``World.reset(seed=s)`` does; later resets without a seed begin
     episodes 1, 2, … of that run.
@@ -79,7 +79,9 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         render_mode: ``"rgb_array"`` for ``render()``; of 224 × 224 unless ``image_shape`` says otherwise.
         frame_skip: How often each action is applied per step.
         render: ``"exact"`` (the reference's images to the byte) or ``"fast"``.
-        copy: False: observations and infos are views, which the next step overwrites.
+        copy: False: observations and infos are read-only views, which the next step overwrites.
+        goals: True (Fetch), or a dict with the arguments of `Goals`: ``observation``, ``achieved_goal``, ``desired_goal``,
+            ``below``; also ``elements``, ``dense``. False: none. None: as the id has it.
         **settings: Settings of the environment; see ``envs.info("swm/PushT-v1")["settings"]``.
 
     Example:
@@ -100,6 +102,7 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         frame_skip: int = 1,
         render: str = "exact",
         copy: bool = True,
+        goals: bool | Mapping[str, Any] | None = None,
         **settings: Any,
     ) -> None:
         self.pool: NativePool = make_core(
@@ -108,11 +111,13 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         self.render_mode = render_mode
         self._hides_image = image_shape is None
         self._copy = copy
-        self._over = False
         self.action_space: gym.Space[npt.NDArray[Any]] = self.pool.single_action_space
-        observed = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
-        self.observation_space: gym.Space[Observation] = cast("gym.Space[Observation]", observed)
-        self._observed = tuple(observed.spaces)
+        self.goals = goals_of(self.pool.spec_data, goals)
+        if self.goals is not None:
+            # Libraries take an environment with this attribute for one with goals.
+            self.compute_reward = self.goals.compute_reward
+        self._observed = Observed(self.pool, self._hides_image, self.goals)
+        self.observation_space: gym.Space[Observation] = cast("gym.Space[Observation]", self._observed.space)
         self.metadata = {**self.metadata, "render_fps": round(1 / (self.pool.spec_data["time_step_s"] * frame_skip))}
 
     @property
@@ -130,35 +135,40 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
             options: ``variation`` (factors to sample: names, groups, ``"all"``), ``variation_values``, ``state``,
                 ``goal_state``, or ``start`` and ``goal`` with columns of a recorded row.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else int(seed))
         self.pool.reset(seed=seed, options=options)
-        self._over = False
         return self._observation(), self._info()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take one step with ``action`` ``(*A)``."""
+        """Take one step with ``action`` ``(*A)``.
+
+        Raises:
+            SwmError: No episode has begun, or it is over; or the action is none of the action space.
+        """
         _, terminateds, truncateds = self.pool.results
         self.pool.core.step(np.asarray(action)[None])
-        # The column has the full precision, but keeps the last reward once the episode is over.
-        reward = 0.0 if self._over else float(self.pool.raw("reward")[0, 0])
-        terminated, truncated = bool(terminateds[0]), bool(truncateds[0])
-        self._over = self._over or terminated or truncated
-        return self._observation(), reward, terminated, truncated, self._info()
+        # The column has the full precision.
+        reward = float(self.pool.raw("reward")[0, 0])
+        observation, info = self._observation(), self._info()
+        if self.goals is not None:
+            reward = float(self.goals.reward(observation["achieved_goal"], observation["desired_goal"]))
+            info["is_success"] = bool(self.goals.is_success(observation["achieved_goal"], observation["desired_goal"]))
+        return observation, reward, bool(terminateds[0]), bool(truncateds[0]), info
 
     def _observation(self) -> Observation:
-        return {name: self._one(self.pool.raw(name)) for name in self._observed}
+        return {name: self._one(values) for name, values in self._observed.values(self.pool).items()}
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {}
         for name, column in self.pool.infos.items():
             if name in self._observed or name in _RESULTS or (self._hides_image and name in ("pixels", "goal")):
                 continue
-            info[name] = cast("list[list[Any]]", column)[0][0] if isinstance(column, list) else self._one(column)
+            info[name] = cast("list[list[Any]]", column)[0][0] if isinstance(column, list) else self._one(column[:, 0])
         return info
 
     def _one(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The values of the environment, as an array even where it is a number."""
-        values = column[0, 0, ...]
+        """The values of the environment, of ``(1, …)``, as an array even where it is a number."""
+        values = column[0, ...]
         return values.copy() if self._copy else values
 
     def render(self) -> npt.NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -7,12 +7,15 @@ same methods; `World` picks the right one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector.utils import batch_space, iterate
+
+from .._core import core as _swm
+from .columns import Table
 
 __all__ = ["EnvPool"]
 
@@ -25,8 +28,10 @@ class EnvPool:
     Args:
         env_fns: One function per environment, which makes it.
 
-    The infos are a dict. Arrays, tensors and numbers are stacked to ``(N, 1, …)``; other values are lists of lists
-    ``[N][1]``. A reset of all environments makes the arrays anew; steps, and resets with a mask, write into them.
+    The infos are a dict. Arrays, tensors, numbers and lists of numbers are stacked to ``(N, 1, …)``; other values are lists of
+    lists ``[N][1]``. Nested dicts have dotted names: ``{"arm": {"angle": 0.5}}`` is ``arm.angle``. Where an environment gives
+    no value, it is missing: NaN, -1, 0 (unsigned), False or ``""``. What resets give and steps never do holds for the episode.
+    A reset of all environments makes the arrays anew; steps, and resets with a mask, write into them.
     """
 
     def __init__(self, env_fns: Sequence[Callable[[], Any]]) -> None:
@@ -37,7 +42,10 @@ class EnvPool:
         # Made once: a space that is made at every access begins its random numbers anew.
         self._action_space: gym.Space[Any] = batch_space(self.envs[0].action_space, len(self.envs))
         self._observation_space: gym.Space[Any] = batch_space(self.envs[0].observation_space, len(self.envs))
-        self._stacked_infos: dict[str, Any] | None = None
+        #: The infos, and what each environment gave last.
+        self.table: Table = Table(len(self.envs), frozenset[str]().union(*map(_observed, self.envs)))
+        # Whose episode is over; None before the first reset.
+        self._over: npt.NDArray[np.bool_] | None = None
 
     @property
     def num_envs(self) -> int:
@@ -95,47 +103,75 @@ class EnvPool:
                 _, infos[row] = env.reset(seed=seeds[row], options=each[row])
                 if seeds[row] is not None:
                     self.seeds[row] = seeds[row]
-        if mask is None or self._stacked_infos is None:
-            self._stacked_infos = _stack_fresh([info for info in infos if info is not None])
+        if mask is None or self._over is None:
+            self._over = np.zeros(self.num_envs, np.bool_)
+            self.table.begin([info or {} for info in infos])
         else:
             for row, info in enumerate(infos):
                 if info is not None:
-                    _write_env_info(self._stacked_infos, row, info)
-        return None, self._stacked_infos
+                    self.table.write(row, info, is_step=False)
+                    self._over[row] = False
+        return None, self.table.columns
 
     def step(
         self, actions: Any, mask: Mask | None = None
     ) -> tuple[None, npt.NDArray[np.float32], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Step all environments, or those that ``mask`` chooses; the others have reward 0 and keep their infos.
+        """Step the environments whose episode is not over, or those of them that ``mask`` chooses.
+
+        The others have reward 0 and keep their infos.
 
         Args:
-            actions: ``(N, *A)``.
+            actions: ``(N, *A)``, or what the space of all environments' actions has: a dict of arrays of a dict of spaces.
             mask: ``(N,)``.
 
         Returns:
             None, rewards f32 ``(N,)``, terminations and truncations bool ``(N,)``, and the infos.
+
+        Raises:
+            SwmError: No episode has begun, or those of all environments that would step are over.
         """
-        if self._stacked_infos is None:
-            raise AttributeError("no episode has begun; call `reset` before the first step")
+        if self._over is None:
+            raise _swm.EnvError("no episode has begun; call `reset` before the next step")
+        chosen = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask, np.bool_)
+        if chosen.any() and not (chosen & ~self._over).any():
+            raise _swm.EnvError(
+                "the episodes of all environments that it would step are over; call `reset` before the next step"
+            )
+        each = self._each(actions)
+        rewards = np.zeros(self.num_envs, np.float32)
+        terminateds = np.zeros(self.num_envs, np.bool_)
+        truncateds = np.zeros(self.num_envs, np.bool_)
+        for row in np.flatnonzero(chosen & ~self._over):
+            _, rewards[row], terminateds[row], truncateds[row], info = self.envs[row].step(each[row])
+            self._over[row] = terminateds[row] or truncateds[row]
+            self.table.write(int(row), info, is_step=True)
+        return None, rewards, terminateds, truncateds, self.table.columns
+
+    def _each(self, actions: Any) -> Sequence[Any]:
+        """The actions, one for each environment."""
+        if isinstance(self._action_space, (gym.spaces.Dict, gym.spaces.Tuple)):
+            return list(iterate(self._action_space, actions))
         found: tuple[int, ...] = tuple(getattr(actions, "shape", None) or np.shape(actions))
         if not found or found[0] != self.num_envs:
             wanted = (self.num_envs, *(self.single_action_space.shape or ()))
             raise ValueError(
                 f"actions has the shape {found}, and {wanted} is needed: one row for each of the {self.num_envs} environments"
             )
-        rewards = np.zeros(self.num_envs, np.float32)
-        terminateds = np.zeros(self.num_envs, np.bool_)
-        truncateds = np.zeros(self.num_envs, np.bool_)
-        for row, env in enumerate(self.envs):
-            if mask is None or mask[row]:
-                _, rewards[row], terminateds[row], truncateds[row], info = env.step(actions[row])
-                _write_env_info(self._stacked_infos, row, info)
-        return None, rewards, terminateds, truncateds, self._stacked_infos
+        return actions
 
     def close(self) -> None:
         """Close all environments."""
         for env in self.envs:
             env.close()
+
+
+def _observed(env: Any) -> frozenset[str]:
+    """The names of an environment's observations, if one of the wrappers around it has them."""
+    while env is not None:
+        if isinstance(names := getattr(env, "observed", None), frozenset):
+            return cast("frozenset[str]", names)
+        env = getattr(env, "env", None)
+    return frozenset()
 
 
 def _broadcast_arg(arg: Any, n: int, increment: bool = False) -> list[Any]:
@@ -148,52 +184,3 @@ def _broadcast_arg(arg: Any, n: int, increment: bool = False) -> list[Any]:
         first = int(arg)  # pyright: ignore[reportUnknownArgumentType]  of any width
         return [first + row for row in range(n)]
     return [arg] * n
-
-
-def _is_tensor(value: Any) -> bool:
-    """Whether a value is a torch tensor, without importing torch."""
-    return type(value).__module__.partition(".")[0] == "torch" and hasattr(value, "unsqueeze")
-
-
-def _stack_fresh(per_env_infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Infos of all environments as one table ``(N, 1, …)``."""
-    stacked: dict[str, Any] = {}
-    for name, first in per_env_infos[0].items():
-        values = [info[name] for info in per_env_infos]
-        shapes = [getattr(value, "shape", None) for value in values]
-        for row, shape in enumerate(shapes):
-            if shape != shapes[0] and isinstance(first, np.ndarray):
-                raise ValueError(
-                    f"`{name}` has the shape {shapes[0]} in environment 0 and {shape} in environment {row}; environments of one World "
-                    "give it the same shape, or leave it out"
-                )
-        if _is_tensor(first):
-            import torch
-
-            stacked[name] = torch.stack(values).unsqueeze(1)
-        elif isinstance(first, np.ndarray):
-            stacked[name] = np.stack(values)[:, None]
-        elif isinstance(first, (bool, int, float, np.generic)):
-            stacked[name] = np.array(values)[:, None]
-        else:
-            stacked[name] = [[value] for value in values]
-    return stacked
-
-
-def _write_env_info(stacked: dict[str, Any], idx: int, info: Mapping[str, Any]) -> None:
-    """Write one environment's infos into the table; names that it lacks are left out."""
-    for name, value in info.items():
-        column = stacked.get(name)
-        if column is None:
-            continue
-        if isinstance(column, list):
-            column[idx][0] = value
-            continue
-        try:
-            column[idx, 0] = column.new_tensor(value) if _is_tensor(column) and not _is_tensor(value) else value
-        except (ValueError, TypeError, RuntimeError) as error:
-            found = tuple(getattr(value, "shape", None) or np.shape(value))
-            raise ValueError(
-                f"`{name}` of environment {idx} has the shape {found}, and had {tuple(column.shape[2:])} when the environments were reset; "
-                "give it the same shape at every step"
-            ) from error

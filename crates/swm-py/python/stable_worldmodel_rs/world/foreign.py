@@ -16,6 +16,7 @@ from .ids import native_id
 from .native import NativePool
 from .policies import NativePolicy, describe
 from .progress import Progress
+from .recording import EpisodeRecorder
 from .results import EvaluationResult
 from .rows import apply_callables, extract_init_goal
 
@@ -71,6 +72,7 @@ def run_iter(
             world.step()
         else:
             actions = world._get_actions()  # pyright: ignore[reportPrivateUsage]
+            world.infos.pop("_needs_flush", None)
             _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
         if on_step:
             on_step(world, mask=alive if mask is None else mask)
@@ -106,6 +108,13 @@ def run_iter(
             return
 
 
+def begin(world: World, seed: int | None, options: Any, on_step: OnStep) -> None:
+    """Begin episodes of any seed where `run_iter` would go on with those that are open."""
+    if seed is None and options is None:
+        world.reset()
+        on_step(world, mask=np.ones(world.num_envs, dtype=bool))
+
+
 def evaluate(
     world: World, episodes: int, seed: int | None, options: Any, video: str | Path | None, mode: str, progress: bool
 ) -> EvaluationResult:
@@ -120,6 +129,7 @@ def evaluate(
                 frames[int(row)].append(_frame(world.infos["pixels"][row]))
 
     with Progress("Evaluating", episodes, progress) as bar:
+        begin(world, seed, options, on_step)
         for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):  # pyright: ignore[reportPrivateUsage]
             assert world.terminateds is not None
             successes[episode] = world.terminateds[row]
@@ -198,29 +208,18 @@ def _inject(world: World, firsts: list[Any], lasts: list[Any], constants: set[st
 def collect(world: World, writer: Any, episodes: int, seed: int | None, options: Any, progress: bool) -> int:
     """Run episodes and hand each to a writer, as a dict of lists with one value per step; gives the number of steps."""
     steps = 0
-    buffers: list[dict[str, list[Any]]] = [defaultdict(list) for _ in range(world.num_envs)]
+    recorder = EpisodeRecorder(world.num_envs)
 
     def on_step(world: World, *, mask: Mask) -> None:
-        for column, values in world.infos.items():
-            if column.startswith("_") or not hasattr(values, "shape"):
-                continue
-            is_tensor = not isinstance(values, np.ndarray)
-            values = values.detach().cpu().numpy() if is_tensor else values
-            if values.ndim > 1 and values.shape[1] == 1:
-                values = values[:, 0]
-            for row in np.flatnonzero(mask):
-                buffers[row][column].append(np.array(values[row]))
+        recorder.keep(world.envs.table, mask)
 
     def finished(bar: Progress) -> Iterator[dict[str, Any]]:
         nonlocal steps
+        begin(world, seed, options, on_step)
         runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
         for row, number in runs:
-            episode: dict[str, Any] = {column: list(values) for column, values in buffers[row].items()}
-            buffers[row].clear()
-            steps += max(map(len, episode.values()), default=0)
-            if "action" in episode:
-                # Infos hold the last action; datasets hold the next one, and none at the end.
-                episode["action"].append(episode["action"].pop(0))
+            episode: dict[str, Any] = dict(recorder.finish(world.envs.table, row))
+            steps += len(episode["step_idx"])
             constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
             if constants is not None and (given := constants()):
                 episode[EPISODE_DATA_KEY] = dict(given)

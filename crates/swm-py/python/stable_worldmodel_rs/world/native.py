@@ -82,16 +82,21 @@ class NativePool:
     """Environments of this package, stepped together: what ``world.envs`` is.
 
     ``reset`` and ``step`` return the infos, one dict whose arrays ``(N, 1, …)`` stay the same objects: every reset and
-    step writes into them. Copy what you keep.
+    step writes into them. They are read-only; copy what you keep or change.
 
     Episodes are numbered: ``reset(seed=s)`` begins episode ``i`` of run ``s`` in environment ``i``, and later resets
     without a seed begin the next episodes of that run. A list of seeds names the episodes' own seeds, as they stand in
     the column ``seed``.
+
+    ``copy.deepcopy`` and ``pickle`` make a pool whose episodes go on alike from the same step.
     """
 
-    def __init__(self, core: _swm.World, hidden: Sequence[str] = ()) -> None:
+    def __init__(self, core: _swm.World, built: Mapping[str, Any], hidden: Sequence[str] = ()) -> None:
         self.core = core
+        self._built = dict(built)
         self._hidden = frozenset(hidden)
+        self._distractors: list[str] = []
+        self._success = "{}"
         self.spec_data: dict[str, Any] = json.loads(core.spec_json())
         self.infos: Infos = {}
         self._arrays: Infos = core.infos()
@@ -179,6 +184,32 @@ class NativePool:
         assert self._run is not None
         return self._run
 
+    def set_distractors(self, distractors: Sequence[str]) -> None:
+        """Show images through distractors."""
+        self.core.set_distractors(list(distractors))
+        self._distractors = list(distractors)
+
+    def set_success(self, rule: str) -> None:
+        """Judge success by a rule, as JSON; ``{}`` is the environment's own."""
+        self.core.set_success(rule)
+        self._success = rule
+
+    def __getstate__(self) -> dict[str, Any]:
+        """How it was made, and every environment amid its episode."""
+        kept = ("_built", "_hidden", "_distractors", "_success", "_varied", "_run", "_next")
+        return {"saved": self.core.save(), **{name: getattr(self, name) for name in kept}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        state = dict(state)
+        saved = state.pop("saved")
+        built = state["_built"]
+        self.__init__(_swm.World(**built), built)  # type: ignore[misc]
+        self.__dict__.update(state)
+        self.set_distractors(self._distractors)
+        self.set_success(self._success)
+        self.core.restore(saved)
+        self._show()
+
     def prepare(self, options: Options | Sequence[Options | None] | None) -> None:
         """Make the infos ready for a run with these options."""
         if options is None or isinstance(options, Mapping):
@@ -189,7 +220,7 @@ class NativePool:
         self._show()
 
     def raw(self, name: str) -> npt.NDArray[Any]:
-        """A column as the core writes it, whatever stands in the infos."""
+        """A column as the core writes it, read-only, whatever stands in the infos."""
         return self._arrays[name]
 
     @property

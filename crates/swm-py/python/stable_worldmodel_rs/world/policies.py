@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, ValuesView
+from copy import copy
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, TypeGuard, cast
 
 from .._core import core as _swm
 from .native import whole
@@ -94,16 +95,73 @@ def describe(policy: Any) -> str:
 def ask(policy: Any, infos: dict[str, Any], space: Any) -> Any:
     """The actions that a policy returns for the infos; ``space`` is that of all environments' actions.
 
+    The policy gets infos of its own, to keep or to change: what is recorded stays as it is.
+
     Raises:
         PolicyError: It returned None, as a function without ``return`` does.
     """
-    actions = policy.get_action(infos)
+    actions = policy.get_action(PolicyInfos(infos))
     if actions is None:
         raise _swm.PolicyError(
             f"the policy `{describe(policy)}` returned None; it must return actions of shape {space.shape}, one row per "
             "environment"
         )
     return actions
+
+
+class PolicyInfos(dict[str, Any]):
+    """The infos of a step as a policy gets them: every column is copied where it is read first, and then the policy's own."""
+
+    # Names of columns that were not read yet: views of what is recorded.
+    _shared: Any = frozenset()
+
+    def __init__(self, infos: Mapping[str, Any] | Iterable[tuple[str, Any]] = ()) -> None:
+        super().__init__(infos)
+        self._shared = set(dict.keys(self))
+
+    def __getitem__(self, name: str) -> Any:
+        value = super().__getitem__(name)
+        if name in self._shared:
+            self[name] = value = _own(value)
+        return value
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        if name in self._shared:
+            self._shared.remove(name)
+        super().__setitem__(name, value)
+
+    def __iter__(self) -> Iterator[str]:
+        # With a method of its own, `dict(infos)` and `{**infos}` read by `__getitem__`.
+        return super().__iter__()
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """As of `dict`."""
+        return self[name] if name in self else default
+
+    def pop(self, name: str, *default: Any) -> Any:
+        """As of `dict`."""
+        if name in self:
+            self[name]
+        return super().pop(name, *default)
+
+    def items(self) -> ItemsView[str, Any]:  # type: ignore[override]
+        """As of `dict`."""
+        return ItemsView(self)
+
+    def values(self) -> ValuesView[Any]:  # type: ignore[override]
+        """As of `dict`."""
+        return ValuesView(self)
+
+    def copy(self) -> dict[str, Any]:
+        """As of `dict`."""
+        return dict(self)
+
+
+def _own(values: Any) -> Any:
+    """A copy of a column of the infos: an array, a tensor, or lists of lists."""
+    if isinstance(values, list):
+        return [list(row) for row in cast("list[list[Any]]", values)]
+    return values.clone() if hasattr(values, "clone") else copy(values)
 
 
 def _literal(value: Any) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -156,6 +157,7 @@ class Runs:
         mode: str = "error",
         quality: int | None = None,
         replayable: int | None = None,
+        check: bool = False,
     ) -> dict[str, Any]:
         """Record episodes of the policy: exactly ``episodes`` of them, safe as soon as each is written.
 
@@ -171,9 +173,13 @@ class Runs:
             mode: If the file exists: ``"append"``, ``"overwrite"`` or ``"error"``.
             quality: Quality of images in lossy formats, 1 to 100.
             replayable: Record simulator states every so many steps in place of images, which are rendered when read.
+            check: Replay the new episodes afterwards, as `replay` does: environments of this package, into a file.
 
         Returns:
             ``path``, ``episodes``, ``total_episodes`` and ``steps`` of what was written.
+
+        Raises:
+            DataError: ``check`` found that the simulator gives something else than what was recorded; the file stays.
         """
         if (path is None) == (writer is None):
             raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
@@ -190,6 +196,8 @@ class Runs:
                 from ..data.format import get_format
 
                 writer = get_format(format).open_writer(target, mode=mode)
+        if check and (self._core is None or writer is not None):
+            raise TypeError("check=True replays a file that the core has written, of environments of this package")
         if self._core is None:
             steps = foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
             return _written(path, format, mode, episodes, steps)
@@ -218,29 +226,35 @@ class Runs:
         if differs := written.pop("differs"):
             logger.warning("%s: these episodes were appended to it, though %s", target, differs)
         logger.info("%s: %d episodes recorded, it has %d", target, episodes, written["total_episodes"])
+        if check:
+            from .manifests import replay
+
+            total = int(written["total_episodes"])
+            found = replay(target, range(total - episodes, total), env_name=self._built["id"], progress=progress)
+            if not found["ok"]:
+                raise _swm.DataError(f"{target}: a replay of the new episodes differs from what was recorded: {found}")
         return written
 
     def _collect_into(
         self, writer: Any, core: _swm.World, act: Any, episodes: int, seed: int, options: Any, bar: Progress
     ) -> int:
         steps = 0
-        run = _swm.episodes(core, act, (0, episodes), seed, _listed(options))
 
-        def finished() -> Iterator[dict[str, Any]]:
+        def finished(run: Any) -> Iterator[dict[str, Any]]:
             nonlocal steps
             for number, episode in enumerate(run):
                 steps += len(episode["action"])
                 bar.tick(number + 1, 0, steps)
                 yield episode
 
-        try:
-            if hasattr(writer, "__enter__"):
-                with writer as opened:
-                    opened.write_episodes(finished())
-            else:
-                writer.write_episodes(finished())
-        finally:
-            run.close()
+        with writer if hasattr(writer, "__enter__") else nullcontext(writer) as opened:
+            # What a writer continues is recorded even where this run does not vary it.
+            held = list(getattr(opened, "_known", None) or ())
+            run = _swm.episodes(core, act, (0, episodes), seed, _listed(options), held)
+            try:
+                opened.write_episodes(finished(run))
+            finally:
+                run.close()
         self._stale = True
         return steps
 

@@ -37,6 +37,9 @@ _SHOWN = 16
 class World(Runs):
     """Environments stepped together, a policy, and what comes of the two: datasets and results.
 
+    ``copy.deepcopy`` and ``pickle`` make a World whose episodes go on alike from the same step; a policy of the core begins anew
+    in it, without what it remembered.
+
     Environments of this package run in Rust. Any other id of gymnasium, or a list of functions that make
     environments, runs in Python in an `EnvPool`.
 
@@ -62,7 +65,8 @@ class World(Runs):
     Attributes:
         infos: A dict of arrays ``(N, 1, …)``, written in place by every reset and step: ``pixels`` and ``goal`` u8
             ``(N, 1, H, W, 3)``, ``state`` f64, ``action`` f32 (the last one taken; NaN after a reset), ``reward``,
-            ``terminated``, ``truncated``, ``step_idx``, ``seed``, ``id``, … Copy what you keep.
+            ``terminated``, ``truncated``, ``step_idx``, ``seed``, ``id``, … They are read-only where the environments run in
+            Rust. Copy what you keep. A policy gets copies, which it may keep and change.
         rewards, terminateds, truncateds: Of the last step, ``(N,)``.
 
     Example:
@@ -150,12 +154,11 @@ class World(Runs):
             "checkpoints": checkpoints,
         }
         self._core = make_native(World, **self._built)
-        if distractors:
-            self._core.set_distractors(list(distractors))
-        self._distractors = list(distractors)
         transforms = {"pixels": image_transform, "goal": goal_transform}
         self._transforms = {name: transform for name, transform in transforms.items() if transform is not None}
-        self.envs = NativePool(self._core, hidden=() if goal_conditioned else ("goal",))
+        self.envs = NativePool(self._core, self._built, hidden=() if goal_conditioned else ("goal",))
+        if distractors:
+            self.envs.set_distractors(distractors)
         self.infos = self.envs.infos
 
     @property
@@ -218,11 +221,8 @@ class World(Runs):
 
             policy = RandomPolicy(policy.seed)
         if isinstance(policy, NativePolicy):
-            assert self._core is not None
-            self._core.set_policy(policy.text)
-            self._core.set_policy_seed(policy.seed)
+            self._attach(policy)
             self.policy = policy
-            self.envs.renew()
             return
         self.policy = policy = as_policy(policy)
         if hasattr(policy, "set_env"):
@@ -230,8 +230,7 @@ class World(Runs):
         if hasattr(policy, "_set_seed") and getattr(policy, "seed", None) is not None:
             policy._set_seed(policy.seed)
         if self._core is not None:
-            self._core.set_policy(None, foreign=describe(policy))
-            self.envs.renew()
+            self._attach(policy)
 
     def set_success(self, rule: Mapping[str, Any] | None) -> None:
         """Judge success by a rule in place of the environment's own; None gives that back.
@@ -240,7 +239,8 @@ class World(Runs):
             rule: ``{"hold": 1, "all": [{"column": "block_pose", "goal": "goal_pose", "elements": [0, 1], "measure":
                 "distance", "below": 20.0}, …]}``: the conditions that must hold at once, in ``hold`` steps on end.
         """
-        self._native().set_success(json.dumps(rule or {}, default=_plain))
+        self._native()
+        self.envs.set_success(json.dumps(rule or {}, default=_plain))
 
     def reset(self, seed: Any = None, options: Any = None) -> None:
         """Begin an episode in every environment.
@@ -261,8 +261,13 @@ class World(Runs):
     def step(self, actions: npt.ArrayLike | None = None) -> None:
         """Step every environment whose episode is not over; infos and results are updated.
 
+        The others keep their last infos, with reward 0 and no end, until they are reset.
+
         Args:
             actions: ``(N, *A)`` of any real type; None: those of the policy.
+
+        Raises:
+            SwmError: No episode has begun, or all are over: call `reset`.
         """
         if actions is None and not isinstance(self.policy, NativePolicy):
             actions = self._get_actions()
@@ -309,7 +314,34 @@ class World(Runs):
         """Replace images of the infos by transformed ones."""
         for name, transform in self._transforms.items():
             if name in self.infos:
-                self.infos[name] = _stacked([transform(image) for image in self.envs.raw(name)[:, 0]])
+                # Transforms may write into the images that they are given.
+                self.infos[name] = _stacked([transform(image) for image in self.envs.raw(name)[:, 0].copy()])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what the pool holds: the core and, of environments of this package, the infos."""
+        state = dict(self._fresh().__dict__)
+        if self._core is not None:
+            del state["_core"], state["infos"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if not isinstance(self.envs, NativePool):
+            return
+        self._core, self.infos = self.envs.core, self.envs.infos
+        if self.policy is not None:
+            self._attach(self.policy)
+        self._show()
+
+    def _attach(self, policy: Any) -> None:
+        """Give the core its policy, or a stand-in for one in Python."""
+        assert self._core is not None
+        if isinstance(policy, NativePolicy):
+            self._core.set_policy(policy.text)
+            self._core.set_policy_seed(policy.seed)
+        else:
+            self._core.set_policy(None, foreign=describe(policy))
+        self.envs.renew()
 
     def _native(self) -> _swm.World:
         if self._core is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeGuard, cast
 
@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from .columns import flat, missing
 from .env_pool import EnvPool
 
 Image = npt.NDArray[np.uint8]
@@ -96,7 +97,10 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Puts observation, reward, ends, action, step and image of every step into the info.
 
     Observations that are no dict are named ``observation``; the image is ``pixels``, ``(H, W, 3)`` u8 before the
-    transform. The action of a reset is NaN (0 for integers).
+    transform. The action of a reset is NaN (-1 for integers).
+
+    Raises:
+        ValueError: An observation lacks an entry that the reset's had.
     """
 
     def __init__(
@@ -116,6 +120,10 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         self._step = 0
         self._id = 0
         self._watched: tuple[str, ...] = ()
+        #: Names of the observations, as the space has them.
+        self.observed: frozenset[str] = frozenset(_names(env.observation_space))
+        # Those that the last reset gave.
+        self._promised: frozenset[str] = frozenset()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
@@ -126,33 +134,44 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
             names = options["variation"]
             whole = list(names) == ["all"]
             self._watched = tuple(self._variations().names()) if whole else tuple(names)
-        action = np.zeros_like(np.asarray(self.env.action_space.sample()))
-        if np.issubdtype(action.dtype, np.floating):
-            action = np.full_like(action, np.nan)
-        return observation, self._complete(info, observation, np.nan, False, False, action)
+        self._promised = frozenset()
+        action = {name: missing(part) for name, part in self._actions(self.env.action_space.sample()).items()}
+        info = self._complete(info, observation, np.nan, False, False, action)
+        self._promised = frozenset(flat(_named(observation)))
+        return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Step, and complete the info."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._step += 1
-        info = self._complete(info, observation, float(reward), bool(terminated), bool(truncated), action)
+        taken = self._actions(action)
+        info = self._complete(info, observation, float(reward), bool(terminated), bool(truncated), taken)
         return observation, float(reward), bool(terminated), bool(truncated), info
 
     def _variations(self) -> Any:
         return self.env.unwrapped.variation_space  # type: ignore[attr-defined]
 
+    def _actions(self, action: Any) -> dict[str, Any]:
+        """The columns of an action: ``action``, or ``action.<name>`` of a dict, of the space's type where that holds it."""
+        dtype = getattr(self.env.action_space, "dtype", None)
+        parts = flat({"action": action})
+        array = parts.get("action")
+        if isinstance(array, np.ndarray) and dtype is not None and np.can_cast(array.dtype, dtype, "same_kind"):
+            parts["action"] = array.astype(dtype)
+        return parts
+
     def _complete(
-        self, info: dict[str, Any], observation: Any, reward: float, terminated: bool, truncated: bool, action: Any
+        self, info: dict[str, Any], observation: Any, reward: float, terminated: bool, truncated: bool, action: dict[str, Any]
     ) -> dict[str, Any]:
         told = dict(info)
-        told.update(cast("dict[str, Any]", observation) if isinstance(observation, dict) else {"observation": observation})
+        told.update(_named(observation))
+        if self._promised and (lacking := sorted(self._promised.difference(flat(told)))):
+            raise ValueError(
+                f"the observation of {self.env.unwrapped} lacks `{lacking[0]}` at step {self._step}, and had it when it was reset; "
+                "return every entry of the observation space at every step, and put what comes and goes into the info"
+            )
         told.update(
-            reward=reward,
-            terminated=terminated,
-            truncated=truncated,
-            action=np.asarray(action),
-            step_idx=self._step,
-            id=self._id,
+            action, reward=reward, terminated=terminated, truncated=truncated, step_idx=self._step, id=self._id
         )
         for name in self._watched:
             space = self._variations()
@@ -167,7 +186,7 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
                     "add_pixels=False"
                 )
             told["pixels"] = self._image("pixels", image)
-            if "goal" in told:
+            if "goal" in told and not isinstance(told["goal"], dict):
                 told["goal"] = self._image("goal", told["goal"])
         if not self._goal_conditioned:
             told.pop("goal", None)
@@ -179,7 +198,25 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         if image.ndim == 3 and image.dtype == np.uint8:
             image = resized(image, self._image_shape, self._resample)
         transform = self._transforms[name]
-        return image if transform is None else transform(image)
+        # Of its own: the environment may show it again.
+        return image if transform is None else transform(image.copy())
+
+
+def _named(observation: Any) -> dict[str, Any]:
+    """An observation by names."""
+    return cast("dict[str, Any]", observation) if isinstance(observation, dict) else {"observation": observation}
+
+
+def _names(space: Any, prefix: str = "") -> Iterator[str]:
+    """Names of the observations of a space, those of dicts and of the spaces within both."""
+    inner = getattr(space, "spaces", None)
+    if not prefix and not isinstance(inner, dict):
+        prefix = "observation"
+    if prefix:
+        yield prefix
+    parts = inner.items() if isinstance(inner, dict) else enumerate(inner or ())
+    for name, part in cast("Iterable[tuple[Any, Any]]", parts):
+        yield from _names(part, f"{prefix}.{name}" if prefix else str(name))
 
 
 def resized(image: Image, shape: tuple[int, int], resample: str | int | None = None) -> Image:
