@@ -71,6 +71,14 @@ pub enum MediaError {
         /// What the encoder said.
         reason: String,
     },
+    /// A file may be valid, but this crate does not read its kind.
+    #[error("{format}: {reason}")]
+    Unsupported {
+        /// The format.
+        format: Format,
+        /// What is not read, and the fix.
+        reason: String,
+    },
     /// A file could not be read back.
     #[error("failed to decode {format}: {reason}")]
     Decode {

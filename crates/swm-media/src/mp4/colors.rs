@@ -20,7 +20,14 @@ pub(super) struct Conversion {
 
 impl Conversion {
     pub(super) fn new(colors: Colors) -> Self {
-        let (red, blue) = if colors.is_bt709 { (0.2126, 0.0722) } else { (0.299, 0.114) };
+        // The weights in luma, by the codes of ITU-T H.273, table 4.
+        let (red, blue) = match colors.matrix {
+            1 => (0.2126, 0.0722),
+            4 => (0.30, 0.11),
+            7 => (0.212, 0.087),
+            9 | 10 => (0.2627, 0.0593),
+            _ => (0.299, 0.114),
+        };
         let green = 1.0 - red - blue;
         let (black, luma, chroma) =
             if colors.is_full_range { (0, 1.0, 1.0) } else { (16, 255.0 / 219.0, 255.0 / 224.0) };
@@ -50,13 +57,21 @@ impl Conversion {
         };
         let half = width.div_ceil(2);
         let fits = row(luma, strides[0], height - 1, width)
-            && row(first, strides[1], (height - 1) / 2, half)
-            && row(second, strides[2], (height - 1) / 2, half);
+            && (image.is_gray
+                || row(first, strides[1], (height - 1) / 2, half)
+                    && row(second, strides[2], (height - 1) / 2, half));
         if !fits {
             return Err("an image is smaller than the file says".to_owned());
         }
+        let gray = |luma: u8| self.luma * (i32::from(luma) - self.black) + (1 << 15);
         for (y, out) in out.chunks_exact_mut(width * 3).enumerate() {
             let luma = &luma[y * strides[0]..][..width];
+            if image.is_gray {
+                for (pixel, &luma) in out.as_chunks_mut::<3>().0.iter_mut().zip(luma) {
+                    *pixel = [(gray(luma) >> 16).clamp(0, 255) as u8; 3];
+                }
+                continue;
+            }
             let first = &first[y / 2 * strides[1]..][..half];
             let second = &second[y / 2 * strides[2]..][..half];
             for (((out, luma), &first), &second) in
@@ -66,7 +81,7 @@ impl Conversion {
                 let chroma =
                     [self.red * second, self.green[0] * first + self.green[1] * second, self.blue * first];
                 for (pixel, &luma) in out.chunks_exact_mut(3).zip(luma) {
-                    let gray = self.luma * (i32::from(luma) - self.black) + (1 << 15);
+                    let gray = gray(luma);
                     for (value, chroma) in pixel.iter_mut().zip(chroma) {
                         *value = ((gray + chroma) >> 16).clamp(0, 255) as u8;
                     }

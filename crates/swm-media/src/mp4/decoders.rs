@@ -12,6 +12,8 @@ use super::parameters::Colors;
 
 /// A decoded image: planes of luma and of chroma at half resolution, 8 bits.
 pub(super) struct Image<'a> {
+    /// Whether there is luma only; the other planes are then anything.
+    pub(super) is_gray: bool,
     pub(super) width: usize,
     pub(super) height: usize,
     /// Bytes from one row of a plane to the next.
@@ -27,19 +29,22 @@ pub(super) type Take<'a> = &'a mut dyn FnMut(&Image<'_>) -> Result<(), String>;
 
 /// A decoder at work.
 pub(super) enum FrameDecoder {
-    H264(Box<Decoder>),
+    /// And whether its images are gray.
+    H264(Box<Decoder>, bool),
     #[cfg(feature = "av1")]
     Av1(Box<dav1d::Decoder>),
 }
 
 impl FrameDecoder {
     /// A decoder of H.264, that has seen the parameter sets.
-    pub(super) fn h264(parameter_sets: &[u8]) -> Result<Self, String> {
+    pub(super) fn h264(parameter_sets: &[u8], is_gray: bool) -> Result<Self, String> {
         let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
         let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
             .map_err(|error| error.to_string())?;
-        decoder.decode(parameter_sets).map_err(|error| error.to_string())?;
-        Ok(Self::H264(Box::new(decoder)))
+        if !parameter_sets.is_empty() {
+            decoder.decode(parameter_sets).map_err(|error| error.to_string())?;
+        }
+        Ok(Self::H264(Box::new(decoder), is_gray))
     }
 
     /// A decoder of AV1 in one thread, for images of so many pixels at most.
@@ -57,10 +62,12 @@ impl FrameDecoder {
     /// Decodes a sample; hands on what can be shown now.
     pub(super) fn decode(&mut self, sample: &[u8], take: Take<'_>) -> Result<(), String> {
         match self {
-            Self::H264(decoder) => match decoder.decode(sample).map_err(|error| error.to_string())? {
-                Some(image) => take(&of_h264(&image)),
-                None => Ok(()),
-            },
+            Self::H264(decoder, is_gray) => {
+                match decoder.decode(sample).map_err(|error| error.to_string())? {
+                    Some(image) => take(&of_h264(&image, *is_gray)),
+                    None => Ok(()),
+                }
+            }
             #[cfg(feature = "av1")]
             Self::Av1(decoder) => {
                 let mut sent = decoder.send_data(sample.to_vec(), None, None, None);
@@ -79,9 +86,9 @@ impl FrameDecoder {
     /// Hands on images that waited for later ones, which never come; how many there were.
     pub(super) fn finish(&mut self, take: Take<'_>) -> Result<usize, String> {
         match self {
-            Self::H264(decoder) => {
+            Self::H264(decoder, is_gray) => {
                 let rest = decoder.flush_remaining().map_err(|error| error.to_string())?;
-                rest.iter().try_for_each(|image| take(&of_h264(image)))?;
+                rest.iter().try_for_each(|image| take(&of_h264(image, *is_gray)))?;
                 Ok(rest.len())
             }
             #[cfg(feature = "av1")]
@@ -90,9 +97,10 @@ impl FrameDecoder {
     }
 }
 
-fn of_h264<'a>(image: &'a DecodedYUV<'_>) -> Image<'a> {
+fn of_h264<'a>(image: &'a DecodedYUV<'_>, is_gray: bool) -> Image<'a> {
     let ((width, height), strides) = (image.dimensions(), image.strides());
     Image {
+        is_gray,
         width,
         height,
         strides: [strides.0, strides.1, strides.2],
@@ -105,8 +113,6 @@ fn of_h264<'a>(image: &'a DecodedYUV<'_>) -> Image<'a> {
 /// Hands on all images that are ready; how many there were.
 #[cfg(feature = "av1")]
 fn drain(decoder: &mut dav1d::Decoder, take: Take<'_>) -> Result<usize, String> {
-    /// BT.709 among the standard's matrices (ITU-T H.273, table 4).
-    const BT709: u32 = 1;
     let mut shown = 0;
     loop {
         let image = match decoder.get_picture() {
@@ -114,17 +120,21 @@ fn drain(decoder: &mut dav1d::Decoder, take: Take<'_>) -> Result<usize, String> 
             Err(dav1d::Error::Again) => return Ok(shown),
             Err(error) => return Err(error.to_string()),
         };
-        if image.bit_depth() != 8 || !matches!(image.pixel_layout(), PixelLayout::I420) {
+        let is_gray = matches!(image.pixel_layout(), PixelLayout::I400);
+        if image.bit_depth() != 8 || !is_gray && !matches!(image.pixel_layout(), PixelLayout::I420) {
             return Err("its images are not of 8 bits with chroma at half resolution".to_owned());
         }
-        let parts = [PlanarImageComponent::Y, PlanarImageComponent::U, PlanarImageComponent::V];
+        let [luma, first, second] =
+            [PlanarImageComponent::Y, PlanarImageComponent::U, PlanarImageComponent::V];
+        let parts = if is_gray { [luma, luma, luma] } else { [luma, first, second] };
         let strides = parts.map(|part| image.stride(part) as usize);
         let planes = parts.map(|part| image.plane(part));
         let colors = Colors {
-            is_bt709: image.matrix_coefficients() as u32 == BT709,
+            matrix: image.matrix_coefficients() as u8,
             is_full_range: image.color_range() as u32 == 1,
         };
         take(&Image {
+            is_gray,
             width: image.width() as usize,
             height: image.height() as usize,
             strides,

@@ -4,13 +4,19 @@
 //! Videos of this kind play in every browser and editor; colors lose half their resolution, which a drawn scene shows
 //! at saturated edges.
 
+mod boxes;
+mod codec;
 mod colors;
 mod decoders;
 mod demux;
+mod edits;
+mod fragments;
 mod options;
 mod parameters;
 mod planes;
 mod reader;
+mod samples;
+mod slices;
 mod video;
 
 pub use self::options::{BEST_QUANTIZER, Mp4Options, SIDES};

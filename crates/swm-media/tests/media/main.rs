@@ -6,6 +6,8 @@
 mod av1;
 mod clips;
 mod errors;
+#[cfg(feature = "mp4")]
+mod foreign;
 mod gifs;
 mod images;
 #[cfg(feature = "mp4")]
