@@ -1,9 +1,11 @@
 //! Errors of datasets: the core's [`DataError`], and [`FormatError`] for what a format finds wrong inside a file.
 
 use std::borrow::Cow;
+use std::path::Path;
 use std::{fmt, io};
 
 use swm_core::BatchError;
+use swm_core::dataset::DatasetInfo;
 use swm_core::error::BoxError;
 use swm_media::MediaError;
 use thiserror::Error;
@@ -54,6 +56,31 @@ impl FormatError {
         Self::Other(error.into())
     }
 
+    /// Whether the content may be valid, and is of a kind that this program does not read.
+    pub fn is_unsupported(&self) -> bool {
+        match self {
+            Self::Unsupported(_) => true,
+            Self::At { source, .. } => source.is_unsupported(),
+            Self::Missing(_) | Self::WrongType(_) | Self::Invalid(_) | Self::Io(_) | Self::Other(_) => false,
+        }
+    }
+
+    /// The error of a dataset: it is damaged, or not read here.
+    pub fn in_file(self, path: &Path) -> DataError {
+        match self.is_unsupported() {
+            true => DataError::unsupported(path, self),
+            false => DataError::damaged(path, self),
+        }
+    }
+
+    /// As [`FormatError::in_file`], in a column of an episode.
+    pub fn in_column(self, info: &DatasetInfo, column: usize, episode: usize) -> DataError {
+        match self.is_unsupported() {
+            true => info.unsupported(column, episode, self),
+            false => info.damaged(column, episode, self),
+        }
+    }
+
     /// The same, in this part of the file.
     #[must_use]
     pub fn at(self, place: impl fmt::Display) -> Self {
@@ -91,7 +118,16 @@ macro_rules! from {
     };
 }
 
-from!(BatchError, DataError, MediaError, serde_json::Error);
+from!(BatchError, DataError, serde_json::Error);
+
+impl From<MediaError> for FormatError {
+    fn from(error: MediaError) -> Self {
+        match error {
+            MediaError::Unsupported { .. } => unsupported(error.to_string()),
+            error => Self::other(error),
+        }
+    }
+}
 
 /// Adds to an error where in the file it arose.
 pub trait At<T> {

@@ -42,6 +42,19 @@ pub enum DataError {
         #[source]
         reason: BoxError,
     },
+    /// The file may be a valid dataset, but a part of it is of a kind that this program does not read.
+    #[error("{} is not read here: {}{reason}", .path.display(), part(.column.as_deref(), *.episode))]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The column that is not read, if it is one.
+        column: Option<String>,
+        /// The episode that is not read, if it is one.
+        episode: Option<usize>,
+        /// What is not read, and the fix.
+        #[source]
+        reason: BoxError,
+    },
     /// No format has this name or file extension.
     #[error("{}; known formats: {known}{}{hint}", no_format(.name), did_you_mean(.nearest.as_deref()))]
     UnknownFormat {
@@ -159,6 +172,11 @@ impl DataError {
     /// It is damaged, in this way.
     pub fn damaged(path: &Path, reason: impl Into<BoxError>) -> Self {
         Self::Damaged { path: path.to_owned(), column: None, episode: None, reason: reason.into() }
+    }
+
+    /// It may be valid, but is of a kind that this program does not read.
+    pub fn unsupported(path: &Path, reason: impl Into<BoxError>) -> Self {
+        Self::Unsupported { path: path.to_owned(), column: None, episode: None, reason: reason.into() }
     }
 
     /// Episodes do not continue it, for a reason.

@@ -112,6 +112,9 @@ fn unfinished(error: DataError, to: &Path, copied: &Copied, of: usize) -> DataEr
         DataError::Damaged { path, column, episode, reason } => {
             DataError::Damaged { path, column, episode, reason: add(&reason) }
         }
+        DataError::Unsupported { path, column, episode, reason } => {
+            DataError::Unsupported { path, column, episode, reason: add(&reason) }
+        }
         DataError::Request { path, reason } => DataError::Request { path, reason: add(&reason) },
         DataError::Record { path, reason } => DataError::Record { path, reason: add(&reason) },
         DataError::Write { path, episodes, reason } => {

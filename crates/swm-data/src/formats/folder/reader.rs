@@ -328,7 +328,7 @@ impl Dataset for FolderDataset {
             }
             (Source::Images(_), out) => Err(wrong_type(format!("images were asked for as {}", out.dtype()))),
         };
-        read.map_err(|error| shared.info.damaged(column, episode, error))
+        read.map_err(|error| error.in_column(&shared.info, column, episode))
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -133,7 +133,7 @@ impl Shared {
             let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));
             for (camera, video) in cameras.iter().zip(videos.clone()) {
-                files.videos.insert(camera.clone(), (video, 0.0));
+                files.videos.insert(camera.clone(), (video, None));
             }
             files.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
             episodes.push(files);

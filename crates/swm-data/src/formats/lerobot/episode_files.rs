@@ -23,8 +23,8 @@ pub(super) struct EpisodeFiles {
     pub(super) data: PathBuf,
     /// Its first row in the table.
     pub(super) first: usize,
-    /// By camera: the video, and the time in seconds at which the episode begins there.
-    pub(super) videos: BTreeMap<String, (PathBuf, f64)>,
+    /// By camera: the video, and the time in seconds at which the episode begins there; in folders of ours none, as there row n is frame n.
+    pub(super) videos: BTreeMap<String, (PathBuf, Option<f64>)>,
     /// By file, in folders of ours.
     pub(super) checksums: BTreeMap<PathBuf, u32>,
 }
@@ -55,7 +55,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
         let mut found = EpisodeFiles { rows, data: info.data(path, &numbers)?, ..EpisodeFiles::default() };
         for camera in cameras {
-            found.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, 0.0));
+            found.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, Some(0.0)));
         }
         episodes.push(found);
     }
@@ -114,7 +114,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                     if !(0.0..1e9).contains(&time) {
                         return Err(invalid(format!("a video begins at {time} s")));
                     }
-                    found.videos.insert((*camera).clone(), (video, time));
+                    found.videos.insert((*camera).clone(), (video, Some(time)));
                 }
                 episodes.push(found);
             }

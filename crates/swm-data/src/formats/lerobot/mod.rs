@@ -1,8 +1,10 @@
 //! LeRobot datasets: Parquet tables of numbers and H.264 videos. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
 //! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
 //! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Videos are read in
-//! H.264 and in AV1, LeRobot's default codec, and images in the tables as PNG and JPEG; columns in other codecs are left out by name.
+//! H.264 and in AV1, LeRobot's default codec, by the times of the rows (see `camera`), and images in the tables as PNG and JPEG; columns in
+//! other codecs are left out by name.
 
+mod camera;
 mod check;
 mod contents;
 mod episode_files;

@@ -1,39 +1,44 @@
 //! Reading rows of an open LeRobot folder.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parquet::data_type::ByteArray;
 use swm_core::{Column, Dtype, SliceMut};
-use swm_media::mp4::Mp4Reader;
 
+use super::camera::{Camera, TIMESTAMP, Times};
 use super::check::check;
-use super::contents::{Shared, Source, video};
+use super::contents::{Shared, Source};
 use super::episode_files::EpisodeFiles;
 use super::images;
 use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::read_regular;
-use crate::tools::alike::other_rate;
 
 /// An open folder.
 pub(super) struct LeRobotDataset {
     shared: Arc<Shared>,
     /// The columns of the table that was read last.
     table: Option<(PathBuf, BTreeMap<String, Column>)>,
-    videos: BTreeMap<usize, (PathBuf, Mp4Reader<BufReader<File>>)>,
+    videos: BTreeMap<usize, Camera>,
+    /// The times of the rows of a table, if it has some.
+    times: Option<(PathBuf, Option<Column>)>,
     /// By column: the episode whose encoded images were read last.
     images: BTreeMap<usize, (usize, Vec<ByteArray>)>,
 }
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let shared = Shared::open(path).map_err(|error| DataError::damaged(path, error))?;
-        Ok(Self { shared: Arc::new(shared), table: None, videos: BTreeMap::new(), images: BTreeMap::new() })
+        let shared = Shared::open(path).map_err(|error| error.in_file(path))?;
+        Ok(Self {
+            shared: Arc::new(shared),
+            table: None,
+            videos: BTreeMap::new(),
+            times: None,
+            images: BTreeMap::new(),
+        })
     }
 
     fn table_rows(
@@ -86,20 +91,29 @@ impl LeRobotDataset {
         out: &mut [u8],
     ) -> Result<()> {
         let shared = self.shared.clone();
-        let (path, time) = shared.episodes[episode].videos.get(camera).ok_or(missing("there is no video"))?;
-        if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
+        let files = &shared.episodes[episode];
+        let (path, begin) = files.videos.get(camera).ok_or(missing("there is no video"))?;
+        if self.videos.get(&column).is_none_or(|open| open.path() != path) {
             // The decoder of damaged videos is the least robust part of all.
-            check_file(path, &shared.episodes[episode])?;
-            self.videos.insert(column, (path.clone(), video(path)?));
+            check_file(path, files)?;
+            self.videos.insert(column, Camera::open(path)?);
         }
-        let Some((_, video)) = self.videos.get_mut(&column) else { return Ok(()) };
+        let Some(video) = self.videos.get_mut(&column) else { return Ok(()) };
         let (height, width) = video.size();
         if shared.info.field(column).shape != [height, width, 3] {
             return Err(wrong_type(format!("it has images of {height} x {width}"))).at(path.display());
         }
-        let first = first_frame(*time, shared.info.rows_per_second, video.frames_per_second());
-        let first = first.checked_add(steps.first).ok_or(invalid("it begins nowhere"))?;
-        video.read(first, steps.stride, out).at(path.display())
+        let Some(begin) = *begin else { return video.read(None, steps, out) };
+        if self.times.as_ref().is_none_or(|(read, _)| *read != files.data) {
+            let table = Table::open(&files.data)?;
+            let times = table.has(TIMESTAMP).then(|| table.column(TIMESTAMP)).transpose()?;
+            self.times = Some((files.data.clone(), times));
+        }
+        let times = match &self.times {
+            Some((_, Some(times))) => Times::Table(times, files.first),
+            _ => Times::Rate(shared.info.rows_per_second.unwrap_or(f64::NAN)),
+        };
+        video.read(Some((begin, &times)), steps, out)
     }
 
     fn image_rows(
@@ -126,19 +140,6 @@ impl LeRobotDataset {
         }
         Ok(())
     }
-}
-
-/// The frame of a video at a time in seconds. The rate is the one that the folder says, unless the video has clearly another: then that
-/// counts, so that frames stay with their rows where `fps` is wrong.
-fn first_frame(time: f64, said: Option<f64>, of_video: f64) -> usize {
-    let of_video = Some(of_video).filter(|rate| rate.is_finite() && *rate > 0.0);
-    let rate = match (said, of_video.and_then(|found| other_rate(found, said.unwrap_or(found)))) {
-        (_, Some(other)) => other,
-        (Some(said), None) => said,
-        // Each episode has a video of its own.
-        (None, None) => 0.0,
-    };
-    (time * rate).round() as usize
 }
 
 /// Compares a file of an episode with its checksum, if there is one.
@@ -183,7 +184,7 @@ impl Dataset for LeRobotDataset {
             }
             (_, out) => Err(wrong_type(format!("it was asked for as {}", out.dtype()))),
         };
-        read.map_err(|error| shared.info.damaged(column, episode, error))
+        read.map_err(|error| error.in_column(&shared.info, column, episode))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -191,6 +192,7 @@ impl Dataset for LeRobotDataset {
             shared: self.shared.clone(),
             table: None,
             videos: BTreeMap::new(),
+            times: None,
             images: BTreeMap::new(),
         })
     }

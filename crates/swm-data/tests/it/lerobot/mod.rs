@@ -1,5 +1,6 @@
 //! LeRobot folders, as pyarrow and PyAV write them and as we do: values, images, damage.
 
+mod cameras;
 mod checks;
 mod foreign;
 mod images;
