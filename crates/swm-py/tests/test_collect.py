@@ -348,6 +348,5 @@ def test_an_append_holds_the_factors_that_the_file_holds(tmp_path: Path) -> None
         found = columns(path)
         color = found["variation.agent.color"][found["ep_offset"]]
         assert len(color) == 5 and (color[2:] == color[2]).all() and (color[:2] != color[2]).any()
-    with swm.data.HDF5Writer(path, mode="append") as writer:
-        world.collect(writer=writer, episodes=1, seed=4, progress=False)
+    world.collect(writer=swm.data.HDF5Writer(path, mode="append"), episodes=1, seed=4, progress=False)
     assert len(swm.data.load_dataset(path).lengths) == 6

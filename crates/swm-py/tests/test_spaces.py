@@ -111,7 +111,7 @@ def test_spaces_of_an_environment_hold_what_it_gives(name: str, world: World) ->
             np.testing.assert_array_equal(leaf.value, made.infos[f"variation.{factor}"][row, 0])
     observed = pool.single_observation_space
     for column, inner in observed.spaces.items():
-        assert inner.contains(made.infos[column][0, 0, ...]), column
+        assert inner.contains(made.infos[column][0, 0].reshape(inner.shape)), column
 
 
 def test_defaults_of_factors_lie_in_their_spaces(world: World) -> None:

@@ -222,7 +222,7 @@ def test_a_recording_begins_anew_and_needs_no_seed(tmp_path: Path) -> None:
 def test_a_step_of_no_environment_is_refused() -> None:
     world = swm.World([own(length=1), own(length=2)], add_pixels=False)
     actions = np.ones(2, np.int64)
-    with pytest.raises(swm.EnvError, match="no episode has begun; call `reset`"):
+    with pytest.raises(AttributeError, match="no episode has begun; call `reset`"):
         world.step(actions)
     world.reset(seed=0)
     world.step(actions)

@@ -123,7 +123,9 @@ class Observed:
         found = {} if self._goals is None else self._goal_values(pool, self._goals)
         for name, shape in self._shapes.items():
             if name not in found:
-                found[name] = pool.raw(name).reshape(pool.num_envs, *(shape or ()))
+                column = pool.raw(name).reshape(pool.num_envs, *(shape or ()))
+                # Booleans are int8 in the space, as spaces of gymnasium have it.
+                found[name] = column.view(np.int8) if column.dtype == np.bool_ else column
         return found
 
     @staticmethod

@@ -71,10 +71,13 @@ class Table:
     Args:
         count: N.
         observed: Names of observations, whose shape may not change.
+        columns: A table that there is.
     """
 
-    def __init__(self, count: int, observed: frozenset[str] = frozenset()) -> None:
-        self.columns: dict[str, Any] = {}
+    def __init__(
+        self, count: int, observed: frozenset[str] = frozenset(), columns: dict[str, Any] | None = None
+    ) -> None:
+        self.columns: dict[str, Any] = {} if columns is None else columns
         #: Of every environment, the names that its last reset or step gave.
         self.given: list[frozenset[str]] = [frozenset()] * count
         #: Names that a step has ever given.
@@ -104,7 +107,7 @@ class Table:
             if name not in self.columns and not name.startswith("_"):
                 self._add(name, column[0][0] if isinstance(column, list) else column[0, 0])
         for row, info in enumerate(given):
-            self._write(row, info)
+            self.put(row, info)
 
     def write(self, row: int, info: Mapping[str, Any], is_step: bool) -> None:
         """One environment was reset or stepped. What it does not give is missing, unless only resets ever give it."""
@@ -120,7 +123,7 @@ class Table:
                 column[row][0] = "" if isinstance(column[row][0], str) else None
             else:
                 column[row, 0] = missing(column[row, 0] if is_tensor(column) else np.asarray(column[row, 0]))
-        self._write(row, given)
+        self.put(row, given)
 
     def _given(self, row: int, info: Mapping[str, Any]) -> dict[str, Any]:
         """What an environment gave: None is nothing, and shows until there is something."""
@@ -156,7 +159,8 @@ class Table:
         else:
             self.columns[name] = [[blank] for _ in range(count)]
 
-    def _write(self, row: int, given: Mapping[str, Any]) -> None:
+    def put(self, row: int, given: Mapping[str, Any]) -> None:
+        """Write values of one environment into columns that there are."""
         for name, value in given.items():
             column = self.columns[name]
             if isinstance(column, list):
@@ -168,9 +172,12 @@ class Table:
                     self.unfit.setdefault(name, f"{type(value).__name__} is no number, text or array of numbers")
                 continue
             shape, found = tuple(column.shape[2:]), tuple(getattr(value, "shape", None) or np.shape(value))
-            if found != shape or isinstance(value, str):
+            if isinstance(value, str) or [length for length in found if length != 1] != [length for length in shape if length != 1]:
                 self._misfit(row, name, shape, value)
-            elif isinstance(column, np.ndarray) and isinstance(value, np.ndarray):
+                continue
+            # Axes of length 1 may come and go.
+            value = value.reshape(shape) if found != shape and hasattr(value, "reshape") else value
+            if isinstance(column, np.ndarray) and isinstance(value, np.ndarray):
                 if not np.can_cast(value.dtype, column.dtype, "safe"):
                     # A first value of 0 must not make integers of what follows.
                     column = self.columns[name] = column.astype(np.result_type(column.dtype, value.dtype))

@@ -128,10 +128,12 @@ class EnvPool:
             None, rewards f32 ``(N,)``, terminations and truncations bool ``(N,)``, and the infos.
 
         Raises:
-            SwmError: No episode has begun, or those of all environments that would step are over.
+            AttributeError: No episode has begun.
+            SwmError: The episodes of all environments that would step are over.
         """
         if self._over is None:
-            raise _swm.EnvError("no episode has begun; call `reset` before the next step")
+            # The class of the reference, which cannot step then either.
+            raise AttributeError("no episode has begun; call `reset` before the next step")
         chosen = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask, np.bool_)
         if chosen.any() and not (chosen & ~self._over).any():
             raise _swm.EnvError(
@@ -163,6 +165,20 @@ class EnvPool:
         """Close all environments."""
         for env in self.envs:
             env.close()
+
+
+def _stack_fresh(per_env_infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Infos of all environments as one table, by the reference's name."""
+    table = Table(len(per_env_infos))
+    table.begin(per_env_infos)
+    return table.columns
+
+
+def _write_env_info(stacked: dict[str, Any], idx: int, info: Mapping[str, Any]) -> None:
+    """Write one environment's infos into a table, by the reference's name; names that it lacks are left out."""
+    known = {name: value for name, value in info.items() if name in stacked}
+    if known:
+        Table(len(stacked[next(iter(known))]), columns=stacked).put(idx, known)
 
 
 def _observed(env: Any) -> frozenset[str]:

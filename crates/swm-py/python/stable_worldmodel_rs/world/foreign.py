@@ -219,7 +219,7 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
         runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
         for row, number in runs:
             episode: dict[str, Any] = dict(recorder.finish(world.envs.table, row))
-            steps += len(episode["step_idx"])
+            steps += max(map(len, episode.values()), default=0)
             constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
             if constants is not None and (given := constants()):
                 episode[EPISODE_DATA_KEY] = dict(given)
