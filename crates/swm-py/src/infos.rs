@@ -143,7 +143,7 @@ fn no_choice(factor: &FactorSpec, text: &str) -> PyErr {
 }
 
 /// Reset options from a dict: `variation` (a list of names, groups, `"all"`), `variation_values`, `start` and `goal` (dicts
-/// of columns), `state` and `goal_state` (the column `state` of the two), and `goal_<column>`.
+/// of columns), `goal_image`, `state` and `goal_state` (the column `state` of the two), and `goal_<column>`.
 pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<ResetOptions> {
     let mut options = ResetOptions::default();
     if given.is_none() {
@@ -168,6 +168,7 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
             "variation_values" => options.variation_values = factors(spec, &given)?,
             "start" => options.start.get_or_insert_default().extend(values(&key, &given)?),
             "goal" => options.goal.get_or_insert_default().extend(values(&key, &given)?),
+            "goal_image" => options.goal_image = Some(value(&key, &given)?),
             key if spec.start_columns.contains(&key) => {
                 options.start.get_or_insert_default().insert(key.to_owned(), value(key, &given)?);
             }
@@ -185,7 +186,7 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
 fn unknown_option(spec: &EnvSpec, key: &str) -> PyErr {
     let starts = spec.start_columns.iter().map(|column| (*column).to_owned());
     let goals = spec.goal_columns.iter().map(|column| format!("goal_{column}"));
-    let known: Vec<String> = ["variation", "variation_values", "start", "goal"]
+    let known: Vec<String> = ["variation", "variation_values", "start", "goal", "goal_image"]
         .map(str::to_owned)
         .into_iter()
         .chain(starts)
