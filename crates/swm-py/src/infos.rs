@@ -42,12 +42,18 @@ fn column(array: &Bound<'_, PyUntypedArray>) -> PyResult<Option<Column>> {
     Ok(None)
 }
 
+/// Whether an array has the shape `wanted`, sizes of 1 apart: as many values in another shape would be others' actions.
+fn has_shape(found: &[usize], wanted: &[usize]) -> bool {
+    let long = |shape: &[usize]| shape.iter().copied().filter(|&size| size != 1).collect::<Vec<_>>();
+    found == wanted || long(found) == long(wanted)
+}
+
 /// Actions `(N, …)` of any real type, as the action space's type. Rows of environments that do not step may be NaN.
 pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>) -> PyResult<Column> {
     let wanted = spec.action.dtype().unwrap_or(Dtype::F32);
-    let count = num_envs * spec.action.dim();
+    let shape: Vec<usize> = std::iter::once(num_envs).chain(spec.action.shape()).collect();
+    let count: usize = shape.iter().product();
     let wrong = |found: String| {
-        let shape: Vec<usize> = std::iter::once(num_envs).chain(spec.action.shape()).collect();
         SwmError::new_err(format!(
             "actions must be numbers of shape {shape:?}, one row per environment, found {found}"
         ))
@@ -57,14 +63,14 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
         && let Ok(array) = given.cast::<PyArrayDyn<f32>>()
         && let Ok(array) = array.try_readonly()
         && let Ok(values) = array.as_slice()
-        && values.len() == count
+        && has_shape(array.shape(), &shape)
     {
         return Ok(Column::F32(values.to_vec()));
     }
     let array = as_array(given)?;
     let found = || format!("{} of shape {:?}", array.dtype(), array.shape());
     let values = column(&array)?.ok_or_else(|| wrong(found()))?;
-    if values.len() != count {
+    if !has_shape(array.shape(), &shape) {
         return Err(wrong(found()));
     }
     let values = values.as_slice();

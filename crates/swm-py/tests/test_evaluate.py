@@ -104,6 +104,14 @@ def test_the_command_notes_goals_that_it_renders(recorded: Path) -> None:
     assert "goal_images" not in command(*ask)["protocol"]
 
 
+@pytest.mark.parametrize("shape", [(2, 3), (6,), (3, 3), (3,), (1, 2)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    world = make(3)
+    world.set_policy(lambda infos: np.zeros(shape, np.float32))
+    with pytest.raises(swm.SwmError, match=r"actions must be numbers of shape \[3, 2\]"):
+        world.evaluate(episodes=3, seed=0)
+
+
 @pytest.mark.parametrize("episodes", [0, -1])
 def test_no_episodes_are_refused(episodes: int) -> None:
     world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)
