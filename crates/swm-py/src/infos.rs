@@ -58,12 +58,18 @@ fn column(array: &Bound<'_, PyUntypedArray>) -> PyResult<Option<Column>> {
     Ok(None)
 }
 
+/// Whether an array has the shape `wanted`, sizes of 1 apart: as many values in another shape would be others' actions.
+fn has_shape(found: &[usize], wanted: &[usize]) -> bool {
+    let long = |shape: &[usize]| shape.iter().copied().filter(|&size| size != 1).collect::<Vec<_>>();
+    found == wanted || long(found) == long(wanted)
+}
+
 /// Actions `(N, …)` of any real type, as the action space's type. Rows of environments that do not step may be NaN.
 pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>) -> PyResult<Column> {
     let wanted = spec.action.dtype().unwrap_or(Dtype::F32);
-    let count = num_envs * spec.action.dim();
+    let shape: Vec<usize> = std::iter::once(num_envs).chain(spec.action.shape()).collect();
+    let count: usize = shape.iter().product();
     let wrong = |found: String| {
-        let shape: Vec<usize> = std::iter::once(num_envs).chain(spec.action.shape()).collect();
         SwmError::new_err(format!(
             "actions must be numbers of shape {shape:?}, one row per environment, found {found}"
         ))
@@ -73,14 +79,14 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
         && let Ok(array) = given.cast::<PyArrayDyn<f32>>()
         && let Ok(array) = array.try_readonly()
         && let Ok(values) = array.as_slice()
-        && values.len() == count
+        && has_shape(array.shape(), &shape)
     {
         return Ok(Column::F32(values.to_vec()));
     }
     let array = as_array(given)?;
     let found = || format!("{} of shape {:?}", array.dtype(), array.shape());
     let values = column(&array)?.ok_or_else(|| wrong(found()))?;
-    if values.len() != count {
+    if !has_shape(array.shape(), &shape) {
         return Err(wrong(found()));
     }
     let values = values.as_slice();
@@ -169,7 +175,7 @@ fn no_choice(factor: &FactorSpec, text: &str) -> PyErr {
 }
 
 /// Reset options from a dict: `variation` (a list of names, groups, `"all"`), `variation_values`, `start` and `goal` (dicts
-/// of columns), `state` and `goal_state` (the column `state` of the two), and `goal_<column>`.
+/// of columns), `goal_image`, `state` and `goal_state` (the column `state` of the two), and `goal_<column>`.
 pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<ResetOptions> {
     let mut options = ResetOptions::default();
     if given.is_none() {
@@ -194,6 +200,7 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
             "variation_values" => options.variation_values = factors(spec, &given)?,
             "start" => options.start.get_or_insert_default().extend(values(&key, &given)?),
             "goal" => options.goal.get_or_insert_default().extend(values(&key, &given)?),
+            "goal_image" => options.goal_image = Some(value(&key, &given)?),
             key if spec.start_columns.contains(&key) => {
                 options.start.get_or_insert_default().insert(key.to_owned(), value(key, &given)?);
             }
@@ -211,7 +218,7 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
 fn unknown_option(spec: &EnvSpec, key: &str) -> PyErr {
     let starts = spec.start_columns.iter().map(|column| (*column).to_owned());
     let goals = spec.goal_columns.iter().map(|column| format!("goal_{column}"));
-    let known: Vec<String> = ["variation", "variation_values", "start", "goal"]
+    let known: Vec<String> = ["variation", "variation_values", "start", "goal", "goal_image"]
         .map(str::to_owned)
         .into_iter()
         .chain(starts)

@@ -159,7 +159,7 @@ impl PyWorld {
     }
 
     /// What the environments are, as JSON: `action` (a space), `fields` (name, dtype, shape, kind), `factors` (name, doc,
-    /// space, default, …), `time_step_s`, `start_columns`, `goal_columns`.
+    /// space, default, …), `time_step_s`, `start_columns`, `goal_columns`, `start_extras`, `goal_extras`.
     fn spec_json(&self) -> String {
         let spec = &self.shared.spec;
         serde_json::json!({
@@ -170,8 +170,15 @@ impl PyWorld {
             "time_step_s": spec.time_step_s,
             "start_columns": spec.start_columns,
             "goal_columns": spec.goal_columns,
+            "start_extras": spec.start_extras,
+            "goal_extras": spec.goal_extras,
         })
         .to_string()
+    }
+
+    /// What renders the images, in words; None: always the same, or none are rendered.
+    fn renderer(&self) -> PyResult<Option<String>> {
+        Ok(self.shared.lock()?.world()?.renderer())
     }
 
     /// The infos as they stand: name -> array `(N, 1, …)` over the World's own memory, written by every step and reset.

@@ -49,6 +49,69 @@ def test_results_have_the_references_keys() -> None:
     assert result["setup"]["env"] == "swm/PushT-v1" and result["setup"]["policy"].startswith("expert")
 
 
+class Watcher:
+    """Acts never, and keeps the first infos."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, np.ndarray] = {}
+
+    def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+        self.seen = self.seen or {name: infos[name].copy() for name in ("goal", "pixels", "goal_state")}
+        return np.zeros((len(infos["pixels"]), 2), np.float32)
+
+
+def test_goals_from_a_dataset_are_the_recorded_frames(recorded: Path, caplog: pytest.LogCaptureFixture) -> None:
+    dataset = swm.data.load_dataset(str(recorded))
+    rows, offset = [(0, 2), (1, 3), (3, 7)], 5
+    chunks = dataset.load_chunk(*np.array([(episode, row, row + offset + 1) for episode, row in rows]).T)
+    frames = [np.moveaxis(np.asarray(chunk["pixels"]), 1, -1) for chunk in chunks]
+    for side, is_recorded in ((32, True), (48, False)):
+        world, watcher = swm.World("swm/PushT-v1", 3, image_shape=(side, side), threads=1), Watcher()
+        world.set_policy(watcher)
+        caplog.clear()
+        swm.evaluate_from_dataset(
+            world, dataset, [episode for episode, _ in rows], [row for _, row in rows], eval_budget=2, goal_offset=offset
+        )
+        notes = [record.getMessage() for record in caplog.records if "images of goals" in record.getMessage()]
+        if is_recorded:
+            assert not notes
+            np.testing.assert_array_equal(watcher.seen["goal"][:, 0], [frame[-1] for frame in frames])
+            np.testing.assert_array_equal(watcher.seen["pixels"][:, 0], [frame[0] for frame in frames])
+        else:
+            assert notes == [
+                "images of goals are rendered from the recorded states, as the dataset's images are 32x32, this World's are 48x48"
+            ]
+
+
+def test_a_given_goal_image_has_the_size_of_the_others() -> None:
+    frame = np.full((32, 32, 3), 7, np.uint8)
+    world = make(1)
+    world.reset(seed=0, options={"goal_image": frame})
+    np.testing.assert_array_equal(world.infos["goal"][0, 0], frame)
+    with pytest.raises(swm.EnvError, match=r"`goal_image` is uint8 \[8, 8, 3\]; it takes uint8 \[32, 32, 3\]"):
+        world.reset(seed=0, options={"goal_image": frame[:8, :8]})
+    with pytest.raises(swm.EnvError, match="it has no images of goals"):
+        swm.World("swm/PushT-v1", 1, add_pixels=False).reset(seed=0, options={"goal_image": frame})
+
+
+def test_the_command_notes_goals_that_it_renders(recorded: Path) -> None:
+    ask = ("eval", "swm/PushT-v1", "--policy", "random", "--dataset", str(recorded))
+    ask += ("--episodes", "2", "--goal-offset", "5", "--budget", "2")
+    assert command(*ask, "--image-size", "32x32")["protocol"]["goal_images"] == {"kind": "recorded"}
+    reason = "factors are not those of the recorded episodes"
+    found = command(*ask, "--image-size", "32x32", "--vary", "agent.color")
+    assert found["protocol"]["goal_images"] == {"kind": "rendered", "reason": reason}
+    assert "goal_images" not in command(*ask)["protocol"]
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (6,), (3, 3), (3,), (1, 2)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    world = make(3)
+    world.set_policy(lambda infos: np.zeros(shape, np.float32))
+    with pytest.raises(swm.SwmError, match=r"actions must be numbers of shape \[3, 2\]"):
+        world.evaluate(episodes=3, seed=0)
+
+
 @pytest.mark.parametrize("episodes", [0, -1])
 def test_no_episodes_are_refused(episodes: int) -> None:
     world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)

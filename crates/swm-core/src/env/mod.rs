@@ -345,6 +345,9 @@ pub struct ResetOptions {
     pub start: Option<BTreeMap<String, Value>>,
     /// The goal: columns of a recorded row (see [`EnvSpec::goal_columns`]).
     pub goal: Option<BTreeMap<String, Value>>,
+    /// `[H, W, 3]` u8: the image of the goal, such as a recorded frame, in place of the one that the environment renders. In
+    /// environments with images of goals, of this size.
+    pub goal_image: Option<Value>,
     /// The episode seed, instead of the one that the run would give: for repeating a recorded episode.
     pub seed: Option<EpisodeSeed>,
 }

@@ -1,14 +1,16 @@
 //! Goals from a dataset: start at a recorded row, reach what was recorded `goal_offset` rows later.
 //!
-//! Start, goal and factors are restored in the environment and rendered by it; stored images are not used.
+//! Start, goal and factors are restored in the environment and rendered by it. The goal's image is the recorded frame, where that
+//! shows what the environment would: see [`GoalImages`].
 
 use std::collections::BTreeMap;
 
 use rand::seq::index;
 
-use super::{DatasetProtocol, Evaluation};
+use super::goal_images::recorded_frame;
+use super::{DatasetProtocol, Evaluation, GoalImages};
 use crate::batch::Value;
-use crate::dataset::{Dataset, Metadata, read_known, recorded_state};
+use crate::dataset::{Dataset, Metadata, recorded_goal, recorded_state};
 use crate::env::{EnvSpec, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
@@ -104,9 +106,10 @@ impl World {
         let starts =
             choose_starts(&source.info().lengths, options.episodes, options.goal_offset, options.seed)
                 .map_err(WorldError::Dataset)?;
+        let goal_images = GoalImages::of(self, source, options);
         let resets = starts
             .iter()
-            .map(|&start| reset_options(&self.spec, source, start, options))
+            .map(|&start| reset_options(&self.spec, source, start, options, goal_images.as_ref()))
             .collect::<Result<Vec<_>, _>>()
             .map_err(WorldError::Dataset)?;
         let mut rollout = Rollout::new(0..starts.len() as u64).seed(options.seed).each(resets);
@@ -125,6 +128,7 @@ impl World {
             budget: options.budget,
             starts,
             dataset: source.metadata().cloned(),
+            goal_images,
         });
         Ok(evaluation)
     }
@@ -176,9 +180,14 @@ fn reset_options(
     source: &mut dyn Dataset,
     [episode, row]: [usize; 2],
     options: &EvalOptions,
+    goal_images: Option<&GoalImages>,
 ) -> Result<ResetOptions, BoxError> {
     let mut reset = recorded_state(spec, source, episode, row)?;
-    reset.goal = Some(read_known(source, episode, row + options.goal_offset, spec.goal_columns)?);
+    let goal = [episode, row + options.goal_offset];
+    reset.goal = Some(recorded_goal(spec, source, goal, goal_images.is_some())?);
+    if goal_images == Some(&GoalImages::Recorded) {
+        reset.goal_image = Some(recorded_frame(source, goal)?);
+    }
     reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
     reset.variation_values.retain(|name, _| !spec.samples(&options.variation, name));
     reset.variation_values.extend(options.variation_values.clone());

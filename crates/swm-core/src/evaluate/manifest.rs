@@ -278,6 +278,7 @@ impl Pair {
             variation_values: values(&self.set)?,
             start: self.start.as_ref().map(values).transpose()?,
             goal: self.goal.as_ref().map(values).transpose()?,
+            goal_image: None,
             seed: Some(EpisodeSeed::new(self.seed as u64)),
         })
     }

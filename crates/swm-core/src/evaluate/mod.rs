@@ -5,6 +5,7 @@
 
 mod chosen;
 mod from_dataset;
+mod goal_images;
 mod hash;
 mod manifest;
 mod model_entry;
@@ -32,6 +33,7 @@ use crate::world::World;
 pub use crate::success::{Condition, Judge, Measure, SuccessRule, Symmetry};
 pub use chosen::ChosenPair;
 pub use from_dataset::{EvalOptions, choose_starts};
+pub use goal_images::GoalImages;
 pub use hash::{sha256, sha256_of, sorted, witness};
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
 pub use model_entry::{MakeModel, ModelEntry};
@@ -97,6 +99,9 @@ pub struct DatasetProtocol {
     pub starts: Vec<[usize; 2]>,
     /// The description of the dataset.
     pub dataset: Option<Metadata>,
+    /// Where the images of goals came from; `None`: there were none, or the result is older than this entry.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_images: Option<GoalImages>,
 }
 
 /// A recorder that builds an [`Evaluation`].

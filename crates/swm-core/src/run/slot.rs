@@ -12,6 +12,8 @@ pub(crate) struct Slot {
     /// The episode to begin at the next reset phase.
     pub(crate) next: Option<LiveEpisode>,
     pub(crate) progress: Option<Progress>,
+    /// The episode's goal image was given, and is not the environment's.
+    pub(crate) goal_image_is_given: bool,
     /// The last checkpoint.
     pub(crate) saved: EnvState,
     pub(crate) scratch: Scratch,
@@ -19,7 +21,8 @@ pub(crate) struct Slot {
 
 impl Slot {
     pub(crate) fn new(env: Box<dyn Env>) -> Self {
-        Self { env, next: None, progress: None, saved: EnvState::new(), scratch: Scratch::default() }
+        let (saved, scratch) = (EnvState::new(), Scratch::default());
+        Self { env, next: None, progress: None, goal_image_is_given: false, saved, scratch }
     }
 
     pub(crate) fn env(&self) -> &dyn Env {

@@ -218,6 +218,11 @@ impl World {
         Ok(())
     }
 
+    /// What renders its images: see [`Env::renderer`](crate::Env::renderer).
+    pub fn renderer(&self) -> Option<String> {
+        self.slots.first().and_then(|slot| slot.env().renderer())
+    }
+
     /// Shows images through `transform`, or as they are. Fields that are not images do not change.
     pub fn set_transform(&mut self, transform: Option<Arc<dyn Transform>>) {
         self.frames = transform.map(|transform| Frames::new(transform, self.infos.schema()));

@@ -1,8 +1,8 @@
 //! The two phases of a world, over all its slots: resets of the episodes that are due, and steps of the live ones.
 
-use crate::batch::{RowsMut, Slice};
+use crate::batch::{RowsMut, Slice, Value};
 use crate::checkpoint::Checkpoints;
-use crate::env::{Episode, ResetOptions, step_times};
+use crate::env::{Episode, GOAL_IMAGE, ResetOptions, step_times};
 use crate::error::{EnvError, WorldError};
 use crate::run::{LiveEpisode, Margins, Progress, Slot};
 use crate::seed::EpisodeSeed;
@@ -112,6 +112,23 @@ where
     a.and(b)
 }
 
+/// Writes an image of the goal that a reset was given.
+fn show_goal(image: &Value, env: &str, out: &mut RowsMut<'_>) -> Result<(), EnvError> {
+    let wrong = |reason: String| EnvError::Reset { env: env.to_owned(), reason };
+    let index = out.schema().index(GOAL_IMAGE).ok_or_else(|| {
+        wrong(
+            "it has no images of goals, and `goal_image` gives one; render images, or leave it out"
+                .to_owned(),
+        )
+    })?;
+    let shape = out.schema().fields()[index].shape.clone();
+    if image.shape != shape || !out.slice_mut(index).copy_from(image.data.as_slice()) {
+        let found = (image.data.as_slice().dtype(), &image.shape);
+        return Err(wrong(format!("`goal_image` is {} {:?}; it takes uint8 {shape:?}", found.0, found.1)));
+    }
+    Ok(())
+}
+
 impl Slot {
     fn reset(
         &mut self,
@@ -123,6 +140,10 @@ impl Slot {
         episode.seed = options.seed.unwrap_or(episode.seed);
         let outcome = self.env.reset(&Episode::new(episode.seed, options))?;
         self.env.write_episode(out);
+        self.goal_image_is_given = options.goal_image.is_some();
+        if let Some(image) = &options.goal_image {
+            show_goal(image, &self.env.spec().id, out)?;
+        }
         self.env.observe(out);
         if let Some(frames) = rules.frames {
             frames.show(episode, &mut self.scratch, out);

@@ -205,7 +205,7 @@ impl Run<'_> {
             return Ok(());
         }
         let policy = self.world.policy_description();
-        let renderer = self.world.slots.first().and_then(|slot| slot.env().renderer());
+        let renderer = self.world.renderer();
         let info = RunInfo {
             spec: &self.world.spec,
             schema: self.world.infos.schema(),

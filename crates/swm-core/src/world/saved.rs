@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::World;
 use crate::batch::{Column, Dtype, Field};
-use crate::env::EnvState;
+use crate::env::{EnvState, GOAL_IMAGE};
 use crate::error::WorldError;
 use crate::run::{Progress, Slot};
 
@@ -16,7 +16,8 @@ pub struct SavedSlot {
     /// The last checkpoint of the recording, if states are saved.
     checkpoint: EnvState,
     progress: Option<Progress>,
-    /// The row of the infos, without what a policy reports; none where a column holds images, which are rendered again.
+    /// The row of the infos, without what a policy reports; none where a column holds images, which are rendered again, but for an
+    /// image of the goal that was given.
     values: Vec<Option<Column>>,
 }
 
@@ -45,9 +46,9 @@ impl World {
         self.slots[slot].env.snapshot(&mut state).map_err(|source| self.env_error(slot, source))?;
         let row = self.infos.row(slot);
         let fields = self.infos.schema().fields()[..self.fields.of_policy()].iter().enumerate();
-        let values =
-            fields.map(|(index, field)| (!is_image(field)).then(|| row.at(index).to_column())).collect();
-        let Slot { saved: checkpoint, progress, .. } = &self.slots[slot];
+        let Slot { saved: checkpoint, progress, goal_image_is_given, .. } = &self.slots[slot];
+        let is_kept = |field: &Field| !is_image(field) || (*goal_image_is_given && field.name == GOAL_IMAGE);
+        let values = fields.map(|(index, field)| is_kept(field).then(|| row.at(index).to_column())).collect();
         Ok(SavedSlot { state, checkpoint: checkpoint.clone(), progress: *progress, values })
     }
 
@@ -85,6 +86,9 @@ impl World {
         for index in of_policy..out.schema().fields().len() {
             out.slice_mut(index).fill_missing();
         }
+        let schema = out.schema();
+        let goal = schema.index(GOAL_IMAGE).filter(|&index| is_image(&schema.fields()[index]));
+        place.goal_image_is_given = goal.is_some_and(|index| saved.values[index].is_some());
         (place.progress, place.saved) = (saved.progress, saved.checkpoint.clone());
         place.next = None;
         Ok(())

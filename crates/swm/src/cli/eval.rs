@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use swm_core::error::BoxError;
+use swm_core::evaluate::GoalImages;
 use swm_core::{
     Cancel, EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveStep, Recorder, Registry, Rollout, World,
 };
@@ -234,6 +235,10 @@ impl Eval {
         };
         bar.finish_and_clear();
         let evaluation = evaluated?;
+        let goals = evaluation.protocol.as_ref().and_then(|protocol| protocol.goal_images.as_ref());
+        if let Some(note) = goals.and_then(GoalImages::note) {
+            output.note(format_args!("note: {note}"));
+        }
         let written = match &self.out {
             Some(dir) => write_report(dir, &evaluation, &video, format),
             None => Ok(Vec::new()),

@@ -134,7 +134,7 @@ class NativePool:
         Args:
             seed: The seed of a run, a list of N seeds of episodes, or None for the next episodes of the run.
             options: A dict for all, or a list of N: ``variation``, ``variation_values``, ``state``, ``goal_state``,
-                ``start``, ``goal``.
+                ``start``, ``goal``, ``goal_image`` (``(H, W, 3)``, in place of the rendered one).
             mask: Which environments to reset.
         """
         count = self.num_envs

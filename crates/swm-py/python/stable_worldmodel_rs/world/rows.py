@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import Any, cast
@@ -84,9 +85,40 @@ def reset_options(spec: Mapping[str, Any], first: Mapping[str, Any], last: Mappi
             raise _swm.SwmError(
                 f"`{spec['id']}`: the dataset has no column for the {what}; it needs one of {', '.join(wanted)}"
             )
+    start.update({column: first[column] for column in spec["start_extras"] if column in first})
+    goal.update({column: last[f"goal_{column}"] for column in spec["goal_extras"] if f"goal_{column}" in last})
     known = [factor["name"] for factor in spec["factors"]]
     values = {name: first[f"variation.{name}"] for name in known if f"variation.{name}" in first}
     return {"variation": [], "variation_values": values, "start": start, "goal": goal}
+
+
+def goal_images(
+    dataset: Any, spec: Mapping[str, Any], built: Mapping[str, Any], last: Mapping[str, Any], renderer: str | None
+) -> str | None:
+    """Why the recorded frames of goals are not what this World would show, and goals are rendered anew; None: they are.
+
+    As `GoalImages` of the core decides; an empty text where there is nothing to say, as the World has no images of goals.
+    """
+    shape = next((tuple(field["shape"]) for field in spec["fields"] if field["name"] == "goal"), None)
+    if shape is None:
+        return ""
+    frame: Any = last.get("goal")
+    if frame is None:
+        return "the dataset has no images"
+    if frame.dtype != np.uint8 or frame.ndim != 3:
+        return "the dataset's images are no frames (H, W, 3) of bytes"
+    if frame.shape != shape:
+        found, own = ("x".join(map(str, size[:2])) for size in (frame.shape, shape))
+        return f"the dataset's images are {found}, this World's are {own}"
+    metadata: Any = getattr(dataset, "metadata", None)
+    if not isinstance(metadata, Mapping) or "env" not in metadata:
+        return "the dataset does not state the settings that it was recorded with"
+    recorded = cast("Mapping[str, Any]", metadata)
+    if recorded.get("settings", {}) != json.loads(built["settings"]):
+        return "the dataset was recorded with other settings of the environment"
+    if recorded.get("renderer") != renderer:
+        return "the dataset was recorded with another renderer"
+    return None
 
 
 def check_callables(callables: Sequence[Mapping[str, Any]] | None) -> None:

@@ -19,7 +19,7 @@ from .native import note_unsampled, plain_options
 from .policies import NativePolicy, ask
 from .progress import Progress
 from .results import EvaluationResult
-from .rows import check_callables, check_recording, extract_init_goal, reset_options
+from .rows import check_callables, check_recording, extract_init_goal, goal_images, reset_options
 
 if TYPE_CHECKING:
     from .world import World
@@ -117,6 +117,12 @@ class Runs:
         firsts, lasts, _ = extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
         spec = self.envs.spec_data
         options = [reset_options(spec, first, last) for first, last in zip(firsts, lasts, strict=True)]
+        rendered = goal_images(dataset, spec, self._built, lasts[0], self._core.renderer()) if lasts else ""
+        if rendered is None:
+            for one, last in zip(options, lasts, strict=True):
+                one["goal_image"] = last["goal"]
+        elif rendered:
+            logger.warning("images of goals are rendered from the recorded states, as %s", rendered)
         run = _DATASET_SEED if seed is None else seed
         seeds = [
             _swm.episode_seed(run, int(episode) << 32 | int(row))

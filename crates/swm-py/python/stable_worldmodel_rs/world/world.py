@@ -249,7 +249,7 @@ class World(Runs):
             seed: Seed of a run: environment ``i`` begins its episode ``i``. A list names the episodes' own seeds. None:
                 the next episodes.
             options: A dict or a list of N: ``variation`` (names of factors, groups or ``"all"``, to be sampled),
-                ``variation_values``, ``state``, ``goal_state``, ``start``, ``goal``.
+                ``variation_values``, ``state``, ``goal_state``, ``start``, ``goal``, ``goal_image``.
         """
         _, self.infos = self.envs.reset(seed=seed, options=options)
         self._stale = False
