@@ -1,4 +1,4 @@
-"""The guide docs/python.md and the README's program: their blocks run, in their order, in one folder."""
+"""The guides docs/python.md and docs/torch.md, and the README's program: their blocks run, in their order, in one folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def program(page: str) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md", "docs/torch.md"])
 def test_the_blocks_of_a_page_run(page: str, tmp_path: Path, run_python: Any) -> None:
     if not (ROOT / page).is_file():
         pytest.skip("the pages are in the checkout only")
