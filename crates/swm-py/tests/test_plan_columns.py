@@ -192,6 +192,58 @@ def test_torch_modules_without_what_is_needed_are_refused() -> None:
         ShootingCostEvaluator(World(), GoalMSE)
 
 
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: planner(proces={"proprio": Half()}), TypeError, "WorldModelPolicy has no argument 'proces'; did you mean 'process'"),
+        (lambda: swm.RandomPolicy(sed=3), TypeError, "RandomPolicy has no argument 'sed'; did you mean 'seed'"),
+        (lambda: planner(process={"proprio": 3}), TypeError, r"process\['proprio'\] is 3; give an object with transform"),
+        (lambda: planner(process={"proprio": Half}), TypeError, r"process\['proprio'\] is <class"),
+        (lambda: planner(transform={"pixels": 3}), TypeError, r"transform\['pixels'\] is 3; give a function"),
+        (lambda: WorldModelPolicy(CEMSolver(Look()), None), TypeError, r"config is None; give a PlanConfig\(horizon="),
+        (lambda: planned(Look(), history_keys=("stat",)), ValueError, "history_keys names 'stat'.*did you mean 'state'"),
+        (lambda: PlanConfig(2.5, 1), ValueError, "horizon must be a whole number, got 2.5"),
+        (lambda: PlanConfig(2, 1, history_len=3, history_max_len=1), ValueError, "history_max_len=1 steps are fewer.*give 3 or"),
+        (lambda: attached("cem"), TypeError, "'cem' is no solver"),
+        (lambda: attached(CEMSolver), TypeError, "CEMSolver'> is no solver"),
+        (lambda: planned(Look(), process={"action": swm.data.ZScoreScaler([np.nan, 0], [1, 1])}), ValueError, "are not finite"),
+    ],
+)
+def test_other_mistakes_are_refused(make: Any, error: Any, message: str) -> None:
+    with pytest.raises(error, match=message):
+        make()
+
+
+def planner(**settings: Any) -> WorldModelPolicy:
+    return WorldModelPolicy(CEMSolver(Look()), PlanConfig(2, 1), **settings)
+
+
+def attached(solver: Any) -> None:
+    World("swm/PushT-v1", 1, None, add_pixels=False).set_policy(WorldModelPolicy(solver, PlanConfig(2, 1)))
+
+
+def test_attributes_may_have_any_other_name() -> None:
+    assert planner(run="a", note="b").note == "b"
+
+
+def test_a_model_in_training_mode_is_noted(caplog: pytest.LogCaptureFixture) -> None:
+    torch = pytest.importorskip("torch")
+
+    class Drops(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.layers = torch.nn.Sequential(torch.nn.Linear(2, 2), torch.nn.Dropout(0.5))
+
+        def get_cost(self, infos: Any, candidates: Any) -> Any:
+            return candidates.sum(dim=(2, 3))
+
+    model = Drops()
+    attached(CEMSolver(model.eval()))
+    assert not caplog.messages
+    attached(CEMSolver(model.train()))
+    assert caplog.messages == ["Drops is in training mode, and its Dropout make other plans then; call eval() before planning"]
+
+
 def test_an_image_model_without_a_transform_is_told_so() -> None:
     torch = pytest.importorskip("torch")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,8 +17,10 @@ from ._arrays import Array, is_array, is_tensor, require_torch
 __all__ = [
     "observed_columns",
     "plan_bounds",
+    "refuse_misspelled",
     "require_columns",
     "require_method",
+    "require_settings",
     "scale",
     "setting_of",
     "transform",
@@ -61,6 +64,37 @@ def require_columns(settings: Mapping[str, Mapping[str, Any]], infos: Mapping[st
             if column in ("pixels", _GOAL):
                 hint = " (images need image_shape=(H, W) of World or make_manifest)"
             raise ValueError(f"{argument} names {column!r}, which is no column{hint}; the columns are {', '.join(known)}")
+
+
+def refuse_misspelled(of: type, given: Mapping[str, Any]) -> None:
+    """Refuses keyword arguments that would become attributes and are nearly the name of a setting.
+
+    Raises:
+        TypeError: It names the setting.
+    """
+    settings = {
+        name
+        for base in of.__mro__
+        if "__init__" in vars(base) and base is not object
+        for name in inspect.signature(base.__init__).parameters  # type: ignore[misc]
+        if name not in ("self", "args", "kwargs")
+    }
+    for name in given:
+        near = difflib.get_close_matches(name, settings - {name}, 1, 0.8)
+        if near and name not in settings:
+            raise TypeError(f"{of.__name__} has no argument {name!r}; did you mean {near[0]!r}?")
+
+
+def require_settings(process: Mapping[str, Any] | None, transforms: Mapping[str, Any] | None) -> None:
+    """Refuses scalings that do not scale and transforms that cannot be called."""
+    for name, scaler in (process or {}).items():
+        if isinstance(scaler, type) or not hasattr(scaler, "transform"):
+            raise TypeError(
+                f"process[{name!r}] is {scaler!r}; give an object with transform and inverse_transform, such as a StandardScaler"
+            )
+    for name, function in (transforms or {}).items():
+        if not callable(function):
+            raise TypeError(f"transform[{name!r}] is {function!r}; give a function of one image, (C, H, W)")
 
 
 def require_method(of: str, model: Any, method: str, needed: str, hint: str) -> None:
@@ -132,6 +166,8 @@ def plan_bounds(space: Any, scaler: Any) -> tuple[tuple[Array, Array], tuple[Arr
     turns = np.arange(safe.shape[1]) % 2
     mixed = np.where(turns == 0, safe[0], safe[1])
     planned = np.asarray(scale(scaler, "action", np.stack([*safe, mixed])), np.float64)
+    if not np.isfinite(planned).all():
+        raise ValueError(f"{type(scaler).__name__} in process['action'] gives values that are not finite; fit it without NaN")
     if not np.allclose(planned[2], np.where(turns == 0, planned[0], planned[1])):
         raise ValueError(
             f"{type(scaler).__name__} in process['action'] mixes the elements of an action, so that plans have no bounds of "
@@ -144,10 +180,6 @@ def plan_bounds(space: Any, scaler: Any) -> tuple[tuple[Array, Array], tuple[Arr
 
 def scale(scaler: Any, key: str, values: Any) -> Array:
     """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
-    if not hasattr(scaler, "transform"):
-        raise TypeError(
-            f"process['{key}'] is {scaler!r}; give an object with transform and inverse_transform, such as a StandardScaler"
-        )
     if not is_array(values):
         raise ValueError(
             f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"

@@ -18,8 +18,10 @@ from ._arrays import Array, is_array, is_tensor, require_torch
 from ._prepare import (
     observed_columns,
     plan_bounds,
+    refuse_misspelled,
     require_columns,
     require_method,
+    require_settings,
     scale,
     setting_of,
     transform,
@@ -80,13 +82,26 @@ class PlanConfig:
 
     def __post_init__(self) -> None:
         for name in ("horizon", "receding_horizon", "history_len", "action_block"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be >= 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if value != int(value):
+                raise ValueError(f"{name} must be a whole number, got {value}")
+            if value < 1:
+                raise ValueError(f"{name} must be >= 1, got {value}")
         if self.receding_horizon > self.horizon:
             raise ValueError(
                 f"receding_horizon is {self.receding_horizon}, and a plan has {self.horizon} blocks; lower it or raise "
                 "horizon"
             )
+        if self.history_max_len is not None and self.history_max_len < self.history_steps:
+            raise ValueError(
+                f"history_max_len={self.history_max_len} steps are fewer than {self.history_len} frames need, which are "
+                f"{self.action_block} steps apart; leave it out, or give {self.history_steps} or more"
+            )
+
+    @property
+    def history_steps(self) -> int:
+        """Steps from the oldest frame to the present, both included."""
+        return (self.history_len - 1) * self.action_block + 1
 
     @property
     def plan_len(self) -> int:
@@ -111,6 +126,7 @@ class BasePolicy:
     def __init__(self, **kwargs: Any) -> None:
         self.env = None
         self.type = "base"
+        refuse_misspelled(type(self), kwargs)
         for name, value in kwargs.items():
             setattr(self, name, value)
 
@@ -130,6 +146,7 @@ class BasePolicy:
         """Refuses scalings and transforms of columns that there are not, at the first action."""
         if not self._is_checked:
             settings = {name: getattr(self, name, {}) for name in ("process", "transform")}
+            settings["history_keys"] = dict.fromkeys(getattr(self, "history_keys", None) or ())
             require_columns(settings, info_dict)
             self._is_checked = True
 
@@ -251,6 +268,7 @@ class FeedForwardPolicy(BasePolicy):
             raise ValueError(f"batch_size must be >= 1 or None, got {batch_size}")
         self.batch_size = batch_size
         self.model: Any = model.eval()  # type: ignore[attr-defined]
+        require_settings(process, transform)
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
 
@@ -322,9 +340,12 @@ class WorldModelPolicy(BasePolicy):
             raise PlanAssertionError(
                 "WorldModelPolicy plans with a cost in Python, and SimulatorCost is in Rust; use MpcPolicy(solver, config=config)"
             )
+        if not all(hasattr(config, name) for name in ("horizon", "receding_horizon", "action_block")):
+            raise TypeError(f"config is {config!r}; give a PlanConfig(horizon=, receding_horizon=, action_block=)")
         self.type = "world_model"
         self.cfg = config
         self.solver: Any = solver
+        require_settings(process, transform)
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
         self.history_keys: tuple[str, ...] | None = None if history_keys is None else tuple(history_keys)
@@ -365,6 +386,8 @@ class WorldModelPolicy(BasePolicy):
     def set_env(self, env: Any) -> None:
         self.env = env
         count = getattr(env, "num_envs", 1)
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "configure", None)):
+            raise TypeError(f"{self.solver!r} is no solver; give an object such as CEMSolver(cost), or world.set_policy a name")
         self.solver.configure(action_space=env.action_space, n_envs=count, config=self.cfg)
         if not isinstance(self.solver, Solver):
             raise TypeError(
@@ -391,10 +414,9 @@ class WorldModelPolicy(BasePolicy):
         self._plans = [0] * count
         self._history_buffer = None
         if self.cfg.history_len > 1:
-            needed = (self.cfg.history_len - 1) * self.cfg.action_block + 1
             self._history_buffer = HistoryBuffer(
                 n_envs=count,
-                max_len=self.cfg.history_max_len or needed,
+                max_len=self.cfg.history_max_len or self.cfg.history_steps,
                 action_block=self.cfg.action_block,
                 block_keys=("action",),
             )
@@ -441,7 +463,6 @@ class WorldModelPolicy(BasePolicy):
         if self.history_keys is None:
             seen = [key for key in self._observed if is_array(info_dict.get(key)) or is_tensor(info_dict.get(key))]
             return tuple(seen) if seen else ("pixels",) if "pixels" in info_dict else ()
-        require_columns({"history_keys": dict.fromkeys(self.history_keys)}, info_dict)
         return self.history_keys
 
     def _alike(self, due: list[int]) -> list[tuple[int, list[int]]]:
