@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use swm::core::{Batch, ImageSize, Schema};
-use swm::data::loader::{Batches, Clips, GoalOptions, GoalWeights, Images, Position};
+use swm::data::loader::{Batches, Clips, GoalOptions, GoalWeights, Images, Position, Rewards};
 use swm::data::{BatchOptions, ClipOptions, Loader};
 
 use crate::arrays::{describe, lock};
@@ -36,11 +36,12 @@ pub(crate) struct ClipReader {
 
 #[pymethods]
 impl ClipReader {
-    /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes images.
+    /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes images; with `action_rewards`,
+    /// rewards are beside the actions that earn them; with `float32`, columns of f64 are f32.
     #[new]
     #[pyo3(signature = (
         reader, num_steps=1, frameskip=1, keys=None, channels_first=true, image=None, paper=false, threads=None,
-        goals=None,
+        goals=None, action_rewards=false, float32=false,
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
@@ -54,6 +55,8 @@ impl ClipReader {
         paper: bool,
         threads: Option<usize>,
         goals: Option<Goals>,
+        action_rewards: bool,
+        float32: bool,
     ) -> PyResult<Self> {
         let goals = goals.map(|((random, geometric, uniform, current), gamma, offset, keys, seed)| {
             let weights = GoalWeights { random, geometric, uniform, current };
@@ -67,6 +70,8 @@ impl ClipReader {
             .image(image.map(|(height, width)| ImageSize { height, width }))
             .clips(if paper { Clips::Paper } else { Clips::Every })
             .threads(threads)
+            .rewards(if action_rewards { Rewards::OfActions } else { Rewards::Recorded })
+            .float32(float32)
             .goals(goals);
         let loader = Loader::new(reader.share(py)?, &options).or_raise()?;
         let fields = loader.schema().fields().iter();

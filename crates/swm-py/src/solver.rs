@@ -2,14 +2,14 @@
 
 use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use serde_json::{Map, Value as Json};
 use swm::core::{Dtype, EpisodeSeed, Space};
-use swm::solvers::{Plan, PlanKey, Problem, SolverEntry, Workspace};
+use swm::solvers::{ActionMap, AsExecuted, Plan, PlanKey, Problem, SolverEntry, Workspace};
 
 use crate::cost::{Failure, PythonCost, PythonTrace};
 use crate::errors::{OrRaise as _, PlanFault};
@@ -50,9 +50,11 @@ struct Solver {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Task<'py> {
-    /// `[A]` each: bounds of real actions; empty for integers.
+    /// `[A]` each: bounds of real actions, in units of plans; empty for integers.
     low: Vec<f64>,
     high: Vec<f64>,
+    /// Whether the cost is given candidates within them.
+    clips: bool,
     /// How many categories each integer has; empty for real actions.
     categories: Vec<i64>,
     horizon: usize,
@@ -126,8 +128,8 @@ impl Solver {
             failure: failure.clone(),
             mean: Vec::new(),
         };
-        let mut cost =
-            PythonCost { bridge, has_gradient, constraints, evaluations, failure: failure.clone() };
+        let cost = PythonCost { bridge, has_gradient, constraints, evaluations, failure: failure.clone() };
+        let mut cost = AsExecuted::with_map(Box::new(cost), Arc::new(ActionMap::new(&space, task.clips)));
         let lock = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let (mut workspace, mut plan) = lock().pop().unwrap_or_default();
         let solved = py.detach(|| {

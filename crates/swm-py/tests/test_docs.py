@@ -28,7 +28,13 @@ def program(page: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("page", "made"), [("README.md", "pusht.h5"), ("docs/python.md", "pusht.h5"), ("docs/own-data.md", "lab.h5")]
+    ("page", "made"),
+    [
+        ("README.md", "pusht.h5"),
+        ("docs/python.md", "pusht.h5"),
+        ("docs/torch.md", "pusht.h5"),
+        ("docs/own-data.md", "lab.h5"),
+    ],
 )
 def test_the_blocks_of_a_page_run(page: str, made: str, tmp_path: Path, run_python: Any) -> None:
     if not (ROOT / page).is_file():

@@ -37,7 +37,7 @@ def same(first: dict[str, Any], second: dict[str, Any]) -> bool:
 
 def test_batches_are_the_clips_of_the_dataset(path: Path) -> None:
     dataset = swm.data.load_dataset(path, num_steps=2, frameskip=2)
-    loader = swm.data.Loader(dataset, batch_size=4, shuffle=False)
+    loader = swm.data.Loader(dataset, batch_size=4, shuffle=False, float32=False)
     at = 0
     for batch in loader:
         for row in range(len(batch["action"])):
@@ -203,7 +203,7 @@ def test_datasets_of_datasets(path: Path, tmp_path: Path) -> None:
     more = write(tmp_path / "more.mcap", "mcap", lengths=(6,))
     first, second = swm.data.load_dataset(path, num_steps=2), swm.data.load_dataset(more, num_steps=2)
     both = swm.data.ConcatDataset([first, second])
-    loader = swm.data.Loader(both, batch_size=4, shuffle=False)
+    loader = swm.data.Loader(both, batch_size=4, shuffle=False, float32=False)
     assert loader.num_clips == len(both)
     states = np.concatenate([array(batch["state"]) for batch in loader])
     np.testing.assert_array_equal(states, np.stack([array(both[at]["state"]) for at in range(len(both))]))
@@ -212,7 +212,7 @@ def test_datasets_of_datasets(path: Path, tmp_path: Path) -> None:
         for seed, length in enumerate((10, 7, 12)):
             writer.write_episode({"code": episode(length, seed)["state"] * 2})
     merged = swm.data.MergeDataset([first, swm.data.load_dataset(tmp_path / "codes.h5", num_steps=2)])
-    for batch in swm.data.Loader(merged, batch_size=4):
+    for batch in swm.data.Loader(merged, batch_size=4, float32=False):
         np.testing.assert_array_equal(array(batch["code"]), 2 * array(batch["state"]))
 
 
@@ -339,3 +339,41 @@ def test_native_errors_are_those_of_python(path: Path) -> None:
         _swm.Reader.open("/nowhere/x.h5")
     with pytest.raises(TypeError, match=r"swm\.data\.split|DataLoader"):
         swm.data.Loader([1, 2, 3])
+
+
+@pytest.mark.parametrize(("num_steps", "frameskip"), [(1, 1), (3, 1), (2, 3)])
+def test_rewards_beside_the_actions_that_earn_them(tmp_path: Path, num_steps: int, frameskip: int) -> None:
+    """Row t of a recording holds the reward of arriving at t: that of the action of row t - 1, and NaN in the first."""
+    path = tmp_path / "pusht.h5"
+    with swm.World("swm/PushT-v1", 2, add_pixels=False, max_episode_steps=9, threads=1) as world:
+        world.set_policy("random")
+        world.collect(path, episodes=3, seed=0, progress=False)
+    clips = {"num_steps": num_steps, "frameskip": frameskip}
+    recorded, aligned = swm.data.load_dataset(path, **clips), swm.data.load_dataset(path, **clips, rewards="action")
+    rows = recorded.get_col_data("reward")
+    starts = recorded.offsets
+    assert np.isnan(rows[starts]).all() and np.isnan(rows).sum() == len(starts)
+    loader = swm.data.Loader(aligned, batch_size=len(aligned), shuffle=False)
+    batch = next(iter(loader))
+    for number, (episode, first) in enumerate(aligned.clip_indices):
+        own = rows[starts[episode] : starts[episode] + recorded.lengths[episode]]
+        np.testing.assert_array_equal(array(recorded[number]["reward"]), own[first : first + aligned.span : frameskip])
+        blocks = [own[first + step * frameskip + 1 :][:frameskip] for step in range(num_steps)]
+        wanted = [block.sum() if len(block) == frameskip else np.nan for block in blocks]
+        np.testing.assert_allclose(array(aligned[number]["reward"]), wanted, rtol=1e-15)
+        np.testing.assert_allclose(array(batch["reward"])[number], np.float32(wanted), rtol=1e-7)
+        has_no_action = np.isnan(array(aligned[number]["action"])).any(1)
+        np.testing.assert_array_equal(np.isnan(wanted), has_no_action)
+    again = next(iter(swm.data.Loader(recorded, batch_size=len(recorded), shuffle=False, rewards="action", float32=False)))
+    np.testing.assert_array_equal(array(again["reward"]), [array(aligned[at]["reward"]) for at in range(len(aligned))])
+    with pytest.raises(ValueError, match=r"rewards='next'; use 'recorded' \(row t: of arriving at t\) or 'action'"):
+        swm.data.load_dataset(path, rewards="next")
+
+
+def test_floating_point_is_of_32_bit_as_in_planning(path: Path) -> None:
+    stored = next(iter(swm.data.Loader(path, shuffle=False, float32=False, goals={"keys": ["state"]}, output="numpy")))
+    batch = next(iter(swm.data.Loader(path, shuffle=False, goals={"keys": ["state"]}, output="numpy")))
+    for name in ("state", "goal_state", "reward"):
+        assert stored[name].dtype == np.float64 and batch[name].dtype == np.float32
+        np.testing.assert_array_equal(batch[name], stored[name].astype(np.float32))
+    assert batch["action"].dtype == np.float32 and batch["count"].dtype == np.int64 and batch["pixels"].dtype == np.uint8

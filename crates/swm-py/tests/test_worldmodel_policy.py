@@ -47,7 +47,7 @@ def test_a_world_is_planned_in():
     world.set_policy(WorldModelPolicy(solver, config))
     result = world.evaluate(episodes=4, seed=1)
     assert result["episodes"] == 4
-    assert "WorldModelPolicy(CEMSolver, Reach, horizon=3, receding_horizon=2, action_block=2)" in repr(result)
+    assert "WorldModelPolicy(CEMSolver, Reach, horizon=3, receding_horizon=2, action_block=2, clip_actions=True)" in repr(result)
     # Three environments side by side, planned for every 4 of 15 steps; then the fourth episode alone.
     assert solver.cost.rows == [3] * 12 + [1] * 12
 
@@ -157,7 +157,7 @@ def test_flags_of_begun_and_ended_episodes():
     assert np.isnan(actions).all() and solver.cost.rows[6:] == []
 
 
-def test_scalers_are_inverted_and_applied(caplog):
+def test_scalers_are_inverted_and_applied():
     class Scaler:
         n_features_in_ = 2
 
@@ -177,16 +177,14 @@ def test_scalers_are_inverted_and_applied(caplog):
     policy = WorldModelPolicy(
         CEMSolver(Look(), n_steps=1, num_samples=16, topk=4),
         PlanConfig(horizon=1, receding_horizon=1),
-        process={"action": Scaler(), "xy": Scaler(), "blocks": Scaler(), "actions": Scaler()},
+        process={"action": Scaler(), "xy": Scaler(), "blocks": Scaler()},
     )
     policy.set_env(env(1))
     given = {"xy": np.zeros((1, 1, 2)), "blocks": np.zeros((1, 3, 4))}
     planned = []
     solve = policy.solver.solve
     policy.solver.solve = lambda *args, **kwargs: planned.append(solve(*args, **kwargs)) or planned[-1]
-    with caplog.at_level("INFO"):
-        actions = policy.get_action(given)
-    assert caplog.messages == ["process of actions has no effect; the columns are xy, blocks"]
+    actions = policy.get_action(given)
     np.testing.assert_allclose(actions, planned[0]["actions"][:, 0] * 10 + 5, rtol=1e-6)
     with pytest.raises(ValueError, match="Expected numpy array for key 'xy'"):
         policy._prepare_info({"xy": [1.0]})
@@ -346,7 +344,7 @@ def test_histories_copy_and_pad():
     assert buffer.get(0) is None and "action" not in buffer.get(1)
 
 
-def test_a_network_acts_at_once(caplog):
+def test_a_network_acts_at_once():
     torch = pytest.importorskip("torch")
 
     class Net(torch.nn.Module):
@@ -363,16 +361,17 @@ def test_a_network_acts_at_once(caplog):
         assert image.shape == (3, 4, 4)
         return image.float() / 255
 
-    transforms = {"pixels": transform, "goal": transform, "goals": transform}
-    policy = swm.FeedForwardPolicy(Net(), transform=transforms)
+    policy = swm.FeedForwardPolicy(Net(), transform={"pixels": transform})
     policy.set_env(env(2))
     images = np.full((2, 1, 4, 4, 3), 255, np.uint8)
-    with caplog.at_level("INFO"):
-        action = policy.get_action({"pixels": images, "goal": images, "env_name": ["a", "b"]})
-    assert caplog.messages == ["transform of goals has no effect; the columns are pixels, goal, env_name"]
+    action = policy.get_action({"pixels": images, "goal": images, "env_name": ["a", "b"]})
     assert isinstance(action, np.ndarray) and action.shape == (2, 2)
     with pytest.raises(AssertionError, match="'goal' must be provided"):
         policy.get_action({"pixels": images})
+    policy = swm.FeedForwardPolicy(Net(), transform={"pixel": transform})
+    policy.set_env(env(2))
+    with pytest.raises(ValueError, match="transform names 'pixel', which is no column .did you mean 'pixels'"):
+        policy.get_action({"pixels": images, "goal": images})
 
 
 def test_a_torch_model_plans_in_a_world():

@@ -12,7 +12,7 @@ use crate::error::PlanError;
 use crate::problem::Candidates;
 
 /// A cost whose candidates are clipped first. Where the policy does not clip, it is the cost itself.
-pub(crate) struct AsExecuted {
+pub struct AsExecuted {
     cost: Box<dyn Cost>,
     /// Of the last context.
     map: Option<Arc<ActionMap>>,
@@ -21,8 +21,14 @@ pub(crate) struct AsExecuted {
 }
 
 impl AsExecuted {
+    /// The cost of what the policy executes; the map comes with each planning context.
     pub(crate) fn new(cost: Box<dyn Cost>) -> Self {
         Self { cost, map: None, clipped: Vec::new() }
+    }
+
+    /// The cost of what `map` executes, for solvers that are called without a policy.
+    pub fn with_map(cost: Box<dyn Cost>, map: Arc<ActionMap>) -> Self {
+        Self { cost, map: Some(map), clipped: Vec::new() }
     }
 
     /// The cost, and the candidates as they are executed.

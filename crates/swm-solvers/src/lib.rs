@@ -84,6 +84,7 @@ pub use cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 pub use descent::{Descent, GradClip};
 pub use entry::{MakeSolver, SolverEntry};
 pub use error::PlanError;
+pub use executed::AsExecuted;
 pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 pub use mpc::{MpcPolicy, PlanConfig, Report, planner_of};
 pub use planners::{EXPERT, PLANNERS};

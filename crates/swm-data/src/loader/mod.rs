@@ -7,6 +7,7 @@
 
 mod batches;
 mod clips;
+mod floats;
 mod goals;
 mod images;
 mod options;
@@ -25,7 +26,7 @@ use crate::error::DataError;
 
 pub use batches::{Batches, Position};
 pub use clips::{Clip, Clips};
-pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Images};
+pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Images, Rewards};
 pub use table::Table;
 
 use plan::Plan;

@@ -22,6 +22,10 @@ pub struct ClipOptions {
     pub image: Option<ImageSize>,
     /// Adds a sampled goal to every clip.
     pub goals: Option<GoalOptions>,
+    /// Which rewards a clip holds.
+    pub rewards: Rewards,
+    /// Gives columns of f64 as f32, which is what models are trained in.
+    pub float32: bool,
     /// Threads that read; `None`: one per core. Results do not depend on it.
     pub threads: Option<usize>,
 }
@@ -34,8 +38,24 @@ setters!(ClipOptions {
     images: Images,
     image: Option<ImageSize>,
     goals: Option<GoalOptions>,
+    rewards: Rewards,
+    float32: bool,
     threads: Option<usize>,
 });
+
+/// Which rewards a clip holds in its column `reward`.
+///
+/// A recorded row holds the reward of arriving at it: that of the action of the row before, and NaN in the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Rewards {
+    /// The rows of the clip as recorded, `[num_steps, …]`; with a frame skip, one of so many.
+    #[default]
+    Recorded,
+    /// Beside every row, the sum of the rewards of the `frameskip` actions taken from it on, `[num_steps, …]`: those of the
+    /// rows after it. NaN where the episode ends before.
+    OfActions,
+}
 
 /// The order of axes of images (u8 columns of rank 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +69,7 @@ pub enum Images {
 }
 
 impl Default for ClipOptions {
-    /// Single rows, all columns, every start, no goals.
+    /// Single rows, all columns, every start, no goals, values as recorded.
     fn default() -> Self {
         Self {
             num_steps: 1,
@@ -59,6 +79,8 @@ impl Default for ClipOptions {
             images: Images::default(),
             image: None,
             goals: None,
+            rewards: Rewards::default(),
+            float32: false,
             threads: None,
         }
     }

@@ -9,13 +9,15 @@ use swm_core::{Dtype, Field, Schema};
 use super::clips::ClipIndex;
 use super::goals::Goals;
 use super::images::Convert;
-use super::options::{ClipOptions, Images};
+use super::options::{ClipOptions, Images, Rewards};
 use super::wrong;
 use crate::dataset::Dataset;
 use crate::error::DataError;
 
 /// The column that stays dense under a frame skip.
 const ACTION: &str = "action";
+/// The column that [`Rewards`] is about.
+const REWARD: &str = "reward";
 /// What stands before the name of a goal's column.
 const GOAL_PREFIX: &str = "goal_";
 
@@ -37,6 +39,11 @@ pub(super) struct Window {
     pub(super) rows: Rows,
     /// What is done to its images.
     pub(super) convert: Option<Convert>,
+    /// Values of a stored row.
+    pub(super) dim: usize,
+    /// Whether they are f64, and whether these become f32.
+    pub(super) stores_f64: bool,
+    pub(super) narrows: bool,
 }
 
 /// Which rows a window takes.
@@ -46,6 +53,8 @@ pub(super) enum Rows {
     Clip { count: usize, stride: usize },
     /// The goal's.
     Goal,
+    /// Those that the actions of a clip arrive at, summed over `skip` of them.
+    Arrivals { steps: usize, skip: usize },
 }
 
 impl Plan {
@@ -85,16 +94,37 @@ impl Plan {
                 images(stored, options)?
             };
             shape.insert(0, steps);
-            fields.push(Field { shape, ..stored.clone() });
-            let (count, stride) = if dense { (span, 1) } else { (steps, skip) };
-            windows.push(Window { column, rows: Rows::Clip { count, stride }, convert });
+            let stores_f64 = stored.dtype == Dtype::F64;
+            let narrows = options.float32 && stores_f64;
+            let rows = if stored.name == REWARD && options.rewards == Rewards::OfActions {
+                if !matches!(stored.dtype, Dtype::F32 | Dtype::F64) {
+                    let kind = stored.dtype;
+                    return wrong("rewards", format!("column `{REWARD}` is {kind}; sums are of f32 and f64"));
+                }
+                Rows::Arrivals { steps, skip }
+            } else if dense {
+                Rows::Clip { count: span, stride: 1 }
+            } else {
+                Rows::Clip { count: steps, stride: skip }
+            };
+            fields.push(given(stored, stored.name.clone(), shape, narrows));
+            windows.push(Window { column, rows, convert, dim: stored.dim(), stores_f64, narrows });
         }
         for (column, name) in goal_columns.into_iter().zip(relabeled) {
             let stored = &stored[column];
             let (mut shape, convert) = images(stored, options)?;
             shape.insert(0, 1);
-            fields.push(Field { name, shape, ..stored.clone() });
-            windows.push(Window { column, rows: Rows::Goal, convert });
+            let stores_f64 = stored.dtype == Dtype::F64;
+            let narrows = options.float32 && stores_f64;
+            fields.push(given(stored, name, shape, narrows));
+            windows.push(Window {
+                column,
+                rows: Rows::Goal,
+                convert,
+                dim: stored.dim(),
+                stores_f64,
+                narrows,
+            });
         }
         let schema = Schema::new(fields)
             .map_err(|error| DataError::Loader { setting: "keys", reason: error.to_string() })?;
@@ -111,6 +141,12 @@ impl Plan {
         }
         Ok(Self { schema, windows, index, goals })
     }
+}
+
+/// The field of a batch that a stored one becomes.
+fn given(stored: &Field, name: String, shape: Vec<usize>, narrows: bool) -> Field {
+    let dtype = if narrows { Dtype::F32 } else { stored.dtype };
+    Field { name, shape, dtype, ..stored.clone() }
 }
 
 /// The shape of a column's rows in a batch, and what has to be done for it.

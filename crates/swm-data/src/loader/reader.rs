@@ -2,6 +2,7 @@
 
 use swm_core::{RowsMut, SliceMut};
 
+use super::floats::{Scratch, add_up, narrow};
 use super::images::Darkroom;
 use super::plan::{Plan, Rows};
 use super::wrong;
@@ -13,11 +14,12 @@ pub(super) struct Reader {
     dataset: Box<dyn Dataset>,
     /// By window.
     darkrooms: Vec<Darkroom>,
+    scratch: Scratch,
 }
 
 impl Reader {
     pub(super) fn new(dataset: Box<dyn Dataset>) -> Self {
-        Self { dataset, darkrooms: Vec::new() }
+        Self { dataset, darkrooms: Vec::new(), scratch: Scratch::default() }
     }
 
     /// Reads clips into `rows`, one row per clip.
@@ -44,13 +46,24 @@ impl Reader {
                         (clip.episode, Steps { first: clip.start, count, stride })
                     }
                     Rows::Goal => (goal.0, Steps { first: goal.1, count: 1, stride: 1 }),
+                    Rows::Arrivals { steps, skip } => {
+                        let first = clip.start + 1;
+                        // The last action of a clip may be the episode's, after which nothing is recorded.
+                        let left = self.dataset.episode_len(clip.episode) - first;
+                        (clip.episode, Steps { first, count: left.min(steps * skip), stride: 1 })
+                    }
                 };
                 let (dataset, column) = (&mut self.dataset, window.column);
-                match (&window.convert, row.slice_mut(target)) {
-                    (Some(convert), SliceMut::U8(out)) => convert.run(darkroom, out, |stored| {
-                        dataset.read_column(column, episode, steps, SliceMut::U8(stored))
-                    })?,
-                    (_, out) => dataset.read_column(column, episode, steps, out)?,
+                let mut read = |out: SliceMut<'_>| dataset.read_column(column, episode, steps, out);
+                match (&window.convert, window.rows, row.slice_mut(target)) {
+                    (Some(convert), _, SliceMut::U8(out)) => {
+                        convert.run(darkroom, out, |stored| read(SliceMut::U8(stored)))?;
+                    }
+                    (_, Rows::Arrivals { skip, .. }, out) => {
+                        add_up(&mut self.scratch, window, steps.count, skip, out, read)?;
+                    }
+                    (_, _, SliceMut::F32(out)) if window.narrows => narrow(&mut self.scratch, out, read)?,
+                    (_, _, out) => read(out)?,
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! The windowed loader on our own recordings.
 
 use swm_core::Batch;
-use swm_data::loader::{BatchOptions, ClipOptions, Images, Loader};
+use swm_data::loader::{BatchOptions, ClipOptions, GoalOptions, Images, Loader, Rewards};
 use swm_data::{WriteMode, open};
 
 use crate::support::{assert_same, contents, record};
@@ -41,6 +41,70 @@ fn clips_stride_columns_and_keep_actions_dense() {
             assert!(row.get::<u8>("pixels").unwrap()[4800 * step..][..4800] == pixels[4800 * at..][..4800]);
         }
     }
+}
+
+/// The rewards of a block's actions, by hand: row t holds the reward of arriving at it.
+fn summed(rewards: &[f64], first: usize, skip: usize) -> f64 {
+    match rewards.get(first + 1..=first + skip) {
+        Some(rewards) => rewards.iter().sum(),
+        None => f64::NAN,
+    }
+}
+
+#[test]
+fn rewards_are_beside_the_actions_that_earn_them_when_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..4).unwrap();
+    let episodes = contents(&path);
+    let keys = Some(vec!["reward".to_owned(), "action".to_owned()]);
+    for (steps, skip) in [(1, 1), (3, 1), (3, 5)] {
+        let options = ClipOptions::default().num_steps(steps).frameskip(skip).keys(keys.clone());
+        let options = options.rewards(Rewards::OfActions).threads(Some(1));
+        for float32 in [false, true] {
+            let loader = loader(&path, &options.clone().float32(float32));
+            let mut batch = loader.new_batch();
+            loader.read(&(0..loader.len()).collect::<Vec<_>>(), &mut batch).unwrap();
+            for index in 0..loader.len() {
+                let clip = loader.clip(index).unwrap();
+                let rewards = episodes[clip.episode].get::<f64>("reward").unwrap();
+                assert!(rewards[0].is_nan() && !rewards[1..].iter().any(|reward| reward.is_nan()));
+                let row = batch.row(index);
+                for step in 0..steps {
+                    let wanted = summed(rewards, clip.start + step * skip, skip);
+                    let found = match float32 {
+                        true => f64::from(row.get::<f32>("reward").unwrap()[step]),
+                        false => row.get::<f64>("reward").unwrap()[step],
+                    };
+                    let wanted = if float32 { f64::from(wanted as f32) } else { wanted };
+                    assert_eq!(found.to_bits(), wanted.to_bits(), "{steps} {skip} {index} {step}");
+                    let actions = row.get::<f32>("action").unwrap();
+                    let block = &actions[step * skip * 2..][..skip * 2];
+                    assert_eq!(found.is_nan(), block.iter().any(|value| value.is_nan()));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn columns_of_f64_become_f32_when_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..1).unwrap();
+    let goals = GoalOptions::hindsight(&["state"], 3);
+    let options = ClipOptions::default().num_steps(2).goals(Some(goals));
+    let (stored, narrow) = (loader(&path, &options), loader(&path, &options.clone().float32(true)));
+    let (mut a, mut b) = (stored.new_batch(), narrow.new_batch());
+    stored.read(&[0, 2], &mut a).unwrap();
+    narrow.read(&[0, 2], &mut b).unwrap();
+    for name in ["state", "goal_state", "reward"] {
+        let wanted: Vec<u32> =
+            a.get::<f64>(name).unwrap().iter().map(|&value| (value as f32).to_bits()).collect();
+        let found: Vec<u32> = b.get::<f32>(name).unwrap().iter().map(|value| value.to_bits()).collect();
+        assert_eq!(found, wanted, "{name}");
+    }
+    assert_eq!(a.get::<i64>("step_idx").unwrap(), b.get::<i64>("step_idx").unwrap());
 }
 
 #[test]

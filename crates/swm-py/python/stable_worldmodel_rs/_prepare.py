@@ -1,9 +1,12 @@
-"""Columns and images as models want them."""
+"""Columns, images and actions as models want them, and what is asked of models and settings before they are used."""
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -11,26 +14,172 @@ import numpy as np
 
 from ._arrays import Array, is_array, is_tensor, require_torch
 
-__all__ = ["note_unused", "scale", "transform"]
+__all__ = [
+    "observed_columns",
+    "plan_bounds",
+    "refuse_misspelled",
+    "require_columns",
+    "require_method",
+    "require_settings",
+    "scale",
+    "setting_of",
+    "transform",
+    "with_note",
+]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
+_GOAL = "goal"
 
-def note_unused(settings: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Any]) -> None:
-    """Notes the scalings and transforms that no column has: a misspelled one would do nothing, silently."""
-    for name, of_columns in settings.items():
-        unused = [column for column in of_columns if column not in infos and column != "action"]
-        if unused:
-            columns = ", ".join(column for column in infos if not column.startswith("_"))
-            logger.info("%s of %s has no effect; the columns are %s", name, ", ".join(unused), columns)
+
+def _names_of(column: str) -> tuple[str, ...]:
+    """The names that a setting of a column may have, the nearest first: a goal's is that of what it is the goal of."""
+    if column == _GOAL:
+        return (column, "goal_pixels", "pixels")
+    return (column, column.removeprefix("goal_")) if column.startswith("goal_") else (column,)
+
+
+def setting_of(settings: Mapping[str, Any], column: str) -> str | None:
+    """The name in ``settings`` that applies to a column: its own or, for ``goal_x``, that of ``x``; None: nothing does."""
+    return next((name for name in _names_of(column) if name in settings), None)
+
+
+def require_columns(settings: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Any]) -> None:
+    """Refuses settings of columns that there are not: a misspelled one would do nothing.
+
+    Args:
+        settings: By argument, such as ``process``, what was given by column.
+        infos: The columns. That of ``action`` may be missing, and that of a goal whose observation is there.
+
+    Raises:
+        ValueError: It names the column, what it may have been meant for, and those that there are.
+    """
+    for argument, of_columns in settings.items():
+        for column in of_columns:
+            if column == "action" or any(name in infos for name in _names_of(column)):
+                continue
+            known = [name for name in infos if not name.startswith("_")]
+            near = difflib.get_close_matches(column, known, 1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            if column in ("pixels", _GOAL):
+                hint = " (images need image_shape=(H, W) of World or make_manifest)"
+            raise ValueError(f"{argument} names {column!r}, which is no column{hint}; the columns are {', '.join(known)}")
+
+
+def refuse_misspelled(of: type, given: Mapping[str, Any]) -> None:
+    """Refuses keyword arguments that would become attributes and are nearly the name of a setting.
+
+    Raises:
+        TypeError: It names the setting.
+    """
+    settings = {
+        name
+        for base in of.__mro__
+        if "__init__" in vars(base) and base is not object
+        for name in inspect.signature(base.__init__).parameters  # type: ignore[misc]
+        if name not in ("self", "args", "kwargs")
+    }
+    for name in given:
+        near = difflib.get_close_matches(name, settings - {name}, 1, 0.8)
+        if near and name not in settings:
+            raise TypeError(f"{of.__name__} has no argument {name!r}; did you mean {near[0]!r}?")
+
+
+def require_settings(process: Mapping[str, Any] | None, transforms: Mapping[str, Any] | None) -> None:
+    """Refuses scalings that do not scale and transforms that cannot be called."""
+    for name, scaler in (process or {}).items():
+        if isinstance(scaler, type) or not hasattr(scaler, "transform"):
+            raise TypeError(
+                f"process[{name!r}] is {scaler!r}; give an object with transform and inverse_transform, such as a StandardScaler"
+            )
+    for name, function in (transforms or {}).items():
+        if not callable(function):
+            raise TypeError(f"transform[{name!r}] is {function!r}; give a function of one image, (C, H, W)")
+
+
+def require_method(of: str, model: Any, method: str, needed: str, hint: str) -> None:
+    """Refuses a model or cost without a method, when it is given and not when a long run first calls it.
+
+    Args:
+        of: Who is given it.
+        model: The model or cost.
+        method: The name of the method.
+        needed: The method's arguments and result, for the message.
+        hint: What else the caller may have meant.
+    """
+    if isinstance(model, type):
+        raise TypeError(f"{of} was given the class {model.__name__}; make an object of it: {model.__name__}(…)")
+    if not callable(getattr(model, method, None)):
+        raise TypeError(f"{of} was given {type(model).__name__}, which has no {needed}; {hint}")
+
+
+def observed_columns(env: Any) -> tuple[str, ...]:
+    """The columns that environments observe, by their space of observations; none where they do not say."""
+    space = getattr(env, "single_observation_space", None)
+    if space is None:
+        return ()
+    return tuple(getattr(space, "spaces", None) or ("observation", "pixels"))
+
+
+@contextmanager
+def with_note(infos: Mapping[str, Any], transforms: Mapping[str, Any]) -> Iterator[None]:
+    """Adds to an error of a model that it was given images as the World has them, which few models take."""
+    try:
+        yield
+    except Exception as error:
+        raw = [
+            column
+            for column in ("pixels", _GOAL)
+            if setting_of(transforms, column) is None and str(getattr(infos.get(column), "dtype", "")).endswith("uint8")
+        ]
+        if raw and hasattr(error, "add_note"):
+            shape = tuple(infos[raw[0]].shape[-3:])
+            error.add_note(
+                f"without a transform, the model is given {' and '.join(raw)} as the World has them: uint8, (…, H, W, C) with "
+                f"(H, W, C) = {shape}. For float images with the channels first: "
+                'transform={"pixels": lambda image: image.float() / 255}, which applies to the goal, too'
+            )
+        raise
+
+
+def plan_bounds(space: Any, scaler: Any) -> tuple[tuple[Array, Array], tuple[Array, Array]] | None:
+    """The bounds of actions, in units of the environment and of plans; None where there are none.
+
+    Args:
+        space: The space of one environment's action, ``(*A)``.
+        scaler: That of ``process["action"]``, element by element; None: plans are in units of the environment.
+
+    Returns:
+        ``(low, high)`` of the space's shape and type, and ``(low, high)``, ``(A,)`` f64, of plans.
+    """
+    low, high = getattr(space, "low", None), getattr(space, "high", None)
+    if low is None or high is None or not np.issubdtype(np.asarray(low).dtype, np.floating):
+        return None
+    both = np.stack([np.asarray(low, np.float64).reshape(-1), np.asarray(high, np.float64).reshape(-1)])
+    if not np.isfinite(both).any():
+        return None
+    if scaler is None:
+        return (low, high), (both[0], both[1])
+    finite = np.isfinite(both)
+    safe = np.where(finite, both, 0.0)
+    # A third row takes its elements from both in turn: a scaling of each element by itself gives what it gave there.
+    turns = np.arange(safe.shape[1]) % 2
+    mixed = np.where(turns == 0, safe[0], safe[1])
+    planned = np.asarray(scale(scaler, "action", np.stack([*safe, mixed])), np.float64)
+    if not np.isfinite(planned).all():
+        raise ValueError(f"{type(scaler).__name__} in process['action'] gives values that are not finite; fit it without NaN")
+    if not np.allclose(planned[2], np.where(turns == 0, planned[0], planned[1])):
+        raise ValueError(
+            f"{type(scaler).__name__} in process['action'] mixes the elements of an action, so that plans have no bounds of "
+            "their own; give PlanConfig(clip_actions=False), or scale each element by itself"
+        )
+    # A negative scale swaps the bounds.
+    ends = np.sort(np.where(finite, planned[:2], both), axis=0)
+    return (low, high), (ends[0], ends[1])
 
 
 def scale(scaler: Any, key: str, values: Any) -> Array:
     """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
-    if not hasattr(scaler, "transform"):
-        raise TypeError(
-            f"process['{key}'] is {scaler!r}; give an object with transform and inverse_transform, such as a StandardScaler"
-        )
     if not is_array(values):
         raise ValueError(
             f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"

@@ -186,6 +186,8 @@ class ClipReader:
         paper: bool = False,
         threads: int | None = None,
         goals: _Goals | None = None,
+        action_rewards: bool = False,
+        float32: bool = False,
     ) -> ClipReader: ...
     def __len__(self) -> int: ...
     @property

@@ -49,7 +49,7 @@ class HistoryBuffer:
         self._buffers: list[deque[dict[str, Any]]] = [deque(maxlen=max_len) for _ in range(n_envs)]
 
     def append(self, info_dict: dict[str, Any]) -> None:
-        """Stores a step: arrays and tensors ``(n_envs, ...)``. Arrays are copied, as a World writes to its own again."""
+        """Stores a copy of a step: arrays and tensors ``(n_envs, ...)``. A World writes to its own again."""
         for index, buffer in enumerate(self._buffers):
             buffer.append({key: _slice_env(value, index) for key, value in info_dict.items()})
 
@@ -106,9 +106,10 @@ class HistoryBuffer:
 
 
 def _slice_env(value: Any, index: int) -> Any:
-    """One environment of a value; what is no array belongs to all."""
+    """One environment of a value, copied; what is no array belongs to all."""
     if is_tensor(value):
-        return value[index]
+        # It may lie on an array of the World's.
+        return value[index].clone()
     return np.array(value[index]) if isinstance(value, np.ndarray) else value
 
 

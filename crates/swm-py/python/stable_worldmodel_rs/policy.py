@@ -8,20 +8,35 @@ from __future__ import annotations
 import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ._arrays import Array, is_array, is_tensor, require_torch
-from ._prepare import note_unused, scale, transform
+from ._prepare import (
+    observed_columns,
+    plan_bounds,
+    refuse_misspelled,
+    require_columns,
+    require_method,
+    require_settings,
+    scale,
+    setting_of,
+    transform,
+    with_note,
+)
 from .buffer import HistoryBuffer
+from .planning.mpc import SimulatorCost
 from .planning.solver._base import BaseSolver, PlanKeys
 from .planning.solver._bridge import take_rows
+from .planning.solver._errors import PlanAssertionError
 from .planning.solver.solver import Solver
+from .protocols import Actionable
 
 if TYPE_CHECKING:
-    from .protocols import Actionable, Transformable
+    from .protocols import Transformable
 
 __all__ = [
     "ACTION_HISTORY_KEY",
@@ -48,12 +63,13 @@ class PlanConfig:
     Attributes:
         horizon: H, blocks of a plan.
         receding_horizon: Blocks that are executed before the next plan; at most ``horizon``.
-        history_len: Frames that the model is given, the present one included, ``action_block`` steps apart. Young
-            episodes have fewer; where they are planned for together with older ones, copies of their first frame and
-            blocks of zeros stand in front.
+        history_len: Frames that the model is given, the present one included, ``action_block`` steps apart. An
+            episode that is younger has fewer, and is planned for with those: none is made up.
         history_max_len: Steps that the history keeps; None: as many as ``history_len`` frames need.
         action_block: Actions of a block.
         warm_start: Begin a plan with what is left of the last one.
+        clip_actions: Clip candidates to the bounds of the actions before the cost is given them, and actions before
+            they are executed, as planners in Rust do. False: score and execute what was sampled, as the reference does.
     """
 
     horizon: int
@@ -62,6 +78,7 @@ class PlanConfig:
     history_max_len: int | None = None
     action_block: int = 1
     warm_start: bool = True
+    clip_actions: bool = True
 
     def __post_init__(self) -> None:
         for name in ("horizon", "receding_horizon", "history_len", "action_block"):
@@ -74,6 +91,16 @@ class PlanConfig:
                 f"receding_horizon is {self.receding_horizon}, and a plan has {self.horizon} blocks; lower it or raise "
                 "horizon"
             )
+        if self.history_max_len is not None and self.history_max_len < self.history_steps:
+            raise ValueError(
+                f"history_max_len={self.history_max_len} steps are fewer than {self.history_len} frames need, which are "
+                f"{self.action_block} steps apart; leave it out, or give {self.history_steps} or more"
+            )
+
+    @property
+    def history_steps(self) -> int:
+        """Steps from the oldest frame to the present, both included."""
+        return (self.history_len - 1) * self.action_block + 1
 
     @property
     def plan_len(self) -> int:
@@ -98,6 +125,7 @@ class BasePolicy:
     def __init__(self, **kwargs: Any) -> None:
         self.env = None
         self.type = "base"
+        refuse_misspelled(type(self), kwargs)
         for name, value in kwargs.items():
             setattr(self, name, value)
 
@@ -113,15 +141,19 @@ class BasePolicy:
         """What the policy is called in records and reports."""
         return type(self).__name__
 
-    def _note_unused(self, info_dict: Infos) -> None:
-        """Notes once which scalings and transforms no column has."""
+    def _check_columns(self, info_dict: Infos) -> None:
+        """Refuses scalings and transforms of columns that there are not, at the first action."""
         if not self._is_checked:
-            self._is_checked = True
             settings = {name: getattr(self, name, {}) for name in ("process", "transform")}
-            note_unused(settings, info_dict)
+            settings["history_keys"] = dict.fromkeys(getattr(self, "history_keys", None) or ())
+            require_columns(settings, info_dict)
+            self._is_checked = True
 
     def _prepare_info(self, info_dict: Infos, tensors: bool = True) -> Infos:
         """Infos as a model wants them: scaled by ``process``, images by ``transform``; torch tensors or NumPy arrays.
+
+        What applies to a column applies to the goal's, too: that of ``proprio`` to ``goal_proprio``, that of ``pixels`` to
+        ``goal``, unless they have one of their own.
 
         Args:
             info_dict: ``(N, T, ...)`` each; not changed.
@@ -131,10 +163,10 @@ class BasePolicy:
         transforms: dict[str, Any] = getattr(self, "transform", {})
         prepared: Infos = {}
         for key, value in info_dict.items():
-            if key in process:
-                value = scale(process[key], key, value)
-            if key in transforms:
-                value = transform(transforms[key], key, value)
+            if (source := setting_of(process, key)) is not None:
+                value = scale(process[source], key, value)
+            if (source := setting_of(transforms, key)) is not None:
+                value = transform(transforms[source], source, value)
                 value = value if tensors else value.numpy()
             value = np.asarray(value) if np.isscalar(value) and hasattr(value, "dtype") else value
             if tensors and is_array(value) and value.dtype.kind not in "USO":
@@ -152,25 +184,41 @@ class RandomPolicy(BasePolicy):
     """Samples actions from the action space.
 
     Args:
-        seed: Seed of the action space, set when the policy is attached; None: unseeded.
+        seed: Seed of its noise, in addition to the episodes'; None: unseeded.
 
-    ``world.set_policy("random")`` is the policy of the core: faster, and keyed by the episodes' seeds.
+    With a seed, an episode's actions depend on the episode's own seed and not on the environments beside it; where
+    episodes have none, the space of all environments is sampled. ``world.set_policy("random")`` is the policy of the
+    core: faster, with other actions.
     """
 
     def __init__(self, seed: int | None = None, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.type = "random"
         self.seed = seed
+        self._spaces: list[Any] = []
 
     def get_action(self, obs: Any, **kwargs: Any) -> Any:
-        return self.env.action_space.sample()
+        single, count = getattr(self.env, "single_action_space", None), getattr(self.env, "num_envs", 1)
+        seeds = _episode_seeds(self.env, obs, count) if isinstance(obs, dict) else None
+        if self.seed is None or seeds is None or single is None or single.shape is None:
+            return self.env.action_space.sample()
+        begun = _flags(obs.pop("_needs_flush", None), count) | _is_first(obs, count)
+        if len(self._spaces) != count:
+            self._spaces = [deepcopy(single) for _ in range(count)]
+            begun[:] = True
+        for index in np.flatnonzero(begun):
+            state = np.random.SeedSequence([self.seed, int(seeds[index])]).generate_state(1)
+            self._spaces[index].seed(int(state[0]))
+        return np.stack([space.sample() for space in self._spaces]).reshape(self.env.action_space.shape)
 
     def set_env(self, env: Any) -> None:
         super().set_env(env)
+        self._spaces = []
         if self.seed is not None:
             self._set_seed(self.seed)
 
     def _set_seed(self, seed: int) -> None:
+        self.seed = seed
         if self.env is not None:
             self.env.action_space.seed(seed)
 
@@ -194,8 +242,12 @@ class FeedForwardPolicy(BasePolicy):
 
     Args:
         model: A torch module with ``get_action(info)``, ``(N, A)``. It is put into evaluation mode.
-        process: Scalings of columns, ``{"proprio": StandardScaler(), …}``; that of ``action`` is inverted.
-        transform: Transforms of images, ``{"pixels": …, "goal": …}``, one image ``(C, H, W)`` at a time.
+        process: Scalings of columns, ``{"proprio": StandardScaler(), …}``, and of ``goal_<column>``; that of ``action`` is
+            inverted.
+        transform: Transforms of images, ``{"pixels": …}``, one image ``(C, H, W)`` at a time; that of ``pixels`` applies to
+            the goal unless there is a ``"goal"``.
+        batch_size: Environments that the model is given at once; None: all. A network rounds by the size of its batch, so
+            that results of different numbers of environments may differ by that; with 1 they are the same bits.
     """
 
     def __init__(
@@ -203,11 +255,19 @@ class FeedForwardPolicy(BasePolicy):
         model: Actionable,
         process: dict[str, Transformable] | None = None,
         transform: dict[str, Callable[[Any], Any]] | None = None,
+        batch_size: int | None = None,
         **kwargs: Any,
     ) -> None:
         super().__init__(**kwargs)
         self.type = "feed_forward"
+        needed = "get_action(info): actions (N, A)"
+        hint = "a world model plans: WorldModelPolicy(CEMSolver(ShootingCostEvaluator(model, objective)), config)"
+        require_method("FeedForwardPolicy", model, "get_action", needed, hint)
+        if batch_size is not None and batch_size < 1:
+            raise ValueError(f"batch_size must be >= 1 or None, got {batch_size}")
+        self.batch_size = batch_size
         self.model: Any = model.eval()  # type: ignore[attr-defined]
+        require_settings(process, transform)
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
 
@@ -215,37 +275,46 @@ class FeedForwardPolicy(BasePolicy):
         if "goal" not in info_dict:
             raise AssertionError("'goal' must be provided in info_dict; make the World with goal_conditioned=True")
         torch = require_torch("FeedForwardPolicy runs a torch model")
-        self._note_unused(info_dict)
-        infos = self._prepare_info(info_dict)
-        infos["goal_pixels"] = infos["goal"]
+        self._check_columns(info_dict)
+        count = len(info_dict["goal"])
+        size = self.batch_size or count
         first = next(iter(self.model.parameters()), None)
         device = "cpu" if first is None else first.device
-        with torch.no_grad():
-            action = self.model.get_action(
-                {key: value.to(device) if is_tensor(value) else value for key, value in infos.items()}
-            )
-        if is_tensor(action):
-            action = action.detach().float().cpu().numpy()
-        if "action" in self.process:
-            action = self.process["action"].inverse_transform(action)
-        return action
+        parts: list[Any] = []
+        for start in range(0, count, size):
+            infos = self._prepare_info(take_rows(info_dict, slice(start, min(start + size, count))))
+            infos["goal_pixels"] = infos["goal"]
+            with torch.no_grad(), with_note(infos, self.transform):
+                action = self.model.get_action(
+                    {key: value.to(device) if is_tensor(value) else value for key, value in infos.items()}
+                )
+            parts.append(action.detach().float().cpu().numpy() if is_tensor(action) else np.asarray(action))
+        actions = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return self.process["action"].inverse_transform(actions) if "action" in self.process else actions
 
 
 class WorldModelPolicy(BasePolicy):
     """Plans with a solver and a model, executes ``receding_horizon`` blocks, and plans again.
 
     Every environment has a queue of actions, and is planned for when that is empty: those that are due at the same step
-    together. Infos are prepared for these only, so the steps between two plans cost next to nothing. Noise is that of
-    the episode and the plan: the actions of an episode do not depend on the environments beside it.
+    and have equally many frames of history together. Infos are prepared for these only, so the steps between two plans
+    cost next to nothing. Noise is that of the episode and the plan: the actions of an episode do not depend on the
+    environments beside it, but for what a model rounds by the size of its batch, where the solver's ``batch_size`` is
+    above 1.
 
     Args:
         solver: A solver of :mod:`stable_worldmodel_rs.planning`, or anything with its methods.
-        config: Lengths of plans and of the history.
-        process: Scalings of columns, ``{"action": StandardScaler(), "proprio": …}``. Plans are in units of that of
-            ``action``, which is inverted.
-        transform: Transforms of images, ``{"pixels": …, "goal": …}``, one image ``(C, H, W)`` at a time.
-        history_keys: What the model is given several frames of, with ``config.history_len`` above 1; the blocks between
-            them are under ``"action_history"``.
+        config: Lengths of plans and of the history, and whether actions are clipped to their bounds.
+        process: Scalings of columns, ``{"action": StandardScaler(), "proprio": …}``, and of ``goal_<column>``. Plans are in
+            units of that of ``action``, which is inverted.
+        transform: Transforms of images, ``{"pixels": …}``, one image ``(C, H, W)`` at a time; that of ``pixels`` applies to
+            the goal unless there is a ``"goal"``. Without one, images are ``(H, W, C)`` uint8.
+        history_keys: What the model is given several frames of, ``(B, T, …)``, with ``config.history_len`` above 1; other
+            columns have T = 1, the present. None: all that is observed, so that no column has another T than ``pixels``.
+            ``("pixels",)`` is the reference's. The blocks between the frames are under ``"action_history"``.
+
+    A solver that is not of this package clips its candidates by itself, if at all; executed actions are clipped all the
+    same.
 
     Example:
         >>> cost = ShootingCostEvaluator(model, GoalMSE())  # doctest: +SKIP
@@ -260,21 +329,34 @@ class WorldModelPolicy(BasePolicy):
         config: PlanConfig,
         process: dict[str, Transformable] | None = None,
         transform: dict[str, Callable[[Any], Any]] | None = None,
-        history_keys: Sequence[str] = ("pixels",),
+        history_keys: Sequence[str] | None = None,
         **kwargs: Any,
     ) -> None:
         super().__init__(**kwargs)
+        if isinstance(history_keys, str):
+            raise TypeError(f"history_keys={history_keys!r} is a text; give a list: [{history_keys!r}]")
+        if isinstance(getattr(solver, "cost", None), SimulatorCost):
+            raise PlanAssertionError(
+                "WorldModelPolicy plans with a cost in Python, and SimulatorCost is in Rust; use MpcPolicy(solver, config=config)"
+            )
+        if not all(hasattr(config, name) for name in ("horizon", "receding_horizon", "action_block")):
+            raise TypeError(f"config is {config!r}; give a PlanConfig(horizon=, receding_horizon=, action_block=)")
         self.type = "world_model"
         self.cfg = config
         self.solver: Any = solver
+        require_settings(process, transform)
         self.process: dict[str, Transformable] = process or {}
         self.transform: dict[str, Callable[[Any], Any]] = transform or {}
-        self.history_keys: tuple[str, ...] = tuple(history_keys)
+        self.history_keys: tuple[str, ...] | None = None if history_keys is None else tuple(history_keys)
+        self._observed: tuple[str, ...] = ()
+        self._clipped_to: tuple[Array, Array] | None = None
         self._action_buffer: list[deque[Array]] | None = None
         self._next_init: Any = None
+        self._has_rest: Array = np.zeros(0, bool)
         self._history_buffer: HistoryBuffer | None = None
         self._plans: list[int] = []
         self._gives_keys = False
+        self._zeros_differ = True
 
     @property
     def flatten_receding_horizon(self) -> int:
@@ -284,14 +366,27 @@ class WorldModelPolicy(BasePolicy):
     def describe(self) -> str:
         cost = type(getattr(self.solver, "cost", None)).__name__
         config = self.cfg
+        more = "".join(
+            f", {name}={getattr(config, name)}"
+            for name, default in (("history_len", 1), ("warm_start", True))
+            if getattr(config, name) != default
+        )
         return (
             f"WorldModelPolicy({type(self.solver).__name__}, {cost}, horizon={config.horizon}, "
-            f"receding_horizon={config.receding_horizon}, action_block={config.action_block})"
+            f"receding_horizon={config.receding_horizon}, action_block={config.action_block}{more}, "
+            f"clip_actions={self._clips})"
         )
+
+    @property
+    def _clips(self) -> bool:
+        """Whether actions are clipped. A configuration of another package may not have the setting."""
+        return bool(getattr(self.cfg, "clip_actions", True))
 
     def set_env(self, env: Any) -> None:
         self.env = env
         count = getattr(env, "num_envs", 1)
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "configure", None)):
+            raise TypeError(f"{self.solver!r} is no solver; give an object such as CEMSolver(cost), or world.set_policy a name")
         self.solver.configure(action_space=env.action_space, n_envs=count, config=self.cfg)
         if not isinstance(self.solver, Solver):
             raise TypeError(
@@ -301,16 +396,26 @@ class WorldModelPolicy(BasePolicy):
         # A solver of ours whose `solve` was overridden as the reference knows it has no keys.
         arguments = inspect.signature(self.solver.solve).parameters.values()
         takes_keys = any(one.name == "keys" or one.kind is one.VAR_KEYWORD for one in arguments)
-        self._gives_keys = takes_keys and isinstance(self.solver, BaseSolver)
+        is_ours = isinstance(self.solver, BaseSolver)
+        self._gives_keys = takes_keys and is_ours
+        # Zeros are what a search begins with, but where a model's own actions do, where zeros are a plan of integers, and
+        # where a solver of others decides.
+        self._zeros_differ = not is_ours or isinstance(self.solver.cost, Actionable) or self.solver.plans_integers
+        self._clipped_to = None
+        if self._clips and (bounds := plan_bounds(env.single_action_space, self.process.get("action"))) is not None:
+            self._clipped_to, planned = bounds
+            if is_ours:
+                self.solver.set_bounds(*planned)
+        self._observed = observed_columns(env)
         self._action_buffer = [deque(maxlen=self.flatten_receding_horizon) for _ in range(count)]
         self._next_init = None
+        self._has_rest = np.zeros(count, bool)
         self._plans = [0] * count
         self._history_buffer = None
         if self.cfg.history_len > 1:
-            needed = (self.cfg.history_len - 1) * self.cfg.action_block + 1
             self._history_buffer = HistoryBuffer(
                 n_envs=count,
-                max_len=self.cfg.history_max_len or needed,
+                max_len=self.cfg.history_max_len or self.cfg.history_steps,
                 action_block=self.cfg.action_block,
                 block_keys=("action",),
             )
@@ -320,22 +425,26 @@ class WorldModelPolicy(BasePolicy):
         return getattr(self.solver, "array_api", "torch") != "numpy"
 
     def get_action(self, info_dict: Infos, **kwargs: Any) -> Any:
-        """The next actions, ``(N, *A)``: NaN (0 for integers) in environments whose episode is over."""
+        """The next actions, ``(N, *A)``: NaN (0 for integers) in environments whose episode is over.
+
+        They are what is executed and recorded: in the environment's units, clipped with ``config.clip_actions``.
+        """
         queues = self._action_buffer
         if queues is None:
             raise TypeError("WorldModelPolicy has no environment yet; call world.set_policy(policy), or set_env(envs)")
         count = self.env.num_envs
-        self._note_unused(info_dict)
+        self._check_columns(info_dict)
         begun = _flags(info_dict.pop("_needs_flush", None), count) | _is_first(info_dict, count)
         self._forget(np.flatnonzero(begun))
         is_over = _flags(info_dict.get("terminated"), count) | _flags(info_dict.get("truncated"), count)
         is_over &= ~begun
         if self._history_buffer is not None:
-            recent = {key: info_dict[key] for key in (*self.history_keys, "action")}
-            self._history_buffer.append(self._prepare_info(recent, self._takes_tensors))
+            # Images are prepared where they are planned with, which is not every step.
+            recent = {key: info_dict[key] for key in self._history_columns(info_dict)}
+            self._history_buffer.append(recent | self._prepare_info({"action": info_dict["action"]}, tensors=False))
         due = [index for index in range(count) if not queues[index] and not is_over[index]]
-        if due:
-            self._plan(info_dict, due, queues)
+        for frames, alike in self._alike(due):
+            self._plan(info_dict, alike, frames, queues)
         single = self.env.single_action_space
         if "Discrete" in type(single).__name__:
             actions = np.zeros((count, *single.shape), np.int64)
@@ -344,32 +453,58 @@ class WorldModelPolicy(BasePolicy):
         for index in np.flatnonzero(~is_over):
             actions[index] = queues[index].popleft().reshape(single.shape)
         actions: Array = actions.reshape(self.env.action_space.shape)
-        return self.process["action"].inverse_transform(actions) if "action" in self.process else actions
+        if "action" in self.process:
+            actions = self.process["action"].inverse_transform(actions)
+        return actions if self._clipped_to is None else np.clip(actions, *self._clipped_to)
+
+    def _history_columns(self, info_dict: Infos) -> tuple[str, ...]:
+        """The columns of which several frames are kept."""
+        if self.history_keys is None:
+            seen = [key for key in self._observed if is_array(info_dict.get(key)) or is_tensor(info_dict.get(key))]
+            return tuple(seen) if seen else ("pixels",) if "pixels" in info_dict else ()
+        return self.history_keys
+
+    def _alike(self, due: list[int]) -> list[tuple[int, list[int]]]:
+        """The environments ``due`` by what their plans begin with, so that none depends on which others are due: the frames
+        of their history, and whether there is a rest of the last plan."""
+        buffer = self._history_buffer
+        real = [1] * len(due) if buffer is None else buffer.num_strided(due)
+        groups: dict[tuple[int, bool], list[int]] = {}
+        for index, frames in zip(due, real, strict=True):
+            begins = self._zeros_differ and bool(self._has_rest[index])
+            groups.setdefault((min(self.cfg.history_len, frames), begins), []).append(index)
+        return [(frames, alike) for (frames, _), alike in sorted(groups.items())]
 
     def _forget(self, begun: Array) -> None:
         """New episodes have begun in these environments."""
         for index in begun:
             self._action_buffer[index].clear()  # type: ignore[index]
             self._plans[index] = 0
+            self._has_rest[index] = False
             if self._next_init is not None:
                 self._next_init[index] = 0
         if self._history_buffer is not None and begun.size:
             self._history_buffer.reset([int(index) for index in begun])
 
-    def _plan(self, info_dict: Infos, due: list[int], queues: list[deque[Array]]) -> None:
-        """Plans for the environments ``due``, and fills their queues."""
-        infos = self._prepare_info(take_rows(info_dict, due), self._takes_tensors)
+    def _plan(self, info_dict: Infos, due: list[int], frames: int, queues: list[deque[Array]]) -> None:
+        """Plans for the environments ``due``, which all have ``frames`` frames of history, and fills their queues."""
+        rows = take_rows(info_dict, due)
+        blocks = None
         if self._history_buffer is not None:
-            real = max(self._history_buffer.num_strided(due))
-            history = self._history_buffer.get(min(self.cfg.history_len, real), env_ids=due) or {}
+            history = self._history_buffer.get(frames, env_ids=due) or {}
             blocks = history.pop("action", None)
-            infos |= history
-            if blocks is not None:
-                infos[ACTION_HISTORY_KEY] = blocks
-        initial = None if self._next_init is None else self._next_init[due]
+            rows |= history
+        infos = self._prepare_info(rows, self._takes_tensors)
+        if blocks is not None:
+            infos[ACTION_HISTORY_KEY] = require_torch("tensors").from_numpy(blocks) if self._takes_tensors else blocks
+        begins = self._next_init is not None and not (self._zeros_differ and not self._has_rest[due[0]])
+        initial = self._next_init[due] if begins else None
         known = {"keys": self._keys(info_dict, due)} if self._gives_keys else {}
-        plans = self.solver(infos, init_action=initial, **known)["actions"]
-        now, rest = plans[:, : self.cfg.receding_horizon], plans[:, self.cfg.receding_horizon :]
+        with with_note(infos, self.transform):
+            result = self.solver(infos, init_action=initial, **known)
+        now = result["actions"][:, : self.cfg.receding_horizon]
+        # The search goes on from what it found, not from what of it can be executed.
+        rest = result.get("unclipped", result["actions"])[:, self.cfg.receding_horizon :]
         if not self.cfg.warm_start:
             self._next_init = None
         elif rest.shape[1] > 0:
@@ -377,17 +512,26 @@ class WorldModelPolicy(BasePolicy):
                 shape = (len(queues), *rest.shape[1:])
                 self._next_init = rest.new_zeros(shape) if is_tensor(rest) else np.zeros(shape, rest.dtype)
             self._next_init[due] = rest
+            self._has_rest[due] = True
         now = now.detach().cpu().numpy() if is_tensor(now) else np.asarray(now)
         for index, actions in zip(due, now.reshape(len(due), self.flatten_receding_horizon, -1), strict=True):
             queues[index].extend(actions)
             self._plans[index] += 1
 
     def _keys(self, info_dict: Infos, due: list[int]) -> PlanKeys:
-        """Which plan of which episode each row is. Environments without a column ``seed`` are their own seeds."""
-        seeds: Any = info_dict.get("seed")
-        flat = np.asarray(seeds).reshape(len(self._plans), -1)[:, -1] if seeds is not None else None
-        chosen = [index if flat is None else int(flat[index]) for index in due]
+        """Which plan of which episode each row is. Episodes without a seed have the number of their environment."""
+        seeds = _episode_seeds(self.env, info_dict, len(self._plans))
+        chosen = [index if seeds is None else int(seeds[index]) for index in due]
         return PlanKeys(due, chosen, [self._plans[index] for index in due])
+
+
+def _episode_seeds(env: Any, info_dict: Infos, count: int) -> Array | None:
+    """The seed of every environment's episode, ``(N,)``: the column ``seed``, or what environments in Python were reset
+    with. None where that is unknown."""
+    seeds: Any = info_dict.get("seed")
+    if seeds is None and np.all(getattr(env, "seeded", False)):
+        seeds = env.seeds
+    return None if seeds is None else np.asarray(seeds).reshape(count, -1)[:, -1]
 
 
 def _flags(values: Any, count: int) -> Array:

@@ -27,6 +27,7 @@ class Costable(Protocol):
     def get_cost(self, info_dict: dict[str, Any], action_candidates: Any) -> Any:
         """The cost ``(B, S)`` of every candidate ``(B, S, H, D)``; lower is better.
 
+        Candidates are within the bounds of the actions, unless ``PlanConfig`` has ``clip_actions=False``.
         Entries of ``info_dict`` have the candidate axis already: ``(B, S, ...)``, expanded without a copy.
         The same dict is passed in every iteration of a plan, so a cost may keep an encoded goal in it.
         """
@@ -65,8 +66,9 @@ class Dynamics(Protocol):
         """Predicts the outcome of candidates ``(B, S, H, D)``.
 
         ``info_dict["pixels"]`` holds T frames of context, ``(B, S, T, C, h, w)`` with a transform and
-        ``(B, S, T, h, w, C)`` uint8 without, the same frames for all S, expanded without a copy; T is 1 unless
-        ``PlanConfig`` has a ``history_len``. With T > 1 ``action_history`` holds the blocks executed between them,
+        ``(B, S, T, h, w, C)`` uint8 without, the same frames for all S, expanded without a copy. All else that is observed
+        has T frames, too. T is 1 unless ``PlanConfig`` has a ``history_len``, and less than that where an episode is younger:
+        write models for any T from 1 on. With T > 1 ``action_history`` holds the blocks executed between them,
         ``(B, S, T - 1, D)``. Adds ``predicted_emb``, ``(B, S, T + H, dim)``, whose first T entries are the encoded
         frames.
         """

@@ -22,6 +22,22 @@ from .._arrays import is_array
 Output = Literal["torch", "numpy"] | None
 """What items and batches are made of; ``None``: torch if it is installed."""
 
+Rewards = Literal["recorded", "action"]
+"""Which rewards a clip holds: ``"recorded"``, row by row, each that of arriving at its row and NaN in an episode's first; or
+``"action"``: beside every row, the sum of the rewards of the actions that are taken from it to the next row of the clip, as
+many as ``action`` has there; NaN where the episode ends before."""
+
+
+def sums_rewards(rewards: Any) -> bool:
+    """Whether rewards are those of actions.
+
+    Raises:
+        ValueError: It is neither of :data:`Rewards`.
+    """
+    if rewards not in ("recorded", "action"):
+        raise ValueError(f"rewards={rewards!r}; use 'recorded' (row t: of arriving at t) or 'action' (row t: of what is done there)")
+    return rewards == "action"
+
 
 @cache
 def torch_or_none() -> ModuleType | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._core import core as _swm
-from ._tensors import Output, converter, require_torch, stack, torch_or_none
+from ._tensors import Output, Rewards, converter, require_torch, stack, sums_rewards, torch_or_none
 from .concat import ConcatDataset
 from .dataset import ACTION
 from .goals import GoalDataset
@@ -96,6 +96,10 @@ class Loader:
         transform: Changes every batch, dict to dict. A ``transform`` of the dataset is applied to every clip, which is
             slow.
         paper: The 50 starts per episode of the paper's loader.
+        rewards: ``"recorded"`` or ``"action"``, beside the actions that earn them, summed over the frame skip; default: the
+            dataset's, which is ``"recorded"``: row t holds the reward of arriving at t.
+        float32: Give columns of 64-bit floating point in 32 bit, which is what models are planned with. False: as stored,
+            which is also what an item of the dataset is.
 
     Example:
         >>> loader = Loader("pusht.h5", batch_size=64, num_steps=4, frameskip=5, device="cuda")
@@ -126,6 +130,8 @@ class Loader:
         output: Output = None,
         transform: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
         paper: bool = False,
+        rewards: Rewards | None = None,
+        float32: bool = True,
     ) -> None:
         if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
@@ -151,6 +157,8 @@ class Loader:
             paper=paper,
             threads=threads,
             goals=self._goals(goals),
+            action_rewards=sums_rewards(getattr(first, "rewards", "recorded") if rewards is None else rewards),
+            float32=float32,
         )
         self._fields = {name: (dtype, shape) for name, dtype, shape, _ in self._clips.fields}
         self._options: dict[str, Any] = {

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .._core import core as _swm
 from . import _show
-from ._tensors import converter, may_use_threads, to_numpy
+from ._tensors import Rewards, converter, may_use_threads, sums_rewards, to_numpy
 from .dataset import ACTION, Dataset, Transform
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ class NativeDataset(Dataset):
         render: ``(H, W)`` of images that are rendered when they are read, for recordings without images of this
             package.
         episodes: The episodes to take, in this order; ``None``: all.
+        rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
+            actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
@@ -112,12 +114,15 @@ class NativeDataset(Dataset):
         image: tuple[int, int] | None = None,
         render: tuple[int, int] | None = None,
         episodes: Sequence[int] | None = None,
+        rewards: Rewards = "recorded",
     ) -> None:
         for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
         self.path: Any = Path(path)
         self.image = image
+        self.rewards: Rewards = rewards
+        sums_rewards(rewards)
         self._render = render
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
@@ -202,6 +207,7 @@ class NativeDataset(Dataset):
                 keys=self._keys,
                 image=self.image,
                 threads=None if may_use_threads() else 1,
+                action_rewards=sums_rewards(self.rewards),
             )
         return self._clips
 

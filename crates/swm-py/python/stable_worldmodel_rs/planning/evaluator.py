@@ -12,6 +12,8 @@ except ImportError as _error:
         "ShootingCostEvaluator is a torch module, and torch is not installed; `pip install torch`"
     ) from _error
 
+from .._prepare import require_method
+
 if TYPE_CHECKING:
     from ..protocols import Dynamics, Objective
 
@@ -102,6 +104,14 @@ class ShootingCostEvaluator(torch.nn.Module):
         encode_goal: Callable[[Any, dict[str, Any]], torch.Tensor] | None = default_goal_encode,
     ) -> None:
         super().__init__()  # pyright: ignore[reportUnknownMemberType]
+        hint = "encode(x) adds emb, (B, T, dim); stable_worldmodel_rs.protocols.Dynamics has the shapes"
+        needed = "rollout(info_dict, candidates), which adds predicted_emb, (B, S, T + H, dim)"
+        require_method("ShootingCostEvaluator", model, "rollout", needed, hint)
+        if not callable(objective) or isinstance(objective, type):
+            raise TypeError(
+                f"ShootingCostEvaluator was given the objective {objective!r}; give a function or module of the rollout's infos "
+                "that returns costs (B, S), such as GoalMSE()"
+            )
         self.model: Any = model
         self.objective: Any = objective
         self.constraints: list[Objective] | None = list(constraints) if constraints else None

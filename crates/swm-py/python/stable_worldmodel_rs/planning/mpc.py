@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from ..world.policies import NativePolicy
 from .solver._base import BaseSolver
@@ -30,6 +30,7 @@ class SimulatorCost:
     success_bonus: float = 1000.0
     stop_at_success: bool = True
     gradient_step: float = 0.01
+    is_native: ClassVar[bool] = True
 
 
 class MpcPolicy(NativePolicy):
@@ -41,7 +42,7 @@ class MpcPolicy(NativePolicy):
         solver: A solver of this package, or its name with settings: ``"cem:samples=300,iterations=10"``.
         cost: A :class:`SimulatorCost`; None takes that of the solver, or the default one.
         config: A :class:`~stable_worldmodel_rs.policy.PlanConfig`; None takes the defaults of the command.
-        clip_actions: Clip actions to the action space.
+        clip_actions: Clip actions to the action space; ``config`` has the same setting, and either can turn it off.
 
     Example:
         >>> from stable_worldmodel_rs import MpcPolicy, PlanConfig
@@ -82,7 +83,7 @@ class MpcPolicy(NativePolicy):
         if config is not None:
             for setting in ("horizon", "receding_horizon", "history_len", "action_block", "warm_start"):
                 settings[setting] = getattr(config, setting)
-        if not clip_actions:
+        if not (clip_actions and getattr(config, "clip_actions", True)):
             settings["clip_actions"] = False
         super().__init__(name, **settings)
 

@@ -39,6 +39,8 @@ class EnvPool:
         if not self.envs:
             raise ValueError("EnvPool needs at least one environment; give a list of functions that make one each")
         self.seeds: npt.NDArray[np.int64] = np.zeros(len(self.envs), np.int64)
+        # Whether their last reset had one.
+        self.seeded: npt.NDArray[np.bool_] = np.zeros(len(self.envs), np.bool_)
         # Made once: a space that is made at every access begins its random numbers anew.
         self._action_space: gym.Space[Any] = batch_space(self.envs[0].action_space, len(self.envs))
         self._observation_space: gym.Space[Any] = batch_space(self.envs[0].observation_space, len(self.envs))
@@ -101,6 +103,7 @@ class EnvPool:
         for row, env in enumerate(self.envs):
             if mask is None or mask[row]:
                 _, infos[row] = env.reset(seed=seeds[row], options=each[row])
+                self.seeded[row] = seeds[row] is not None
                 if seeds[row] is not None:
                     self.seeds[row] = seeds[row]
         if mask is None or self._over is None:

@@ -7,11 +7,13 @@ import functools
 import json
 import logging
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..._arrays import Array, is_array, is_tensor, require_torch
+from ..._prepare import require_method
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
@@ -81,7 +83,10 @@ class BaseSolver:
         seed: int,
         callbacks: Sequence[Callback] | None,
     ) -> None:
+        self._require_cost(cost)
         self.cost = cost
+        if batch_size is not None and batch_size < 1:
+            raise ValueError(f"batch_size must be >= 1 or None, got {batch_size}")
         self.batch_size = batch_size
         self.num_samples = num_samples
         self.device = device
@@ -93,9 +98,21 @@ class BaseSolver:
         self._config: Any = None
         self._action_dim: int | None = None
         self._space: PlanSpace | None = None
+        self._clips = False
         self._calls = 0
         self._memory: dict[int, Array] = {}
         self._solvers: dict[tuple[str, str], NativeSolver] = {}
+
+    def _require_cost(self, cost: Any) -> None:
+        """Refuses what has no cost. A solver for :class:`~stable_worldmodel_rs.MpcPolicy` may have none, or one in Rust."""
+        if cost is None or getattr(cost, "is_native", False):
+            return
+        hint = (
+            "a world model with encode and rollout becomes a cost by ShootingCostEvaluator(model, objective); the simulator "
+            "itself is SimulatorCost(), for MpcPolicy"
+        )
+        needed = "get_cost(info_dict, candidates): costs (B, S) of candidates (B, S, H, D)"
+        require_method(type(self).__name__, cost, "get_cost", needed, hint)
 
     def __repr__(self) -> str:
         settings = ", ".join(f"{name}={value}" for name, value in self.settings().items())
@@ -131,17 +148,40 @@ class BaseSolver:
         Args:
             action_space: The batched space of actions, ``(n_envs, ...)``.
             n_envs: How many environments there are.
-            config: A :class:`~stable_worldmodel_rs.policy.PlanConfig`.
+            config: A :class:`~stable_worldmodel_rs.policy.PlanConfig`. With its ``clip_actions``, the cost is given
+                candidates as they are executed, within the bounds of the actions.
         """
         self._action_space = action_space
         self._n_envs = n_envs
         self._config = config
         self._space = PlanSpace.of(action_space, n_envs)
         self._action_dim = self._space.actions
+        self._clips = bool(getattr(config, "clip_actions", True)) and not self._space.categories
         self._memory.clear()
+        self._note_training()
         self._configured = True
         self._check_space(self._space)
         note_training_mode(self.cost)
+
+    def _note_training(self) -> None:
+        """Warns of a model whose dropout or batch statistics would be those of training."""
+        modules = getattr(self.cost, "modules", None)
+        if not getattr(self.cost, "training", False) or not callable(modules):
+            return
+        names = {type(module).__name__ for module in modules()}  # type: ignore[union-attr]
+        found = sorted(name for name in names if "Dropout" in name or "BatchNorm" in name)
+        if found:
+            logger.warning(
+                "%s is in training mode, and its %s make other plans then; call eval() before planning",
+                type(self.cost).__name__,
+                ", ".join(found),
+            )
+
+    def set_bounds(self, low: Array, high: Array) -> None:
+        """Tells the bounds of real actions in units of plans, ``(A,)`` each, where these are not the environment's."""
+        self._space = replace(
+            self._require_configured(), low=[float(value) for value in low], high=[float(value) for value in high]
+        )
 
     def _check_space(self, space: PlanSpace) -> None:
         """Says early that the solver needs other actions."""
@@ -166,6 +206,11 @@ class BaseSolver:
     def action_dim(self) -> int:
         """D: values of a block, ``action_block`` actions."""
         return self._action_dim * self._config.action_block  # type: ignore[operator]
+
+    @property
+    def plans_integers(self) -> bool:
+        """Whether actions are integers."""
+        return bool(self._require_configured().categories)
 
     @property
     def array_api(self) -> str:
@@ -199,14 +244,16 @@ class BaseSolver:
 
         Returns:
             ``actions``, ``(B, H, D)`` float32 on the CPU (integers: ``(B, H, action_block × A)`` int64), ``costs``, a
-            list of B floats, and more of each solver. Tensors, or arrays for a cost with ``array_api = "numpy"``.
+            list of B floats, and more of each solver; where ``actions`` were clipped, ``unclipped``, what the search
+            found. Tensors, or arrays for a cost with ``array_api = "numpy"``.
         """
         begun = time.perf_counter()
         space = self._require_configured()
         total = rows_of(info_dict, self.n_envs)
         if total == 0:
             raise PlanAssertionError(f"{type(self).__name__} was given no rows to plan for; leave the call out")
-        initial = self._initial(info_dict, init_action, total)
+        if init_action is not None:
+            init_action = self._checked_start(init_action, total)
         keys = self._keys(info_dict, total) if keys is None else keys
         for callback in self.callbacks:
             callback.reset()
@@ -215,12 +262,18 @@ class BaseSolver:
         batch = self.batch_size or total
         for start in range(0, total, batch):
             rows = slice(start, min(start + batch, total))
-            result, bridge = self._solve_chunk(take_rows(info_dict, rows), initial[rows], _rows(keys, rows), space)
+            info = take_rows(info_dict, rows)
+            initial = self._initial(info, None if init_action is None else init_action[rows], rows.stop - rows.start)
+            result, bridge = self._solve_chunk(info, initial, _rows(keys, rows), space)
             results.append(result)
             bridges.append(bridge)
         self._calls += 1
         outputs = self._finish(results, bridges)
-        outputs["actions"] = self._actions(np.concatenate([result["actions"] for result in results]), space)
+        plans = np.concatenate([result["actions"] for result in results])
+        executed = space.clip(plans) if self._clips else plans
+        if not np.array_equal(executed, plans):
+            outputs["unclipped"] = self.as_given(plans)
+        outputs["actions"] = self._actions(executed, space)
         if self.callbacks:
             for callback in self.callbacks:
                 callback.end_solve()
@@ -251,10 +304,11 @@ class BaseSolver:
         make = NumpyBridge if self.array_api == "numpy" else TorchBridge
         return make(self, info, rows, show)
 
-    def _task(self, initial: Array, keys: PlanKeys, space: PlanSpace) -> dict[str, Any]:
+    def _task(self, initial: Array, keys: PlanKeys, space: PlanSpace, clips: bool = False) -> dict[str, Any]:
         return {
             "low": space.low,
             "high": space.high,
+            "clips": clips,
             "categories": space.categories,
             "horizon": self.horizon,
             "action_block": self._config.action_block,
@@ -269,7 +323,7 @@ class BaseSolver:
     ) -> tuple[dict[str, Any], Bridge]:
         rows = initial.shape[0]
         bridge = self._bridge(info, rows, initial)
-        task = self._task(initial, keys, space)
+        task = self._task(initial, keys, space, self._clips)
         task["memory"] = [
             self._memory[slot] if plan > 0 and slot in self._memory else []
             for slot, plan in zip(keys.slots, keys.plans, strict=True)
@@ -330,14 +384,22 @@ class BaseSolver:
         initial = np.zeros((total, self.horizon, size), np.float32)
         if init_action is not None:
             given = self._given(init_action)
-            if given.ndim != 3 or given.shape[0] != total or given.shape[2] != size:
-                raise PlanAssertionError(
-                    f"init_action has the shape {tuple(init_action.shape)}, and {type(self).__name__} plans for {total} "
-                    f"rows of blocks of {self.action_dim} values; give ({total}, t, {self.action_dim})"
-                )
             length = min(given.shape[1], self.horizon)
             initial[:, :length] = given[:, :length]
         return initial
+
+    def _checked_start(self, init_action: Any, total: int) -> Any:
+        """Where the search begins, as an array or tensor ``(total, t, D)``."""
+        given = init_action if is_tensor(init_action) else np.asarray(init_action)
+        space, block = self._require_configured(), self._config.action_block
+        is_integer = not given.is_floating_point() if is_tensor(given) else np.issubdtype(given.dtype, np.integer)
+        wanted = (space.actions if space.categories and is_integer else space.values) * block
+        if given.ndim != 3 or given.shape[0] != total or given.shape[2] != wanted:
+            raise PlanAssertionError(
+                f"init_action has the shape {tuple(given.shape)}, and {type(self).__name__} plans for {total} "
+                f"rows of blocks of {self.action_dim} values; give ({total}, t, {self.action_dim})"
+            )
+        return given
 
     def _given(self, init_action: Any) -> Array:
         """A plan that was given, as an array of plan values."""

@@ -88,8 +88,14 @@ class Bridge:
         return value
 
     def check(self, values: Any, samples: int, what: str, ndim: int) -> None:
-        """Refuses costs and constraints of another shape."""
+        """Refuses costs and constraints of another shape, and those that are no real numbers."""
         shape = tuple(values.shape)
+        dtype = str(values.dtype)
+        if "complex" in dtype or getattr(values.dtype, "kind", "f") in "OSUMmV":
+            method = "get_cost" if ndim == 2 else "get_constraints"
+            raise PlanAssertionError(
+                f"{type(self.cost).__name__}.{method} returned {what} of the type {dtype}; return real numbers"
+            )
         if len(shape) != ndim or shape[:2] != (self.rows, samples):
             wanted = (self.rows, samples, "C")[:ndim]
             method = "get_cost" if ndim == 2 else "get_constraints"

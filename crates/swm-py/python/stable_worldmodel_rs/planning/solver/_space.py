@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ class PlanSpace:
     actions: int
     """A: values of an action."""
     low: list[float]
-    """``(A,)``: bounds of real numbers, advice to solvers that clip."""
+    """``(A,)``: bounds of real numbers, in units of plans."""
     high: list[float]
     categories: list[int]
     """``(A,)``: how many categories each integer has; empty for real numbers."""
@@ -58,6 +59,21 @@ class PlanSpace:
     def values(self) -> int:
         """Values of a plan per action: a real number is one, an integer is one-hot."""
         return sum(self.categories) if self.categories else self.actions
+
+    @cached_property
+    def _inner(self) -> tuple[Array, Array]:
+        """The bounds as f32, never wider than they are: 0.1 becomes larger in f32."""
+        bounds: list[Array] = []
+        for given, inward in ((self.low, np.float32(np.inf)), (self.high, np.float32(-np.inf))):
+            exact = np.asarray(given, np.float64)
+            rounded = exact.astype(np.float32)
+            outside = rounded < exact if inward > 0 else rounded > exact
+            bounds.append(np.where(outside, np.nextafter(rounded, inward), rounded))
+        return bounds[0], bounds[1]
+
+    def clip(self, plans: Array) -> Array:
+        """Plans ``(..., k × A)`` f32 of real numbers within the bounds."""
+        return np.clip(plans.reshape(-1, self.actions), *self._inner).reshape(plans.shape)
 
     def _groups(self, plans: Array) -> list[Array]:
         """Plans ``(..., k × values)``, one array ``(..., k, categories)`` per integer."""
