@@ -37,7 +37,7 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
 fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
     let folder = Folder::new();
     let (data, save) = (folder.path("a.h5"), folder.path("save"));
-    let collect = "collect swm/PushT-v1 --policy weak --episodes 4 --max-steps 60 --image-size none --seed 3 --quiet --out";
+    let collect = "collect swm/PushT-v1 --policy weak --episodes 30 --max-steps 60 --image-size none --seed 3 --quiet --out";
     swm_ok(&collect.split(' ').chain([data.as_str()]).collect::<Vec<_>>());
     let page = Page::open(&[&data], &save);
     let (id, registry) = (page.id("dataset"), swm::registry());

@@ -53,7 +53,7 @@ def words(request: dict[str, Any]) -> list[str]:
 
 def test_a_manifest_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
     data = tmp_path / "a.h5"
-    collect = "collect swm/PushT-v1 --policy weak --episodes 4 --max-steps 60 --image-size none --seed 3 --quiet --out"
+    collect = "collect swm/PushT-v1 --policy weak --episodes 30 --max-steps 60 --image-size none --seed 3 --quiet --out"
     subprocess.run([command, *collect.split(), data], check=True)
     text = (TABLES / "make_manifest.json").read_text().replace("DATA", str(data))
     for index, request in enumerate(json.loads(text)):
