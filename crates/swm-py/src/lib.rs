@@ -23,6 +23,7 @@ mod program;
 mod receipt;
 mod record;
 mod solver;
+mod statistics;
 mod words;
 mod world;
 mod writer;
@@ -44,6 +45,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     receipt::add(m)?;
     record::add(m)?;
     solver::add(m)?;
+    statistics::add(m)?;
     world::add(m)?;
     writer::add(m)?;
     Ok(())
