@@ -8,7 +8,7 @@ use swm_core::error::BoxError;
 use swm_media::MediaError;
 use thiserror::Error;
 
-pub use swm_core::dataset::DataError;
+pub use swm_core::dataset::{DataError, NotBuiltIn};
 
 pub use crate::guarded::guarded;
 
@@ -28,7 +28,7 @@ pub enum FormatError {
     Invalid(Cow<'static, str>),
     /// The content may be valid, but this program does not support it.
     #[error("{0}")]
-    Unsupported(Cow<'static, str>),
+    Unsupported(#[source] NotBuiltIn),
     /// The operating system refused.
     #[error("{0}")]
     Io(#[from] io::Error),
@@ -78,7 +78,7 @@ pub fn invalid(message: impl Into<Cow<'static, str>>) -> FormatError {
 
 /// [`FormatError::Unsupported`] with this message.
 pub fn unsupported(message: impl Into<Cow<'static, str>>) -> FormatError {
-    FormatError::Unsupported(message.into())
+    FormatError::Unsupported(NotBuiltIn(message.into()))
 }
 
 macro_rules! from {

@@ -88,7 +88,7 @@ impl DatasetInfo {
     }
 
     fn damaged_part(&self, column: Option<String>, episode: usize, reason: BoxError) -> DataError {
-        DataError::Damaged { path: self.path.to_path_buf(), column, episode: Some(episode), reason }
+        DataError::damaged_part(&self.path, column, Some(episode), reason)
     }
 }
 

@@ -157,8 +157,10 @@ impl EpisodeCheck {
 /// What an error says, without the place that the report names already.
 fn said(error: DataError, episode: Option<usize>, column: Option<&str>) -> String {
     match error {
-        DataError::Damaged { column: None, episode: None, reason, .. } => reason.to_string(),
+        DataError::Damaged { column: None, episode: None, reason, .. }
+        | DataError::Unread { column: None, episode: None, reason, .. } => reason.to_string(),
         DataError::Damaged { column: at, episode: here, reason, .. }
+        | DataError::Unread { column: at, episode: here, reason, .. }
             if here == episode && at.as_deref() == column =>
         {
             reason.to_string()
