@@ -1,4 +1,4 @@
-//! An index of episodes that does not fit the rows: what the rows say of themselves is compared with it.
+//! An index of episodes that does not fit the rows: the labels of the rows are compared with it.
 
 use std::fs;
 use std::path::Path;

@@ -181,7 +181,7 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// What the rows of tables say of themselves, episode by episode.
+    /// The labels of rows in tables (`episode_index` and the like), episode by episode.
     fn rows(&mut self, shared: &Shared) {
         let mut by_table: BTreeMap<&Path, Vec<(&EpisodeFiles, usize)>> = BTreeMap::new();
         for (episode, files) in shared.episodes.iter().enumerate() {

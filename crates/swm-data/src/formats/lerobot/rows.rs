@@ -37,7 +37,7 @@ pub(super) struct Places {
     runs: OnceLock<BTreeMap<i64, Vec<(PathBuf, Range<usize>)>>>,
 }
 
-/// What the rows of a table say of themselves; `None`: nothing.
+/// The labels of rows in a table (`episode_index` and the like); `None`: nothing.
 pub(super) struct Labels {
     /// The number of their episode.
     pub(super) episodes: Option<Vec<i64>>,
