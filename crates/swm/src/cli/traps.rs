@@ -47,7 +47,8 @@ type Packages = Vec<(String, String)>;
 
 /// The traps among the packages of the first Python that starts; `None` where none does.
 pub(super) fn installed() -> Option<(String, Vec<Found>)> {
-    let (python, packages) = candidates().find_map(|python| packages_of(&python).map(|found| (python, found)))?;
+    let (python, packages) =
+        candidates().find_map(|python| packages_of(&python).map(|found| (python, found)))?;
     Some((python, among(&packages)))
 }
 
@@ -109,7 +110,8 @@ fn fits(version: &str, versions: &str) -> bool {
 
 /// `3.16.0rc1` -> 3, 16, 0.
 fn numbers(version: &str) -> Vec<u64> {
-    let digits = |part: &str| part.split(|c: char| !c.is_ascii_digit()).next().and_then(|digits| digits.parse().ok());
+    let digits =
+        |part: &str| part.split(|c: char| !c.is_ascii_digit()).next().and_then(|digits| digits.parse().ok());
     version.split('.').map_while(digits).collect()
 }
 
@@ -159,7 +161,10 @@ mod tests {
             let name = entry.unwrap().file_name().into_string().unwrap();
             let stem = name.trim_end_matches(".sh");
             let is_row = TRAPS.iter().any(|trap| trap.script == Some(stem));
-            assert!(is_row || ["python", "README.md"].contains(&stem), "no row of the table has findings/{name}");
+            assert!(
+                is_row || ["python", "README.md"].contains(&stem),
+                "no row of the table has findings/{name}"
+            );
         }
     }
 
