@@ -29,6 +29,31 @@ fn the_doctor_knows_that_setup_cannot_write_there() {
     assert!(folder["fix"].as_str().unwrap().contains("set SWM_HOME to a folder that can"), "{folder}");
 }
 
+#[cfg(unix)]
+#[test]
+fn the_doctor_notes_installed_versions_that_surprise() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let folder = Folder::new();
+    let python = folder.path("python");
+    let packages = |listed: &str| {
+        std::fs::write(&python, format!("#!/bin/sh\nprintf '{listed}'\n")).unwrap();
+        std::fs::set_permissions(&python, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let output = swm(&["doctor", "--json"]).env("SWM_PYTHON", &python).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "a note is no failure");
+        let checks: Vec<serde_json::Value> = serde_json::from_slice(&output.stdout).unwrap();
+        checks.into_iter().filter(|check| check["what"] == "packages of Python").collect::<Vec<_>>()
+    };
+    let found = packages("package safetensors 0.8.0\\npackage numpy 2.4.6\\nnoise\\n");
+    let [one] = found.as_slice() else { panic!("{found:?}") };
+    assert_eq!(one["state"], "note");
+    let text = one["found"].as_str().unwrap();
+    assert!(text.starts_with("safetensors 0.8.0: ") && text.contains("transposed array"), "{text}");
+    assert!(one["fix"].as_str().unwrap().contains("np.ascontiguousarray"), "{one}");
+    let none = packages("package safetensors 0.9.0\\n");
+    assert_eq!((none.len(), &none[0]["state"]), (1, &json!("works")), "{none:?}");
+}
+
 /// A data folder with the files of the installed one, to change some of them.
 #[cfg(all(unix, feature = "mujoco"))]
 fn copied_home(folder: &Folder) -> std::path::PathBuf {

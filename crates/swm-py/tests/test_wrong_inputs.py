@@ -27,7 +27,7 @@ def message_of(wrong: Callable[[Path], Any], folder: Path, caplog: pytest.LogCap
         try:
             noted = wrong(folder)
         except Exception as error:
-            return f"{type(error).__name__}: {error}"
+            return "\n".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", [])])
     notes = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     return "\n".join([*notes, noted or ""])
 

@@ -104,6 +104,21 @@ def rank_beyond_the_world(folder: Path) -> None:
     list(swm.data.Loader(recording(folder), batch_size=2, shard=(2, 2)))
 
 
+def step_after_the_end(_: Path) -> None:
+    live = world(max_episode_steps=2)
+    live.reset(seed=0)
+    for _ in range(4):
+        live.step(np.zeros((2, 2), np.float32))
+
+
+def seed_of_half(_: Path) -> None:
+    world().reset(seed=1.5)
+
+
+def half_an_episode(_: Path) -> None:
+    world().evaluate(episodes=2.5, seed=0)
+
+
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (unknown_option, ["no reset option `variations`", "it has variation,"]),
     (color_beyond_its_range, ["`agent.color`", "between 0 and 255, found 300"]),
@@ -123,4 +138,7 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (episode_that_is_not_there, ["pusht.h5: there is no episode 7; there are 3, counted from 0"]),
     (actions_one_row_short, ["column `action` has 4 rows, the others have 5"]),
     (rank_beyond_the_world, ["`shard`: rank 2 of 2"]),
+    (step_after_the_end, ["episodes of all environments that it would step are over; call `reset`"]),
+    (seed_of_half, ["seed", "1.5"]),
+    (half_an_episode, ["episodes=2.5; ask for 1 or more, a whole number"]),
 ]

@@ -177,6 +177,30 @@ def images_of_torch(folder: Path) -> None:
         writer.write_episode({"pixels": torch.rand(5, 3, 32, 32), "action": torch.zeros(5, 2)})
 
 
+def module_without_get_cost(_: Path) -> None:
+    plan(torch.nn.Linear(2, 2))
+
+
+def process_of_actions(_: Path) -> None:
+    plan(StateCost(), process={"actions": scaler(np.random.randn(9, 2))})
+
+
+def transform_of_pixel(_: Path) -> None:
+    plan(StateCost(), transform={"pixel": lambda image: image.float() / 255})
+
+
+def batch_size_zero(_: Path) -> None:
+    plan(StateCost(), CEMSolver(StateCost(), batch_size=0, num_samples=8, n_steps=2, topk=2))
+
+
+def policy_without_get_action(_: Path) -> None:
+    act(swm.FeedForwardPolicy(torch.nn.Linear(2, 2)))
+
+
+def images_without_transform(_: Path) -> None:
+    plan(ShootingCostEvaluator(ImageModel(), GoalMSE()))
+
+
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (model_in_training_mode, ["WithDropout", "training mode", "Dropout", "eval()"]),
     (costs_of_nan, ["all 8 candidates have a cost that is not finite", "check the model"]),
@@ -185,8 +209,16 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (gradient_of_detached, ["CostByArgmin", "remove `detach()`"]),
     (goal_of_another_size, ["GoalMSE", "'predicted_emb', (16,)", "'goal_emb', (1,)"]),
     (fractional_horizon, ["horizon must be a whole number, got 2.5"]),
+    (actions_by_column, ["shape [3, 2], one row per environment", "found float32 of shape [2, 3]"]),
+    (flat_actions, ["shape [2, 2]", "found float32 of shape [4]"]),
     (actions_of_nan, ["environment 0", "the action [NaN, NaN] is not finite"]),
     (more_clips_than_there_are, ["no batch of 1000 is full", "33 clips"]),
     (loader_of_no_steps, ["`num_steps`: 0 rows; use 1 or more"]),
     (images_of_torch, ["column 'pixels' is float32 of shape (3, 32, 32) per step", "images are uint8 (H, W, 3)"]),
+    (module_without_get_cost, ["CEMSolver was given Linear, which has no get_cost(info_dict, candidates)"]),
+    (process_of_actions, ["process names 'actions', which is no column (did you mean 'action'?)"]),
+    (transform_of_pixel, ["transform names 'pixel', which is no column (did you mean 'pixels'?)"]),
+    (batch_size_zero, ["batch_size must be >= 1 or None, got 0"]),
+    (policy_without_get_action, ["FeedForwardPolicy was given Linear, which has no get_action(info)"]),
+    (images_without_transform, ["without a transform, the model is given"]),
 ]
