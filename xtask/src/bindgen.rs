@@ -36,20 +36,41 @@ const HEADERS: &[&str] = &["mujoco/mujoco.h", "mujoco/mjbatch.h"];
 /// Functions to declare, as alternatives of a regular expression. Loading fails if the library lacks one of them.
 const FUNCTIONS: &[&str] = &[
     "mj_(version|versionString)",
-    "mj_(makeSpec|copySpec|deleteSpec|parseXML|parseXMLString|compile|recompile)",
-    "mj_(copyModel|saveModel|deleteModel|sizeModel|name2id|id2name|setConst|setTotalmass)",
-    "mj_(makeData|copyData|deleteData|resetData|stateSize|getState|setState)",
-    "mj_(forward|step|step1|step2|rnePostConstraint|kinematics|comPos|jac.*|mulM|solveM|objectVelocity)",
-    "mju_error",
-    "mjs_.*",
-    "mjb_.*",
-    "mjv_(default.*|makeScene|freeScene|updateScene|updateCamera)",
-    "mjr_(default.*|makeContext|freeContext|resizeOffscreen|uploadTexture|setBuffer|readPixels|render|maxViewport)",
+    "mj_(parseXML|compile|deleteSpec|copyModel|saveModel|deleteModel|sizeModel|name2id|id2name|setConst)",
+    "mj_(makeData|deleteData|resetData|stateSize|getState|setState)",
+    "mj_(forward|step|step1|step2|rnePostConstraint|kinematics|jacSite)",
+    "mjs_(add(Body|Camera|Frame|FreeJoint|Geom|Light|Site)|as(Body|Geom|Joint|Light|Material|Mesh|Sensor|Site|Texture))",
+    "mjs_(attach|delete|findElement|firstElement|nextElement|getError|getName|getParent|getSpecDefault|getString)",
+    "mjs_set(Float|Int|Name|String)",
+    "mjv_(default(Camera|Option|Perturb|Scene)|makeScene|freeScene|updateScene)",
+    "mjr_(defaultContext|makeContext|freeContext|uploadTexture|setBuffer|readPixels|render)",
 ];
 
 /// Enums that no declared function names.
 const TYPES: &str =
-    "mjt(State|DisableBit|EnableBit|Integrator|Cone|CatBit|Warning|Sensor|Camera|Framebuffer|FontScale)";
+    "mjt(State|DisableBit|Integrator|Cone|CatBit|Warning|Sensor|Camera|Framebuffer|FontScale)";
+
+/// Constants of enums that are kept, by their prefix. The generator makes all of them.
+const CONSTANTS: &[(&str, &str)] = &[
+    ("mjDSBL", "ACTUATION"),
+    ("mjJNT", "FREE BALL SLIDE"),
+    ("mjGEOM", "PLANE HFIELD SPHERE CAPSULE ELLIPSOID CYLINDER BOX MESH"),
+    ("mjCAMLIGHT", "TRACKCOM"),
+    ("mjLIGHT", "SPOT DIRECTIONAL"),
+    ("mjTEXTURE", "2D SKYBOX"),
+    ("mjINT", "RK4 IMPLICITFAST"),
+    ("mjCONE", "ELLIPTIC"),
+    ("mjOBJ", "BODY JOINT GEOM SITE CAMERA LIGHT MESH TEXTURE MATERIAL TENDON ACTUATOR SENSOR KEY"),
+    ("mjSENS", "RANGEFINDER"),
+    ("mjSTATE", "INTEGRATION"),
+    ("mjWARN", "INERTIA CONTACTFULL CNSTRFULL BADQPOS BADQVEL BADQACC BADCTRL"),
+    ("mjBUILTIN", "NONE FLAT"),
+    ("mjORIENTATION", "XYAXES ZAXIS"),
+    ("mjCAT", "DECOR ALL"),
+    ("mjCAMERA", "FIXED"),
+    ("mjFB", "OFFSCREEN"),
+    ("mjFONTSCALE", "100"),
+];
 
 const VARIABLES: &str = "mjVERSION_HEADER|mju_user_(error|warning)";
 
@@ -154,7 +175,18 @@ fn generate(generator: &Path, libclang: &Path, headers: &Path, input: &Path) -> 
     // The wheel of libclang lacks the headers that belong to a compiler, like stddef.h.
     command.arg("-I").arg(compiler_headers()?);
     let generated = process::output(&mut command).context("the generator failed")?;
-    String::from_utf8(generated).context("the generator wrote no text")
+    let generated = String::from_utf8(generated).context("the generator wrote no text")?;
+    Ok(generated.split_inclusive('\n').filter(|line| is_kept(line)).collect())
+}
+
+/// Whether a generated line is anything but a constant of an enum that nobody names.
+fn is_kept(line: &str) -> bool {
+    let name = line.strip_prefix("pub const mj").and_then(|rest| rest.split_once(": mjt"));
+    let Some((name, _)) = name else { return true };
+    CONSTANTS.iter().any(|(prefix, names)| {
+        let name = name.strip_prefix(&prefix[2..]).and_then(|rest| rest.strip_prefix('_'));
+        name.is_some_and(|name| names.split(' ').any(|kept| kept == name))
+    })
 }
 
 fn compiler_headers() -> Result<PathBuf> {
@@ -184,7 +216,10 @@ fn seal(generated: &str) -> String {
         Sha256::digest(text).iter().take(16).map(|byte| format!("{byte:02x}")).collect()
     };
     let versions = [LIBCLANG.version, GENERATOR, MUJOCO.version];
-    let others = [TYPES, VARIABLES, OPTIONS];
+    let constants: Vec<String> =
+        CONSTANTS.iter().map(|(prefix, names)| format!("{prefix} {names}")).collect();
+    let constants = constants.join("\n");
+    let others = [TYPES, constants.as_str(), VARIABLES, OPTIONS];
     let parts = [&versions[..], HEADERS, FUNCTIONS, &others[..]].map(|part| part.join("\n"));
     format!("//! Made of {}, is {}.", hash(&parts.join("\n")), hash(generated))
 }
@@ -246,6 +281,18 @@ mod tests {
         assert!(message("a\n", "a\nc\n").contains("bindings.rs:2 has nothing"));
         assert!(message("a\nb\n", "a\n").contains("give nothing"));
         assert!(message("a\r\n", "a\n").contains("line ends"));
+    }
+
+    #[test]
+    fn constants_that_nobody_names_are_left_out() {
+        assert!(
+            is_kept("pub const mjVERSION_HEADER: u32 = 3017000;\n") && is_kept("pub type mjtNum = f64;\n")
+        );
+        assert!(is_kept("pub const mjGEOM_PLANE: mjtGeom = 0;\n"));
+        assert!(
+            !is_kept("pub const mjGEOM_SDF: mjtGeom = 8;\n")
+                && !is_kept("pub const mjNGEOMTYPES: mjtGeom = 9;\n")
+        );
     }
 
     #[test]
