@@ -7,6 +7,7 @@ frame, moves through the executed blocks, and compares where it arrives with the
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -156,7 +157,10 @@ def test_it_reaches_the_oracles_result(api: str, batch_size: int, dataset: Path,
     ]
     assert [receipt.success_rate for receipt in receipts] == [100.0] * 3
     assert receipts[0]["episodes"] == receipts[1]["episodes"] == receipts[2]["episodes"]
-    assert all("clip_actions=True" in str(receipt["policy"]) for receipt in receipts)
+    assert all('clip_actions": true' in json.dumps(receipt) for receipt in receipts)
+    assert swm.same(receipts[0], receipts[1]) and swm.same(receipts[0], receipts[2])
+    again = swm.verify(receipts[0], policy_of(api, dataset, batch_size), num_envs=4, progress=False)
+    assert again["equal"], again
 
 
 def test_without_images_neither_needs_torch(dataset: Path) -> None:

@@ -226,24 +226,6 @@ def test_attributes_may_have_any_other_name() -> None:
     assert planner(run="a", note="b").note == "b"
 
 
-def test_a_model_in_training_mode_is_noted(caplog: pytest.LogCaptureFixture) -> None:
-    torch = pytest.importorskip("torch")
-
-    class Drops(torch.nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.layers = torch.nn.Sequential(torch.nn.Linear(2, 2), torch.nn.Dropout(0.5))
-
-        def get_cost(self, infos: Any, candidates: Any) -> Any:
-            return candidates.sum(dim=(2, 3))
-
-    model = Drops()
-    attached(CEMSolver(model.eval()))
-    assert not caplog.messages
-    attached(CEMSolver(model.train()))
-    assert caplog.messages == ["Drops is in training mode, and its Dropout make other plans then; call eval() before planning"]
-
-
 def test_an_image_model_without_a_transform_is_told_so() -> None:
     torch = pytest.importorskip("torch")
 

@@ -158,24 +158,9 @@ class BaseSolver:
         self._action_dim = self._space.actions
         self._clips = bool(getattr(config, "clip_actions", True)) and not self._space.categories
         self._memory.clear()
-        self._note_training()
         self._configured = True
         self._check_space(self._space)
         note_training_mode(self.cost)
-
-    def _note_training(self) -> None:
-        """Warns of a model whose dropout or batch statistics would be those of training."""
-        modules = getattr(self.cost, "modules", None)
-        if not getattr(self.cost, "training", False) or not callable(modules):
-            return
-        names = {type(module).__name__ for module in modules()}  # type: ignore[union-attr]
-        found = sorted(name for name in names if "Dropout" in name or "BatchNorm" in name)
-        if found:
-            logger.warning(
-                "%s is in training mode, and its %s make other plans then; call eval() before planning",
-                type(self.cost).__name__,
-                ", ".join(found),
-            )
 
     def set_bounds(self, low: Array, high: Array) -> None:
         """Tells the bounds of real actions in units of plans, ``(A,)`` each, where these are not the environment's."""
