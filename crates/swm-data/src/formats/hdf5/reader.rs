@@ -11,6 +11,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Metadata, Schema, SliceMut};
 
 use super::attributes::Attributes;
+use super::coverage;
 use super::handles::library_error;
 use super::layout::{EP_LEN, EP_OFFSET, element_of};
 use super::members::Members;
@@ -46,6 +47,8 @@ struct Shared {
     first: Vec<usize>,
     attributes: Attributes,
     chunks_end: u64,
+    /// Rows of the shortest column, all of which episodes must have.
+    whole: Option<usize>,
 }
 
 /// The rows of one episode.
@@ -103,6 +106,8 @@ impl Hdf5Dataset {
         let available =
             described.iter().map(|column| (column.field.name.as_str(), column.rows)).min_by_key(|c| c.1);
         let episodes = spans(path, &lengths, &offsets, available, unclean)?;
+        // Of files of others, which no writer continues.
+        let whole = available.map(|(_, rows)| rows).filter(|_| attributes.columns.is_none() && !unclean);
         let rows = episodes.iter().map(|span| span.first + span.len).max().unwrap_or(0);
 
         let (mut fields, mut columns) = (Vec::new(), Vec::new());
@@ -124,7 +129,7 @@ impl Hdf5Dataset {
         info.skipped = skipped.into();
         info.has_checksums = columns.iter().any(ColumnStorage::is_checksummed);
         let first = episodes.iter().map(|span| span.first).collect();
-        let shared = Shared { info, file, columns, first, attributes, chunks_end };
+        let shared = Shared { info, file, columns, first, attributes, chunks_end, whole };
         Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
     }
 
@@ -173,6 +178,12 @@ impl Dataset for Hdf5Dataset {
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), scratch: Scratch::default() })
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        let Shared { info, first, whole, .. } = &*self.shared;
+        let checked = whole.map_or(Ok(()), |rows| coverage::check(first, &info.lengths, rows));
+        checked.map_err(|error| DataError::damaged(&info.path, error))
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
