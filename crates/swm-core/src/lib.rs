@@ -7,6 +7,7 @@
 //! * [`run`]: which episodes run, and how;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
+//! * [`moments`]: means and stds, and when numbers count as constant;
 //! * [`view`]: how images are shown: distractors;
 //! * [`registry`]: tables of environments, policies, and whatever else has a name;
 //! * [`settings`](mod@settings): settings with their defaults and help, declared once;
@@ -20,6 +21,7 @@ pub mod dataset;
 pub mod env;
 pub mod error;
 pub mod evaluate;
+pub mod moments;
 pub mod policies;
 pub mod policy;
 pub mod recorder;

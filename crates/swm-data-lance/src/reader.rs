@@ -240,7 +240,7 @@ impl Dataset for LanceDataset {
             }
             _ => Err(wrong_type("it holds another type")),
         };
-        read.map_err(|error| error.in_column(&shared.info, column, episode))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -1,16 +1,14 @@
 //! Errors of datasets: the core's [`DataError`], and [`FormatError`] for what a format finds wrong inside a file.
 
 use std::borrow::Cow;
-use std::path::Path;
 use std::{fmt, io};
 
 use swm_core::BatchError;
-use swm_core::dataset::DatasetInfo;
 use swm_core::error::BoxError;
 use swm_media::MediaError;
 use thiserror::Error;
 
-pub use swm_core::dataset::DataError;
+pub use swm_core::dataset::{DataError, NotBuiltIn};
 
 pub use crate::guarded::guarded;
 
@@ -30,7 +28,7 @@ pub enum FormatError {
     Invalid(Cow<'static, str>),
     /// The content may be valid, but this program does not support it.
     #[error("{0}")]
-    Unsupported(Cow<'static, str>),
+    Unsupported(#[source] NotBuiltIn),
     /// The operating system refused.
     #[error("{0}")]
     Io(#[from] io::Error),
@@ -54,31 +52,6 @@ impl FormatError {
     /// The error of another crate.
     pub fn other(error: impl Into<BoxError>) -> Self {
         Self::Other(error.into())
-    }
-
-    /// Whether the content may be valid, and is of a kind that this program does not read.
-    pub fn is_unsupported(&self) -> bool {
-        match self {
-            Self::Unsupported(_) => true,
-            Self::At { source, .. } => source.is_unsupported(),
-            Self::Missing(_) | Self::WrongType(_) | Self::Invalid(_) | Self::Io(_) | Self::Other(_) => false,
-        }
-    }
-
-    /// The error of a dataset: it is damaged, or not read here.
-    pub fn in_file(self, path: &Path) -> DataError {
-        match self.is_unsupported() {
-            true => DataError::unsupported(path, self),
-            false => DataError::damaged(path, self),
-        }
-    }
-
-    /// As [`FormatError::in_file`], in a column of an episode.
-    pub fn in_column(self, info: &DatasetInfo, column: usize, episode: usize) -> DataError {
-        match self.is_unsupported() {
-            true => info.unsupported(column, episode, self),
-            false => info.damaged(column, episode, self),
-        }
     }
 
     /// The same, in this part of the file.
@@ -105,7 +78,7 @@ pub fn invalid(message: impl Into<Cow<'static, str>>) -> FormatError {
 
 /// [`FormatError::Unsupported`] with this message.
 pub fn unsupported(message: impl Into<Cow<'static, str>>) -> FormatError {
-    FormatError::Unsupported(message.into())
+    FormatError::Unsupported(NotBuiltIn(message.into()))
 }
 
 macro_rules! from {

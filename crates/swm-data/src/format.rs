@@ -16,6 +16,7 @@ use swm_core::registry::Absent;
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
+use crate::foreign;
 use crate::formats::{self, disk};
 use crate::tools::part_folder;
 
@@ -97,6 +98,7 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
         None if path.join("meta/info.json").is_file() => {
             Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
         }
+        None if let Some(reason) = foreign::recognize(path) => Err(DataError::not_a_dataset(path, reason)),
         None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),
         None => {
             let named = path.extension().and_then(|extension| extension.to_str());

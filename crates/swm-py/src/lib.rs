@@ -25,6 +25,7 @@ mod receipt;
 mod record;
 mod runs;
 mod solver;
+mod statistics;
 mod sweep;
 mod words;
 mod world;
@@ -48,6 +49,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     receipt::add(m)?;
     record::add(m)?;
     solver::add(m)?;
+    statistics::add(m)?;
     sweep::add(m)?;
     world::add(m)?;
     writer::add(m)?;

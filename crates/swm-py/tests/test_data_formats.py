@@ -243,6 +243,10 @@ def test_unknown_names_say_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         swm.data.load_dataset(tmp_path / "nothing.h5", format="hdf5")
     (tmp_path / "x.weird").touch()
+    (tmp_path / "mine" / "data").mkdir(parents=True)
+    (tmp_path / "mine" / "data" / "metadata.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"a Minari dataset, which is not read yet; .* `HDF5Writer`"):
+        swm.data.load_dataset(tmp_path / "mine")
     with pytest.raises(ValueError, match="No format detected"):
         swm.data.load_dataset(tmp_path / "x.weird")
     (tmp_path / "x.h5").write_bytes(b"not this")

@@ -2,6 +2,7 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
+use swm_core::moments::{Moments, of_rows};
 
 use super::layers::{Linear, parameter};
 use crate::params;
@@ -75,15 +76,19 @@ impl LatentChange {
 
     /// A network with the statistics of these latents, `[B, T, Z]`.
     pub(crate) fn find<M: Module>(network: M, latents: &Tensor<3>) -> M {
-        let [batch, steps, dim] = latents.dims();
-        let rows = |values: Tensor<3>, steps: usize| values.reshape([batch * steps, dim]);
-        let all = rows(latents.clone(), steps);
-        let mean: Tensor<2> = all.clone().mean_dim(0);
-        let std = (all - mean.clone()).square().mean_dim(0).sqrt() + LEAST_STD;
+        let [_, steps, dim] = latents.dims();
+        let columns = |rows: Tensor<3>| {
+            let values: Vec<f64> = params::host(rows).into_iter().map(f64::from).collect();
+            of_rows(&values, dim)
+        };
         let before = latents.clone().narrow(1, 0, steps - 1);
-        let changes = rows(latents.clone().narrow(1, 1, steps - 1) - before, steps - 1);
-        let middle: Tensor<2> = changes.clone().mean_dim(0);
-        let change = (changes - middle).square().mean_dim(0).sqrt() + LEAST_CHANGE;
+        let changes = columns(latents.clone().narrow(1, 1, steps - 1) - before);
+        let all = columns(latents.clone());
+        let stds = |columns: &[Moments], least: f64| -> Vec<f32> {
+            columns.iter().map(|column| (column.std() + least) as f32).collect()
+        };
+        let mean: Vec<f32> = all.iter().map(|column| column.mean() as f32).collect();
+        let (std, change) = (stds(&all, LEAST_STD), stds(&changes, LEAST_CHANGE));
         params::map(network, |spec, tensor| {
             let found = match (spec.place.0, spec.place.1.as_str()) {
                 ("LatentScale", "mean") => &mean,
@@ -91,7 +96,7 @@ impl LatentChange {
                 ("LatentScale", _) => &change,
                 _ => return tensor,
             };
-            found.clone().flatten(0, 1)
+            params::from_host(spec, found.clone(), &tensor)
         })
     }
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
+use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Metadata, Slice};
 use swm_data::Dataset;
 
@@ -65,7 +66,7 @@ pub(super) fn interface(
     let (low, high) = (vec![-1.0; actions], vec![1.0; actions]);
     let mut interface = Interface { columns, observation_dim, image, scale: None, low, high };
 
-    let mut found = Found { sums: vec![[0.0; 2]; observation_dim], rows: 0, rewards: 0, most: 0.0 };
+    let mut found = Found { vectors: vec![Moments::default(); observation_dim], rewards: 0, most: 0.0 };
     each_episode(dataset, |rows| found.take(&interface, rows))?;
     if found.rewards == 0 {
         return refuse(format!("no row of its column `{REWARD}` is finite; record it with `swm collect`"));
@@ -186,9 +187,8 @@ fn each_episode(
 
 /// What the rows of a dataset say.
 struct Found {
-    /// Of each value of the vectors: sum, and sum of squares.
-    sums: Vec<[f64; 2]>,
-    rows: u64,
+    /// Of each value of the vectors.
+    vectors: Vec<Moments>,
     /// Rewards that are finite.
     rewards: u64,
     /// The greatest action.
@@ -209,10 +209,8 @@ impl Found {
             vectors.clear();
             interface.vectors(rows.row(row), reached, &mut vectors)?;
             if vectors.iter().all(|value| value.is_finite()) {
-                self.rows += 1;
-                for (sums, value) in self.sums.iter_mut().zip(&vectors) {
-                    let value = f64::from(*value);
-                    *sums = [sums[0] + value, sums[1] + value * value];
+                for (moments, value) in self.vectors.iter_mut().zip(&vectors) {
+                    moments.add(f64::from(*value));
                 }
             }
         }
@@ -220,10 +218,8 @@ impl Found {
     }
 
     fn scale(&self) -> Scale {
-        let count = self.rows.max(1) as f64;
-        let mean: Vec<f64> = self.sums.iter().map(|[sum, _]| sum / count).collect();
-        let variance = self.sums.iter().zip(&mean).map(|([_, squares], mean)| squares / count - mean * mean);
-        let std = variance.map(|variance| variance.max(0.0).sqrt() + LEAST_STD).collect();
+        let mean = self.vectors.iter().map(Moments::mean).collect();
+        let std = self.vectors.iter().map(|moments| moments.std() + LEAST_STD).collect();
         Scale { mean, std }
     }
 }

@@ -1,10 +1,11 @@
 //! How vectors are standardized.
 
 use serde::{Deserialize, Serialize};
+use swm_core::moments::divisor;
 use swm_data::stats::ColumnStatistics;
 
-/// Standardizes a column, as scikit-learn's `StandardScaler` does: stds are those of the population, and constant
-/// components are only shifted.
+/// Standardizes a column, as scikit-learn's `StandardScaler` does: stds are those of the population, and
+/// [constant](swm_core::moments::is_constant) components are only shifted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scale {
     /// Means, per component.
@@ -16,13 +17,8 @@ pub struct Scale {
 impl Scale {
     /// From statistics of a column; `None` if no row of it counts.
     pub fn of(statistics: &ColumnStatistics) -> Option<Self> {
-        let rows = statistics.rows as f64;
-        let divisor = |(&mean, &std): (&f64, &f64)| {
-            let (variance, epsilon) = (std * std, f64::EPSILON);
-            let bound = rows * epsilon * variance + (rows * mean * epsilon).powi(2);
-            if variance <= bound { 1.0 } else { std }
-        };
-        let std = statistics.mean.iter().zip(&statistics.std).map(divisor).collect();
+        let std =
+            statistics.mean.iter().zip(&statistics.std).map(|(&mean, &std)| divisor(mean, std)).collect();
         (statistics.rows > 0).then(|| Self { mean: statistics.mean.clone(), std })
     }
 

@@ -1,14 +1,16 @@
 //! What can go wrong with a dataset. Every message names the file, the reason and the fix.
 
-use std::io;
+use std::borrow::Cow;
+use std::error::Error;
 use std::path::{Path, PathBuf};
+use std::{io, iter};
 
-use thiserror::Error;
+use thiserror::Error as ThisError;
 
 use crate::error::{BoxError, did_you_mean};
 
 /// A dataset cannot be opened, read, written or windowed.
-#[derive(Debug, Error)]
+#[derive(Debug, ThisError)]
 #[non_exhaustive]
 pub enum DataError {
     /// The operating system refused.
@@ -42,8 +44,8 @@ pub enum DataError {
         #[source]
         reason: BoxError,
     },
-    /// The file may be a valid dataset, but a part of it is of a kind that this program does not read.
-    #[error("{} is not read here: {}{reason}", .path.display(), part(.column.as_deref(), *.episode))]
+    /// A valid part that this program does not read: nothing is wrong with the file.
+    #[error("cannot read {}: {}{reason}", .path.display(), part(.column.as_deref(), *.episode))]
     Unsupported {
         /// The file.
         path: PathBuf,
@@ -51,7 +53,7 @@ pub enum DataError {
         column: Option<String>,
         /// The episode that is not read, if it is one.
         episode: Option<usize>,
-        /// What is not read, and the fix.
+        /// What is not read, and what to do.
         #[source]
         reason: BoxError,
     },
@@ -169,14 +171,24 @@ impl DataError {
         Self::NotADataset { path: path.to_owned(), reason: reason.into() }
     }
 
-    /// It is damaged, in this way.
+    /// It is damaged, in this way; or not read, where [`NotBuiltIn`] is among the sources of the reason.
     pub fn damaged(path: &Path, reason: impl Into<BoxError>) -> Self {
-        Self::Damaged { path: path.to_owned(), column: None, episode: None, reason: reason.into() }
+        Self::damaged_part(path, None, None, reason.into())
     }
 
-    /// It may be valid, but is of a kind that this program does not read.
-    pub fn unsupported(path: &Path, reason: impl Into<BoxError>) -> Self {
-        Self::Unsupported { path: path.to_owned(), column: None, episode: None, reason: reason.into() }
+    /// As [`DataError::damaged`], in a part of it.
+    pub(super) fn damaged_part(
+        path: &Path,
+        column: Option<String>,
+        episode: Option<usize>,
+        reason: BoxError,
+    ) -> Self {
+        let path = path.to_owned();
+        let first: &(dyn Error + 'static) = reason.as_ref();
+        match iter::successors(Some(first), |&error| error.source()).any(|error| error.is::<NotBuiltIn>()) {
+            true => Self::Unsupported { path, column, episode, reason },
+            false => Self::Damaged { path, column, episode, reason },
+        }
     }
 
     /// Episodes do not continue it, for a reason.
@@ -199,6 +211,11 @@ impl DataError {
         Self::Request { path: path.to_owned(), reason: reason.into() }
     }
 }
+
+/// The source of an error that is no damage: something valid that this program does not read.
+#[derive(Debug, ThisError)]
+#[error("{0}")]
+pub struct NotBuiltIn(pub Cow<'static, str>);
 
 /// The damaged part, in front of the reason; empty for the whole dataset.
 fn part(column: Option<&str>, episode: Option<usize>) -> String {

@@ -12,7 +12,7 @@ mod sink;
 
 pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
 pub use encoded::{EncodedBatch, EncodedRow, EncodedRows, RowEncoder};
-pub use error::DataError;
+pub use error::{DataError, NotBuiltIn};
 pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};
 pub use record::DatasetRecorder;

@@ -82,20 +82,13 @@ impl DatasetInfo {
         self.damaged_part(Some(column), episode, reason.into())
     }
 
-    /// The error for a column of an episode that may be valid, and that this program does not read.
-    pub fn unsupported(&self, column: usize, episode: usize, reason: impl Into<BoxError>) -> DataError {
-        let column = self.schema.fields().get(column).map(|field| field.name.clone());
-        let (path, episode) = (self.path.to_path_buf(), Some(episode));
-        DataError::Unsupported { path, column, episode, reason: reason.into() }
-    }
-
     /// The error for damage in an episode.
     pub fn damaged_episode(&self, episode: usize, reason: impl Into<BoxError>) -> DataError {
         self.damaged_part(None, episode, reason.into())
     }
 
     fn damaged_part(&self, column: Option<String>, episode: usize, reason: BoxError) -> DataError {
-        DataError::Damaged { path: self.path.to_path_buf(), column, episode: Some(episode), reason }
+        DataError::damaged_part(&self.path, column, Some(episode), reason)
     }
 }
 

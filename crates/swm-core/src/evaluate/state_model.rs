@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::batch::{Batch, Column, Dtype, Row, Schema, Slice, Value};
 use crate::env::{Env, EnvConfig, EnvSpec, Episode, ResetOptions};
 use crate::error::BoxError;
+use crate::moments::{Moments, of_rows};
 use crate::registry::EnvEntry;
 use crate::seed::{EpisodeSeed, keyed};
 use crate::space::Space;
@@ -62,13 +63,7 @@ impl StateModel {
         for rows in episodes {
             all.extend(latents(&mut self, rows)?);
         }
-        let count = (all.len() / dim.max(1)).max(1) as f64;
-        let std = |element: usize| {
-            let values = || all.iter().skip(element).step_by(dim);
-            let mean = values().sum::<f64>() / count;
-            (values().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
-        };
-        self.scales = (0..dim).map(std).map(|std| if std > 0.0 { std } else { 1.0 }).collect();
+        self.scales = of_rows(&all, dim).iter().map(Moments::divisor).collect();
         Ok(self)
     }
 }

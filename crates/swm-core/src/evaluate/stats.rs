@@ -3,6 +3,7 @@
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 
+use crate::moments::Moments;
 use crate::seed::keyed;
 
 /// The 97.5 % quantile of the standard normal distribution.
@@ -171,7 +172,9 @@ pub fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
         [ab + x * y, aa + x * x, bb + y * y]
     });
     let [ab, aa, bb] = sums;
-    (n > 1 && aa > 0.0 && bb > 0.0).then(|| (ab / (aa * bb).sqrt()).clamp(-1.0, 1.0))
+    // Rounding of its mean leaves a constant a spread of its last digits.
+    let varies = |values: &[f64]| !values.iter().copied().collect::<Moments>().is_constant();
+    (n > 1 && varies(a) && varies(b)).then(|| (ab / (aa * bb).sqrt()).clamp(-1.0, 1.0))
 }
 
 fn ranks(values: &[f64]) -> Vec<f64> {

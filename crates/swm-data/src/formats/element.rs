@@ -1,6 +1,6 @@
 //! Types of stored elements, as little-endian bytes, and their values as columns; formats of raw bytes share them.
 
-use crate::error::{Result, invalid, wrong_type};
+use crate::error::{Result, invalid, unsupported, wrong_type};
 use swm_core::{Dtype, SliceMut};
 
 /// How the elements of a column stand in a file.
@@ -16,6 +16,10 @@ pub(super) enum Element {
     U16,
     U32,
     U64,
+    /// IEEE 754's half precision, read as f32.
+    F16,
+    /// The upper half of an f32.
+    Bf16,
     F32,
     F64,
     /// So many bytes of UTF-8, padded with zeros.
@@ -27,14 +31,14 @@ pub(super) enum Element {
 }
 
 impl Element {
-    /// The column type that holds every value: small integers are widened; u64 beyond the range of i64 saturates.
+    /// The column type that holds every value: small numbers are widened; a u64 beyond the range of i64 is an error of reading.
     pub(super) fn dtype(self) -> Dtype {
         match self {
             Element::Bool => Dtype::Bool,
             Element::U8 => Dtype::U8,
             Element::I8 | Element::I16 | Element::I32 | Element::U16 => Dtype::I32,
             Element::I64 | Element::U32 | Element::U64 => Dtype::I64,
-            Element::F32 => Dtype::F32,
+            Element::F16 | Element::Bf16 | Element::F32 => Dtype::F32,
             Element::F64 => Dtype::F64,
             Element::FixedText(_) | Element::Text | Element::AsciiText => Dtype::Str,
         }
@@ -44,7 +48,7 @@ impl Element {
     pub(super) fn size(self) -> Option<usize> {
         match self {
             Element::Bool | Element::I8 | Element::U8 => Some(1),
-            Element::I16 | Element::U16 => Some(2),
+            Element::I16 | Element::U16 | Element::F16 | Element::Bf16 => Some(2),
             Element::I32 | Element::U32 | Element::F32 => Some(4),
             Element::I64 | Element::U64 | Element::F64 => Some(8),
             Element::FixedText(size) => Some(size),
@@ -77,7 +81,17 @@ pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> R
         (Element::I64, SliceMut::I64(out)) => numbers!(out, i64, 8),
         (Element::U64, SliceMut::I64(out)) => {
             for (value, bytes) in out.iter_mut().zip(bytes.as_chunks::<8>().0) {
-                *value = i64::try_from(u64::from_le_bytes(*bytes)).unwrap_or(i64::MAX);
+                *value = signed(u64::from_le_bytes(*bytes))?;
+            }
+        }
+        (Element::F16, SliceMut::F32(out)) => {
+            for (value, bytes) in out.iter_mut().zip(bytes.as_chunks::<2>().0) {
+                *value = half(u16::from_le_bytes(*bytes));
+            }
+        }
+        (Element::Bf16, SliceMut::F32(out)) => {
+            for (value, bytes) in out.iter_mut().zip(bytes.as_chunks::<2>().0) {
+                *value = f32::from_bits(u32::from(u16::from_le_bytes(*bytes)) << 16);
             }
         }
         (Element::F32, SliceMut::F32(out)) => numbers!(out, f32, 4),
@@ -94,6 +108,27 @@ pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> R
     Ok(())
 }
 
+/// A u64 as the i64 that columns hold.
+pub(super) fn signed(value: u64) -> Result<i64> {
+    i64::try_from(value).map_err(|_| {
+        unsupported(format!(
+            "it holds the u64 {value}, and whole numbers are read up to {}; store it as text or f64",
+            i64::MAX
+        ))
+    })
+}
+
+/// A number of half precision: 1 bit of sign, 5 of exponent, 10 of fraction.
+pub(super) fn half(bits: u16) -> f32 {
+    let (sign, exponent, fraction) = (u32::from(bits >> 15) << 31, bits >> 10 & 31, u32::from(bits & 1023));
+    match exponent {
+        // Subnormal: so many 2⁻²⁴.
+        0 => f32::from_bits(sign | (fraction as f32 / 16_777_216.0).to_bits()),
+        31 => f32::from_bits(sign | 0x7f80_0000 | fraction << 13),
+        exponent => f32::from_bits(sign | (u32::from(exponent) + 112) << 23 | fraction << 13),
+    }
+}
+
 /// Text up to the padding.
 pub(super) fn text(bytes: &[u8]) -> Result<String> {
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
@@ -106,15 +141,41 @@ mod tests {
     use super::*;
 
     #[test]
-    fn integers_are_widened_and_saturate() {
+    fn integers_are_widened_or_refused() {
         let mut out = [0i32; 2];
         from_bytes(Element::I16, &[0xff, 0xff, 1, 0], SliceMut::I32(&mut out)).unwrap();
         assert_eq!(out, [-1, 1]);
         let mut out = [0i64; 2];
-        let mut bytes = [0xff; 16];
-        bytes[8..].copy_from_slice(&7u64.to_le_bytes());
+        let bytes = [4_000_000_000u32.to_le_bytes(), 7u32.to_le_bytes()].concat();
+        from_bytes(Element::U32, &bytes, SliceMut::I64(&mut out)).unwrap();
+        assert_eq!(out, [4_000_000_000, 7]);
+        let mut bytes = [(1u64 << 63) - 1, 7].map(u64::to_le_bytes).concat();
         from_bytes(Element::U64, &bytes, SliceMut::I64(&mut out)).unwrap();
         assert_eq!(out, [i64::MAX, 7]);
+        bytes[7] = 0x80;
+        let message = from_bytes(Element::U64, &bytes, SliceMut::I64(&mut out)).unwrap_err().to_string();
+        assert!(message.contains("the u64 9295429630892703743, and whole numbers"), "{message}");
+    }
+
+    /// All 65,536 of each.
+    #[test]
+    fn numbers_of_16_bits_are_read_exactly() {
+        for bits in 0..=u16::MAX {
+            let mut out = [0f32; 2];
+            from_bytes(Element::F16, &[bits.to_le_bytes(); 2].concat(), SliceMut::F32(&mut out)).unwrap();
+            let (sign, exponent) = (if bits >> 15 == 1 { -1.0 } else { 1.0 }, i32::from(bits >> 10 & 31));
+            let fraction = f64::from(bits & 1023) / 1024.0;
+            let expected = match exponent {
+                0 => sign * fraction * 2f64.powi(-14),
+                31 if fraction == 0.0 => sign * f64::INFINITY,
+                31 => f64::NAN,
+                _ => sign * (1.0 + fraction) * 2f64.powi(exponent - 15),
+            };
+            let is_same = f64::from(out[0]).to_bits() == expected.to_bits();
+            assert!(is_same || out[0].is_nan() && expected.is_nan(), "{bits:#x}: {}", out[0]);
+            from_bytes(Element::Bf16, &[bits.to_le_bytes(); 2].concat(), SliceMut::F32(&mut out)).unwrap();
+            assert_eq!(out[1].to_bits(), u32::from(bits) << 16);
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub(crate) mod disk;
 mod element;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
+mod labels;
 #[cfg(feature = "lerobot")]
 pub(crate) mod lerobot;
 pub(crate) mod mcap;

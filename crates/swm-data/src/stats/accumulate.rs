@@ -1,8 +1,9 @@
-//! One pass over the rows of a column: running means and stds (Welford's recurrence), extremes, and what is kept
+//! One pass over the rows of a column: running means, stds and extremes, and what is kept
 //! for quantiles: a uniform sample of rows, or the counts of all 256 levels of an image's channels.
 
 use rand::RngExt as _;
 use swm_core::Slice;
+use swm_core::moments::Moments;
 use swm_core::seed::{Stream, keyed};
 
 use super::ColumnStatistics;
@@ -16,15 +17,11 @@ pub(super) trait Accumulate {
 }
 
 /// Of rows of numbers.
-pub(super) struct Moments {
-    width: usize,
-    rows: u64,
+pub(super) struct Rows {
     not_finite: u64,
-    mean: Vec<f64>,
-    /// Sums of squared differences from the mean.
-    squares: Vec<f64>,
-    min: Vec<f64>,
-    max: Vec<f64>,
+    /// By value of a row.
+    columns: Vec<Moments>,
+    rows: u64,
     /// Rows end to end: a uniform sample of those so far (Vitter's algorithm R).
     sample: Vec<f64>,
     capacity: usize,
@@ -32,17 +29,13 @@ pub(super) struct Moments {
     row: Vec<f64>,
 }
 
-impl Moments {
+impl Rows {
     /// Of rows of `width` values; quantiles from at most `capacity` of them, which `stream` chooses.
     pub(super) fn new(width: usize, capacity: usize, stream: u64) -> Self {
         Self {
-            width,
-            rows: 0,
             not_finite: 0,
-            mean: vec![0.0; width],
-            squares: vec![0.0; width],
-            min: vec![f64::INFINITY; width],
-            max: vec![f64::NEG_INFINITY; width],
+            columns: vec![Moments::default(); width],
+            rows: 0,
             sample: Vec::new(),
             capacity,
             stream: keyed(0, "statistics", [stream, 0]),
@@ -52,31 +45,26 @@ impl Moments {
 
     fn add_row(&mut self) {
         self.rows += 1;
-        for (at, &value) in self.row.iter().enumerate() {
-            let difference = value - self.mean[at];
-            self.mean[at] += difference / self.rows as f64;
-            self.squares[at] += difference * (value - self.mean[at]);
-            self.min[at] = self.min[at].min(value);
-            self.max[at] = self.max[at].max(value);
-        }
+        self.columns.iter_mut().zip(&self.row).for_each(|(moments, &value)| moments.add(value));
         if self.rows <= self.capacity as u64 {
             self.sample.extend_from_slice(&self.row);
-            return;
-        }
-        let place = self.stream.random_range(0..self.rows);
-        if place < self.capacity as u64 {
-            let at = place as usize * self.width;
-            self.sample[at..at + self.width].copy_from_slice(&self.row);
+        } else if self.capacity > 0 {
+            let place = self.stream.random_range(0..self.rows);
+            if place < self.capacity as u64 {
+                let (width, at) = (self.row.len(), place as usize * self.row.len());
+                self.sample[at..at + width].copy_from_slice(&self.row);
+            }
         }
     }
 }
 
-impl Accumulate for Moments {
+impl Accumulate for Rows {
     fn add(&mut self, rows: Slice<'_>) {
-        if self.width == 0 {
+        let width = self.row.len();
+        if width == 0 {
             return;
         }
-        for first in (0..rows.len()).step_by(self.width) {
+        for first in (0..rows.len()).step_by(width) {
             for (at, value) in self.row.iter_mut().enumerate() {
                 *value = rows.as_f64(first + at).unwrap_or(f64::NAN);
             }
@@ -93,9 +81,10 @@ impl Accumulate for Moments {
         if self.rows == 0 {
             return ColumnStatistics { not_finite, quantiles_exact: true, ..ColumnStatistics::default() };
         }
-        let mut sorted: Vec<Vec<f64>> = Vec::with_capacity(self.width);
-        for at in 0..self.width {
-            let mut values: Vec<f64> = self.sample.iter().skip(at).step_by(self.width).copied().collect();
+        let width = self.row.len();
+        let mut sorted: Vec<Vec<f64>> = Vec::with_capacity(width);
+        for at in 0..width {
+            let mut values: Vec<f64> = self.sample.iter().skip(at).step_by(width).copied().collect();
             values.sort_unstable_by(f64::total_cmp);
             sorted.push(values);
         }
@@ -104,13 +93,14 @@ impl Accumulate for Moments {
                 |values: &Vec<f64>| interpolate(level, values.len() as u64, |rank| values[rank as usize]);
             (level, sorted.iter().map(of).collect())
         };
+        let each = |value: fn(&Moments) -> f64| self.columns.iter().map(value).collect();
         ColumnStatistics {
             rows: self.rows,
             not_finite,
-            mean: self.mean.clone(),
-            std: self.squares.iter().map(|squares| (squares / self.rows as f64).sqrt()).collect(),
-            min: self.min.clone(),
-            max: self.max.clone(),
+            mean: each(Moments::mean),
+            std: each(Moments::std),
+            min: each(Moments::min),
+            max: each(Moments::max),
             quantiles: quantiles.iter().map(at).collect(),
             quantiles_exact: self.rows <= self.capacity as u64,
         }
@@ -149,18 +139,13 @@ impl Accumulate for Histograms {
         if rows == 0 {
             return ColumnStatistics { quantiles_exact: true, ..ColumnStatistics::default() };
         }
-        let levels = |counts: &[u64; 256], weight: &dyn Fn(f64) -> f64| {
-            let sum: f64 = counts.iter().enumerate().map(|(level, &n)| n as f64 * weight(level as f64)).sum();
-            sum / rows as f64
+        let of_channel = |counts: &[u64; 256]| -> Moments {
+            let mut moments = Moments::default();
+            counts.iter().enumerate().for_each(|(level, &times)| moments.add_times(level as f64, times));
+            moments
         };
-        let mean: Vec<f64> = self.counts.iter().map(|counts| levels(counts, &|level| level)).collect();
-        let variance = |(counts, mean): (&[u64; 256], &f64)| levels(counts, &|level| (level - mean).powi(2));
-        let std = self.counts.iter().zip(&mean).map(|pair| variance(pair).sqrt()).collect();
-        let end = |counts: &[u64; 256], last: bool| {
-            let present = |&level: &usize| counts[level] > 0;
-            let level = if last { (0..256).rfind(present) } else { (0..256).find(present) };
-            level.unwrap_or_default() as f64
-        };
+        let channels: Vec<Moments> = self.counts.iter().map(of_channel).collect();
+        let each = |value: fn(&Moments) -> f64| channels.iter().map(value).collect();
         let of = |counts: &[u64; 256], level: f64| {
             interpolate(level, rows, |rank| {
                 let mut below = 0;
@@ -174,14 +159,14 @@ impl Accumulate for Histograms {
         ColumnStatistics {
             rows,
             not_finite: 0,
-            std,
-            min: self.counts.iter().map(|counts| end(counts, false)).collect(),
-            max: self.counts.iter().map(|counts| end(counts, true)).collect(),
+            mean: each(Moments::mean),
+            std: each(Moments::std),
+            min: each(Moments::min),
+            max: each(Moments::max),
             quantiles: quantiles
                 .iter()
                 .map(|&level| (level, self.counts.iter().map(|counts| of(counts, level)).collect()))
                 .collect(),
-            mean,
             quantiles_exact: true,
         }
     }

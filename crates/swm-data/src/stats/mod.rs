@@ -12,14 +12,15 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use swm_core::{Column, Dtype, Field, FieldKind};
+use swm_core::moments::divisor;
+use swm_core::{Column, Dtype, Field, FieldKind, Slice};
 
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
 
 pub use side_file::side_file;
 
-use accumulate::{Accumulate, Histograms, Moments};
+use accumulate::{Accumulate, Histograms, Rows};
 
 /// What is to be found out.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,8 +79,6 @@ pub struct ColumnStatistics {
 
 /// The version of [`Statistics`] that is written.
 const VERSION: u32 = 1;
-/// A standard deviation below this is taken for that of a constant.
-const LEAST_STD: f64 = 1e-8;
 /// How much of a column is read at once.
 const PIECE_BYTES: usize = 8 << 20;
 
@@ -136,6 +135,13 @@ impl Statistics {
     }
 }
 
+/// The statistics of rows in memory, `[N, D]` end to end with D = `dim`; quantiles are of all rows.
+pub fn of_rows(rows: Slice<'_>, dim: usize, quantiles: &[f64]) -> ColumnStatistics {
+    let mut found = Rows::new(dim, if quantiles.is_empty() { 0 } else { usize::MAX }, 0);
+    found.add(rows);
+    found.finish(quantiles)
+}
+
 /// The statistics of some columns, in one pass, with their names.
 fn of_columns(
     dataset: &mut dyn Dataset,
@@ -143,11 +149,12 @@ fn of_columns(
     options: &StatisticsOptions,
 ) -> Result<Vec<(String, ColumnStatistics)>, DataError> {
     let schema = dataset.schema().clone();
+    let capacity = if options.quantiles.is_empty() { 0 } else { options.sample };
     let begun = columns.iter().map(|&column| -> (usize, &Field, Box<dyn Accumulate>, Column) {
         let field = &schema.fields()[column];
         let found: Box<dyn Accumulate> = match (&field.shape[..], field.dtype) {
             (&[_, _, channels], Dtype::U8) => Box::new(Histograms::new(channels)),
-            _ => Box::new(Moments::new(field.dim(), options.sample, column as u64)),
+            _ => Box::new(Rows::new(field.dim(), capacity, column as u64)),
         };
         (column, field, found, Column::zeros(field.dtype, 0))
     });
@@ -173,11 +180,12 @@ fn of_columns(
 }
 
 impl ColumnStatistics {
-    /// Makes values, `[…, D]` with the `D` of this column, of mean 0 and standard deviation 1; constants become 0.
+    /// Makes values, `[…, D]` with the `D` of this column, of mean 0 and standard deviation 1. [Constants](swm_core::moments::is_constant)
+    /// become 0: they are only shifted.
     pub fn standardize(&self, values: &mut [f32]) {
         for row in values.chunks_mut(self.mean.len().max(1)) {
             for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
-                *value = ((f64::from(*value) - mean) / std.max(LEAST_STD)) as f32;
+                *value = ((f64::from(*value) - mean) / divisor(*mean, *std)) as f32;
             }
         }
     }
@@ -186,7 +194,7 @@ impl ColumnStatistics {
     pub fn restore(&self, values: &mut [f32]) {
         for row in values.chunks_mut(self.mean.len().max(1)) {
             for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
-                *value = (f64::from(*value) * std.max(LEAST_STD) + mean) as f32;
+                *value = (f64::from(*value) * divisor(*mean, *std) + mean) as f32;
             }
         }
     }

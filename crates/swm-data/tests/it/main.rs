@@ -18,11 +18,14 @@ mod hostile_hdf5;
 mod hostile_places;
 #[cfg(unix)]
 mod hostile_writes;
+mod index;
+mod layouts;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;
 mod loader_properties;
 mod loader_sharing;
+mod mcap_order;
 mod mutations;
 mod parts;
 #[cfg(target_os = "linux")]
@@ -31,6 +34,7 @@ mod round_trip;
 mod statistics;
 mod streams;
 mod tools;
+mod types;
 
 use std::fs;
 use std::path::Path;

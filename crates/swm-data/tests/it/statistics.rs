@@ -68,6 +68,39 @@ proptest! {
 }
 
 #[test]
+fn constants_are_only_shifted_and_come_back() {
+    // A constant as f32 has it, one with the noise of its rounding, and a value of a small unit around 0.
+    let noise = f64::from(0.1f32) * f64::from(f32::EPSILON);
+    for (constant, noise) in
+        [(f64::from(0.1f32), 0.0), (f64::from(0.1f32), noise), (1234.567, 1e-4), (0.0, 5e-9)]
+    {
+        let rows: Vec<[f64; 2]> =
+            (0..600).map(|i| [constant + noise * f64::from(i % 2), f64::from(i % 5)]).collect();
+        let options = StatisticsOptions::default();
+        let statistics = Statistics::compute(&mut dataset(&[rows]), &options).unwrap();
+        let x = &statistics.columns["x"];
+        let held_out = [constant as f32 + 1e-3, 7.0];
+        let mut values = held_out;
+        x.standardize(&mut values);
+        assert!((values[0] - 1e-3).abs() < 2e-4, "{constant} {noise}: {values:?}");
+        assert!((f64::from(values[1]) - (7.0 - x.mean[1]) / x.std[1]).abs() < 1e-6);
+        x.restore(&mut values);
+        assert!((values[0] - held_out[0]).abs() < 2e-4 && (values[1] - 7.0).abs() < 1e-5, "{values:?}");
+    }
+}
+
+#[test]
+fn a_million_rows_keep_their_mean_and_std() {
+    let value = |i: u32| f64::from(0.4249f32 + if i % 2 == 0 { 0.001 } else { -0.001 });
+    let rows: Vec<[f64; 2]> = (0..1_000_000).map(|i| [value(i), 1e6 + f64::from(i % 2)]).collect();
+    let options = StatisticsOptions { quantiles: Vec::new(), ..StatisticsOptions::default() };
+    let statistics = Statistics::compute(&mut dataset(&[rows]), &options).unwrap();
+    let x = &statistics.columns["x"];
+    assert!((x.mean[0] - 0.4249).abs() < 1e-7 && (x.std[0] - 0.001).abs() < 1e-7, "{x:?}");
+    assert!((x.mean[1] - 1_000_000.5).abs() < 1e-8 && (x.std[1] - 0.5).abs() < 1e-8, "{x:?}");
+}
+
+#[test]
 fn quantiles_of_a_sample_are_near_and_the_same_every_time() {
     let rows: Vec<[f64; 2]> = (0..50_000).map(|i| [f64::from(i), f64::from(i % 7)]).collect();
     let options = StatisticsOptions { sample: 2000, ..StatisticsOptions::default() };

@@ -2,13 +2,14 @@
 //! it; nothing here is fitted to an evaluation.
 
 use serde::{Deserialize, Serialize};
+use swm_core::moments::{Moments, divisor};
 
 use crate::error::PlanError;
 
 /// Normalization of actions, one statistic per element `[A]`. It acts on single actions, not on blocks.
 ///
 /// Source of the formulas: the reference's `ZScoreScaler` and `PercentileScaler`. Where an element does not vary
-/// (a range below 1e-8) the reference has three rules; here its range counts as 1, in both directions.
+/// the reference has three rules; here a [constant](swm_core::moments::is_constant) has the scale 1, in both directions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ActionScale {
@@ -28,9 +29,6 @@ pub enum ActionScale {
     },
 }
 
-/// Elements that vary less than this are constant.
-const CONSTANT: f64 = 1e-8;
-
 impl ActionScale {
     /// Means and standard deviations (divided by n) of `actions`, `[N, A]` with A = `dim`. Actions with a NaN, such as the
     /// last of an episode, are ignored.
@@ -40,12 +38,9 @@ impl ActionScale {
     /// `actions` are not a multiple of `dim` values, or all of them are ignored.
     pub fn fit_mean_std(actions: &[f32], dim: usize) -> Result<Self, PlanError> {
         let columns = columns(actions, dim)?;
-        let mean: Vec<f64> = columns.iter().map(|column| average(column.iter().copied())).collect();
-        let std = |(column, mean): (&Vec<f64>, &f64)| {
-            average(column.iter().map(|value| (value - mean) * (value - mean))).sqrt()
-        };
-        let std = columns.iter().zip(&mean).map(std).collect();
-        Ok(ActionScale::MeanStd { mean, std })
+        let columns: Vec<Moments> = columns.iter().map(|column| column.iter().copied().collect()).collect();
+        let each = |value: fn(&Moments) -> f64| columns.iter().map(value).collect();
+        Ok(ActionScale::MeanStd { mean: each(Moments::mean), std: each(Moments::std) })
     }
 
     /// 1st and 99th percentiles (interpolated linearly) of `actions`, `[N, A]`. Actions with a NaN are ignored.
@@ -111,7 +106,7 @@ impl ActionScale {
                 ((low[index] + high[index]) / 2.0, (high[index] - low[index]) / 2.0)
             }
         };
-        (center, if scale < CONSTANT { 1.0 } else { scale })
+        (center, divisor(center, scale))
     }
 
     /// The plan value of element `index` of an action.
@@ -145,11 +140,6 @@ fn columns(actions: &[f32], dim: usize) -> Result<Vec<Vec<f64>>, PlanError> {
         return Err(PlanError::setting(NAME, "no action to fit it to; give actions that are not NaN"));
     }
     Ok((0..dim).map(|index| usable().map(|action| f64::from(action[index])).collect()).collect())
-}
-
-fn average(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len() as f64;
-    values.sum::<f64>() / count
 }
 
 /// Of sorted values; between two of them, on the line.

@@ -8,6 +8,7 @@ use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error, surprise
 use swm_core::evaluate::{
     Distances, RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
 };
+use swm_core::moments::{Moments, of_rows};
 use swm_core::{Batch, Env, Field, Schema};
 
 use super::gate::{self, GateCheck};
@@ -193,14 +194,8 @@ impl<'a> Values<'a> {
                 values.chunks_exact(dim).filter(|row| row.iter().all(|value| value.is_finite())).flatten(),
             );
         }
-        let count = (all.len() / dim).max(1) as f64;
-        let variance = (0..dim).map(|at| {
-            let values = || all.iter().skip(at).step_by(dim);
-            let mean = values().sum::<f64>() / count;
-            let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-            if variance > 0.0 { variance } else { 1.0 }
-        });
-        Ok(Self { target, variance: variance.collect() })
+        let variance = of_rows(&all, dim).iter().map(|column| column.divisor().powi(2)).collect();
+        Ok(Self { target, variance })
     }
 
     /// Adds the squared distances of all rows but the first from the first.
@@ -219,16 +214,11 @@ impl<'a> Values<'a> {
 /// Of latents, `[T, Z]` an episode, the mean over their numbers.
 fn variance(known: &[Vec<f64>], latent_dim: usize) -> f64 {
     let dim = latent_dim.max(1);
-    let (mut sums, mut squares, mut count) = (vec![0.0; dim], vec![0.0; dim], 0.0);
+    let mut all = vec![Moments::default(); dim];
     for latent in known.iter().flat_map(|latents| latents.chunks_exact(dim)) {
-        count += 1.0;
-        for ((sum, square), value) in sums.iter_mut().zip(&mut squares).zip(latent) {
-            *sum += value;
-            *square += value * value;
-        }
+        all.iter_mut().zip(latent).for_each(|(moments, &value)| moments.add(value));
     }
-    let variance = |(sum, square): (&f64, &f64)| (square / count - (sum / count).powi(2)).max(0.0);
-    sums.iter().zip(&squares).map(variance).sum::<f64>() / dim as f64
+    all.iter().map(Moments::variance).sum::<f64>() / dim as f64
 }
 
 fn surprised(

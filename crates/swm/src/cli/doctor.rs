@@ -125,7 +125,9 @@ fn packages() -> Vec<Check> {
         fix: Some(found.trap.fix.to_owned()),
     };
     match found.is_empty() {
-        true => vec![Check::works(NAME, format!("{python} has none of the versions that docs/traps.md warns of"))],
+        true => {
+            vec![Check::works(NAME, format!("{python} has none of the versions that docs/traps.md warns of"))]
+        }
         false => found.into_iter().map(note).collect(),
     }
 }

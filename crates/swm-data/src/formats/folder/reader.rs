@@ -12,6 +12,7 @@ use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, INDEX, Manifest};
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps};
 use crate::error::{DataError, FormatError, wrong_type};
+use crate::formats::labels::{Labels, number};
 use crate::formats::npz::Array;
 
 /// An open folder.
@@ -33,6 +34,7 @@ struct Shared {
     first: Vec<usize>,
     manifest: Option<Manifest>,
     known: Known,
+    labels: Labels,
 }
 
 /// The episodes of a folder of ours.
@@ -145,7 +147,8 @@ impl Shared {
         info.runs = manifest.runs.clone().into();
         info.has_checksums = true;
         let known = Known { entries, indexed };
-        Ok(Self { info, store, columns, first, manifest: Some(manifest), known })
+        let labels = Labels::of(&info.schema, info.lengths.len(), true);
+        Ok(Self { info, store, columns, first, manifest: Some(manifest), known, labels })
     }
 
     fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
@@ -168,6 +171,9 @@ impl Shared {
                 Ok(array) if [EP_LEN, EP_OFFSET].contains(&column) => {
                     let numbers = array.integers().map_err(|error| DataError::damaged(&file, error))?;
                     index.insert(column.to_owned(), numbers);
+                }
+                Ok(array) if let Some(reason) = array.too_large() => {
+                    skipped.push((column.to_owned(), reason))
                 }
                 Ok(array) => {
                     let field = field(column, array.elements().dtype(), array.row_shape());
@@ -200,7 +206,8 @@ impl Shared {
         let (first, lengths) = episodes.into_iter().unzip();
         let mut info = DatasetInfo::new(path, format, schema, lengths);
         info.skipped = skipped.into();
-        Ok(Self { info, store, columns, first, manifest: None, known: Known::default() })
+        let labels = Labels::of(&info.schema, info.lengths.len(), false);
+        Ok(Self { info, store, columns, first, manifest: None, known: Known::default(), labels })
     }
 }
 
@@ -314,6 +321,15 @@ impl Dataset for FolderDataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let shared = &*self.shared;
+        let scratch = &mut self.scratch;
+        let compared = shared.labels.check(episode, shared.info.lengths[episode], |column, row| {
+            let (first, field) = (shared.first[episode] + row, shared.info.field(column));
+            match &shared.columns[column] {
+                Source::Array(array) => number(field.dtype, |out| array.read((first, 1, 1), out, scratch)),
+                Source::Images(_) => Err(wrong_type("it holds images")),
+            }
+        });
+        compared.map_err(|error| shared.info.damaged_episode(episode, error))?;
         let field = shared.info.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Array(array), out) => {
@@ -328,7 +344,7 @@ impl Dataset for FolderDataset {
             }
             (Source::Images(_), out) => Err(wrong_type(format!("images were asked for as {}", out.dtype()))),
         };
-        read.map_err(|error| error.in_column(&shared.info, column, episode))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -5,9 +5,12 @@
 //! say where episodes lie. The reference takes every other root dataset for a column, so what else is to be said
 //! stands in attributes of the root.
 
+use hdf5_metno::Datatype;
 use hdf5_metno::types::{FloatSize, IntSize, TypeDescriptor};
 use swm_core::{Dtype, Field};
 
+use super::ffi::{self, StoredType};
+use super::handles::library_error;
 use crate::error::{Result, unsupported};
 use crate::formats::element::Element;
 
@@ -48,24 +51,46 @@ pub(super) fn chunking(field: &Field) -> (bool, usize) {
 }
 
 /// The element type behind an HDF5 type, or why there is none.
-pub(super) fn element_of(descriptor: &TypeDescriptor) -> Result<Element> {
-    Ok(match descriptor {
-        TypeDescriptor::Boolean => Element::Bool,
-        TypeDescriptor::Integer(IntSize::U1) => Element::I8,
-        TypeDescriptor::Integer(IntSize::U2) => Element::I16,
-        TypeDescriptor::Integer(IntSize::U4) => Element::I32,
-        TypeDescriptor::Integer(IntSize::U8) => Element::I64,
-        TypeDescriptor::Unsigned(IntSize::U1) => Element::U8,
-        TypeDescriptor::Unsigned(IntSize::U2) => Element::U16,
-        TypeDescriptor::Unsigned(IntSize::U4) => Element::U32,
-        TypeDescriptor::Unsigned(IntSize::U8) => Element::U64,
-        TypeDescriptor::Float(FloatSize::U4) => Element::F32,
-        TypeDescriptor::Float(FloatSize::U8) => Element::F64,
-        TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size) => Element::FixedText(*size),
-        TypeDescriptor::VarLenUnicode => Element::Text,
-        TypeDescriptor::VarLenAscii => Element::AsciiText,
-        other => return Err(unsupported(format!("elements of type {other} are not supported"))),
+pub(super) fn element_of(dtype: &Datatype) -> Result<Element> {
+    let stored = ffi::stored_type(dtype);
+    let none = |name: String| Err(unsupported(format!("elements of type {name} are not supported")));
+    match &stored {
+        StoredType::Float { size: 2, parts: [15, 10, 5, 0, 10] } => return Ok(Element::F16),
+        StoredType::Float { size: 2, parts: [15, 7, 8, 0, 7] } => return Ok(Element::Bf16),
+        // How h5py stores bfloat16 of the package ml_dtypes: the only elements of two bytes of which it knows nothing else.
+        StoredType::Opaque { size: 2, tag } if tag.is_empty() => return Ok(Element::Bf16),
+        StoredType::Opaque { size, tag } => return none(format!("opaque ({size} bytes, tag `{tag}`)")),
+        StoredType::Float { size, .. } if ![4, 8].contains(size) => {
+            return none(format!("float of {} bits", 8 * size));
+        }
+        _ => {}
+    }
+    Ok(match dtype.to_descriptor() {
+        Ok(TypeDescriptor::Boolean) => Element::Bool,
+        Ok(TypeDescriptor::Integer(IntSize::U1)) => Element::I8,
+        Ok(TypeDescriptor::Integer(IntSize::U2)) => Element::I16,
+        Ok(TypeDescriptor::Integer(IntSize::U4)) => Element::I32,
+        Ok(TypeDescriptor::Integer(IntSize::U8)) => Element::I64,
+        Ok(TypeDescriptor::Unsigned(IntSize::U1)) => Element::U8,
+        Ok(TypeDescriptor::Unsigned(IntSize::U2)) => Element::U16,
+        Ok(TypeDescriptor::Unsigned(IntSize::U4)) => Element::U32,
+        Ok(TypeDescriptor::Unsigned(IntSize::U8)) => Element::U64,
+        Ok(TypeDescriptor::Float(FloatSize::U4)) => Element::F32,
+        Ok(TypeDescriptor::Float(FloatSize::U8)) => Element::F64,
+        Ok(TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size)) => Element::FixedText(size),
+        Ok(TypeDescriptor::VarLenUnicode) => Element::Text,
+        Ok(TypeDescriptor::VarLenAscii) => Element::AsciiText,
+        Ok(other) => return none(other.to_string()),
+        Err(error) => match stored {
+            StoredType::Other(name) => return none(format!("{name} ({})", library_error(error))),
+            _ => return Err(library_error(error)),
+        },
     })
+}
+
+/// Whether elements are bytes of which the library knows nothing, so that it cannot convert them.
+pub(super) fn is_opaque(dtype: &Datatype) -> bool {
+    matches!(ffi::stored_type(dtype), StoredType::Opaque { .. })
 }
 
 #[cfg(test)]

@@ -31,6 +31,8 @@ pub(super) fn read(
             fill(dataset, selection(), out, |value: VarLenAscii| element::text(value.as_bytes()))
         }
         (Element::FixedText(_), _) => Err(unsupported("compressed text of fixed length is not supported")),
+        // The library would give the nearest i64.
+        (Element::U64, SliceMut::I64(out)) => fill(dataset, selection(), out, element::signed),
         (_, SliceMut::U8(out)) => fill(dataset, selection(), out, Ok::<u8, _>),
         (_, SliceMut::I32(out)) => fill(dataset, selection(), out, Ok::<i32, _>),
         (_, SliceMut::I64(out)) => fill(dataset, selection(), out, Ok::<i64, _>),

@@ -51,6 +51,26 @@ impl Members {
     }
 }
 
+/// Groups whose members are looked at, and members of each: layouts of others are told by the first.
+const LOOKED_AT: usize = 16;
+
+impl Members {
+    /// Names of what is at the root, and, as `group/name`, of some objects in groups there. What cannot be listed has none.
+    pub(super) fn names(file: &h5::File) -> Vec<String> {
+        let links = file.links(IndexType::Name, IterationOrder::Native).unwrap_or_default();
+        // A link to another file would open that.
+        let own = links.iter().filter(|(_, link)| link.link_type == LinkType::Hard).map(|(name, _)| name);
+        let is_group = |name: &&String| matches!(file.loc_type_by_name(name), Ok(LocationType::Group));
+        let groups: Vec<String> = own.filter(is_group).take(LOOKED_AT).cloned().collect();
+        let mut names: Vec<String> = links.into_iter().map(|(name, _)| name).collect();
+        for group in groups {
+            let members = file.group(&group).and_then(|group| group.member_names()).unwrap_or_default();
+            names.extend(members.into_iter().take(LOOKED_AT).map(|member| format!("{group}/{member}")));
+        }
+        names
+    }
+}
+
 /// Why values of a dataset would come from elsewhere than the file, if they would. Nothing is read of them for that.
 fn foreign_part(dataset: &h5::Dataset) -> Result<Option<String>> {
     let storage = dataset.dcpl().map_err(library_error)?;

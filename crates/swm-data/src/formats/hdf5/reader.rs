@@ -13,13 +13,15 @@ use swm_core::{Field, FieldKind, Metadata, Schema, SliceMut};
 use super::attributes::Attributes;
 use super::coverage;
 use super::handles::library_error;
-use super::layout::{EP_LEN, EP_OFFSET, element_of};
+use super::layout::{EP_LEN, EP_OFFSET, element_of, is_opaque};
 use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
-use crate::error::DataError;
+use crate::error::{DataError, FormatError};
+use crate::foreign;
 use crate::formats::element::Element;
+use crate::formats::labels::{Labels, number};
 use crate::recording::EP_IDX;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
@@ -47,6 +49,7 @@ struct Shared {
     first: Vec<usize>,
     attributes: Attributes,
     chunks_end: u64,
+    labels: Labels,
     /// Rows of the shortest column, all of which episodes must have.
     whole: Option<usize>,
 }
@@ -86,6 +89,9 @@ impl Hdf5Dataset {
         let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
+                if let Some(reason) = foreign::hdf5(&Members::names(&library)) {
+                    return Err(DataError::not_a_dataset(path, reason));
+                }
                 let why = outside.iter().find(|(there, _)| there == name).map(|(_, why)| format!(": {why}"));
                 let why = why.unwrap_or_default();
                 let reason = format!("it has no `{name}`, which says where episodes lie{why}");
@@ -111,7 +117,7 @@ impl Hdf5Dataset {
         let rows = episodes.iter().map(|span| span.first + span.len).max().unwrap_or(0);
 
         let (mut fields, mut columns) = (Vec::new(), Vec::new());
-        for Described { field, element, dataset, .. } in described {
+        for Described { field, element, dataset, is_opaque, .. } in described {
             let storage = ColumnStorage::of(dataset, &field, element, rows, length)
                 .map_err(|error| failed(&format!("column `{}`", field.name), error))?;
             if let Some(row) = storage.first_row_behind(length).filter(|&row| row < rows) {
@@ -119,8 +125,21 @@ impl Hdf5Dataset {
                     format!("it was cut short: row {row} of column `{}` lies behind its end", field.name);
                 return Err(DataError::damaged(path, reason));
             }
-            fields.push(field);
-            columns.push(storage);
+            let unread = match element {
+                Element::Bf16 if is_opaque && storage.is_by_library() => Some(OPAQUE.to_owned()),
+                Element::FixedText(_) if storage.is_by_library() && attributes.columns.is_none() => {
+                    Some(FIXED_TEXT.to_owned())
+                }
+                Element::U64 => too_large(&storage, &file, &field, rows),
+                _ => None,
+            };
+            match unread {
+                Some(reason) => skipped.push((field.name, reason)),
+                None => {
+                    fields.push(field);
+                    columns.push(storage);
+                }
+            }
         }
         let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error))?;
         let lengths = episodes.iter().map(|span| span.len).collect();
@@ -129,7 +148,8 @@ impl Hdf5Dataset {
         info.skipped = skipped.into();
         info.has_checksums = columns.iter().any(ColumnStorage::is_checksummed);
         let first = episodes.iter().map(|span| span.first).collect();
-        let shared = Shared { info, file, columns, first, attributes, chunks_end, whole };
+        let labels = Labels::of(&info.schema, info.lengths.len(), attributes.columns.is_some());
+        let shared = Shared { info, file, columns, first, attributes, chunks_end, labels, whole };
         Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
     }
 
@@ -170,8 +190,15 @@ impl Dataset for Hdf5Dataset {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let rows = Steps { first: self.shared.first[episode] + steps.first, ..steps };
-        let Shared { info, file, columns, .. } = &*self.shared;
+        let Shared { info, file, columns, labels, first, .. } = &*self.shared;
+        let begin = first[episode];
+        let scratch = &mut self.scratch;
+        let compared = labels.check(episode, info.lengths[episode], |column, row| {
+            let (field, steps) = (info.field(column), Steps { first: begin + row, count: 1, stride: 1 });
+            number(field.dtype, |out| columns[column].read(file, field, steps, out, scratch))
+        });
+        compared.map_err(|error| info.damaged_episode(episode, error))?;
+        let rows = Steps { first: begin + steps.first, ..steps };
         let read = columns[column].read(file, info.field(column), rows, out, &mut self.scratch);
         read.map_err(|error| info.damaged(column, episode, error))
     }
@@ -229,6 +256,29 @@ fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
     builder.open_as(path, mode).map_err(|error| DataError::damaged(path, library_error(error)))
 }
 
+/// What is said of a column of bfloat16 that h5py stored, where its chunks are not read here but by the library.
+const OPAQUE: &str = "it holds bfloat16, which h5py stores as opaque bytes, in chunks or with filters in which such bytes are not read; \
+                      store it as float32, or without chunks";
+/// What is said of texts that only the library could decode.
+const FIXED_TEXT: &str = "compressed text of fixed length is not read; store it as text of any length";
+/// Rows of a column of u64 that are looked at together.
+const LOOKED_AT: usize = 1 << 16;
+
+/// Why a column of u64 is left out, if it holds a number beyond the range of i64, which is what columns hold. What else is wrong is
+/// told where it is read.
+fn too_large(storage: &ColumnStorage, file: &File, field: &Field, rows: usize) -> Option<String> {
+    let (mut scratch, piece) = (Scratch::default(), (LOOKED_AT / field.dim().max(1)).max(1));
+    let mut values = Vec::new();
+    (0..rows).step_by(piece).find_map(|first| {
+        let steps = Steps { first, count: piece.min(rows - first), stride: 1 };
+        values.resize(steps.count * field.dim(), 0);
+        match storage.read(file, field, steps, SliceMut::I64(&mut values), &mut scratch) {
+            Err(error @ FormatError::Unsupported(_)) => Some(error.to_string()),
+            _ => None,
+        }
+    })
+}
+
 /// Names of root datasets that are no columns, with the reason.
 type Skipped = Vec<(String, String)>;
 
@@ -238,6 +288,8 @@ struct Described {
     element: Element,
     dataset: h5::Dataset,
     rows: usize,
+    /// Whether the library cannot convert the elements.
+    is_opaque: bool,
 }
 
 /// Type, shape and kind of every column: ours first, in the order of the attribute, then others by name.
@@ -250,10 +302,10 @@ fn describe(
     let (mut columns, mut skipped) = (Vec::new(), Skipped::new());
     for (name, dataset) in datasets {
         let shape = dataset.space().map(|space| space.shape());
-        let type_of = dataset.dtype().and_then(|dtype| dtype.to_descriptor());
-        let element = type_of.map_err(library_error).and_then(|descriptor| element_of(&descriptor));
-        let (shape, element) = match (shape, element) {
-            (Ok(shape), Ok(element)) => (shape, element),
+        let found = dataset.dtype().map_err(library_error);
+        let found = found.and_then(|dtype| Ok((element_of(&dtype)?, is_opaque(&dtype))));
+        let (shape, (element, is_opaque)) = match (shape, found) {
+            (Ok(shape), Ok(found)) => (shape, found),
             (Err(error), _) => {
                 let error = library_error(error).at(format_args!("column `{name}`"));
                 return Err(DataError::damaged(path, error));
@@ -277,7 +329,7 @@ fn describe(
         }
         let kind = if name.starts_with(VARIATION_PREFIX) { FieldKind::Episode } else { FieldKind::Step };
         let field = Field { name, dtype: element.dtype(), shape: shape.to_vec(), kind };
-        columns.push(Described { field, element, dataset, rows });
+        columns.push(Described { field, element, dataset, rows, is_opaque });
     }
     for (at, expected) in ours.iter().enumerate() {
         let found = columns.iter().position(|column| {

@@ -82,6 +82,11 @@ impl ColumnStorage {
         Ok(Self { element, access, encoding })
     }
 
+    /// Whether the library reads it, and converts its elements.
+    pub(super) fn is_by_library(&self) -> bool {
+        matches!(self.access, Access::Library(_))
+    }
+
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
         let Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.access else {

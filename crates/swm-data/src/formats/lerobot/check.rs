@@ -1,5 +1,5 @@
-//! Whether the descriptions of a folder agree with its tables: `meta/info.json` (`fps`, features and their shapes, totals) and the list
-//! of tasks. Readers rely on them: LeRobot's finds frames by `fps`, and texts of tasks by their numbers.
+//! Whether the descriptions of a folder agree with its tables: `meta/info.json` (`fps`, features and their shapes, totals), the list
+//! of tasks, and the list of episodes. Readers rely on them: LeRobot's finds frames by `fps`, and texts of tasks by their numbers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -9,8 +9,10 @@ use serde_json::Value as Json;
 use swm_core::Column;
 
 use super::contents::{Shared, shape_of, video};
+use super::episode_files::EpisodeFiles;
 use super::info::{INFO, Info, Version, features};
 use super::manifest::Manifest;
+use super::rows::{Labels, Place};
 use super::table::Table;
 use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::disk::read_regular;
@@ -35,6 +37,7 @@ pub(super) fn check(path: &Path, shared: &Shared) -> Result<()> {
     found.totals(&info, shared, Manifest::read(path)?.is_some());
     found.features(&info, shared)?;
     found.tables(&info, shared)?;
+    found.rows(shared);
     let count = found.wrong.len();
     if count > MAX_LISTED {
         found.wrong.truncate(MAX_LISTED);
@@ -136,8 +139,11 @@ impl Found<'_> {
             );
         }
         let mut by_table: BTreeMap<&Path, Vec<(usize, usize)>> = BTreeMap::new();
-        for files in &shared.episodes {
-            by_table.entry(&files.data).or_default().push((files.first, files.rows));
+        for (episode, files) in shared.episodes.iter().enumerate() {
+            // One that has no place is told where it is read.
+            if let Ok(Place { data, first }) = shared.places.of(&shared.episodes, episode) {
+                by_table.entry(data).or_default().push((*first, files.rows));
+            }
         }
         let (mut told, mut is_rate_told) = (BTreeSet::new(), false);
         for (file, episodes) in by_table {
@@ -173,6 +179,44 @@ impl Found<'_> {
             }
         }
         Ok(())
+    }
+
+    /// The labels of rows in tables (`episode_index` and the like), episode by episode.
+    fn rows(&mut self, shared: &Shared) {
+        let mut by_table: BTreeMap<&Path, Vec<(&EpisodeFiles, usize)>> = BTreeMap::new();
+        for (episode, files) in shared.episodes.iter().enumerate() {
+            let Ok(Place { data, first }) = shared.places.of(&shared.episodes, episode) else { continue };
+            let (number, listed) = (files.number, (&files.data, files.first));
+            if listed != (data, *first) {
+                let [said, there] = [&files.data, data].map(|file| self.name(file));
+                let rows = files.first;
+                self.wrong.push(format!(
+                    "the list of episodes places episode {number} in {said} from row {rows} on, and its rows are in {there} from row \
+                     {first} on, where they are read"
+                ));
+            }
+            by_table.entry(data).or_default().push((files, *first));
+        }
+        for (file, episodes) in by_table {
+            // One that cannot be opened is told where it is read.
+            let Ok(table) = Table::open(file) else { continue };
+            let (labels, place) = (Labels::of(&table), self.name(file));
+            for (files, first) in episodes {
+                for (name, labels, begin) in
+                    [("frame_index", &labels.frames, Some(0)), ("index", &labels.indices, files.start)]
+                {
+                    let own = labels.as_ref().and_then(|all| all.get(first..first + files.rows));
+                    let (Some(own), Some(begin)) = (own, begin) else { continue };
+                    if let Some(at) = (0..own.len()).find(|&at| own[at] != (begin + at) as i64) {
+                        let (number, row, found) = (files.number, first + at, own[at]);
+                        self.wrong.push(format!(
+                            "{place}: `{name}` is {found} in row {row}, which is number {} of episode {number}",
+                            begin + at
+                        ));
+                    }
+                }
+            }
+        }
     }
 
     /// What is wrong with a feature in a table.

@@ -12,6 +12,7 @@ use swm_media::mp4::Mp4Reader;
 use super::episode_files::{EpisodeFiles, second, third};
 use super::info::{Info, Version};
 use super::manifest::{Manifest, is_video, whole};
+use super::rows::{Place, Places};
 use super::table::Table;
 use super::{episodes, images};
 use crate::dataset::DatasetInfo;
@@ -24,6 +25,8 @@ pub(super) struct Shared {
     pub(super) columns: Vec<Source>,
     /// By episode.
     pub(super) episodes: Vec<EpisodeFiles>,
+    /// Their rows.
+    pub(super) places: Places,
 }
 
 /// Columns that are made up for folders of other programs, and what they hold.
@@ -66,7 +69,11 @@ impl Shared {
     fn foreign(path: &Path, info: &Info, cameras: &[String], episodes: Vec<EpisodeFiles>) -> Result<Self> {
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
         let Some(first) = episodes.first() else { return Err(missing("it holds no episode")) };
-        let table = Table::open(&first.data)?;
+        let places = Places::new(path, &episodes);
+        let listed = Place { data: first.data.clone(), first: first.first };
+        // One that cannot be found is told where it is read.
+        let place = places.of(&episodes, 0).unwrap_or(&listed);
+        let table = Table::open(&place.data)?;
         let mut add = |name: &str, dtype, shape: &[usize], source| {
             fields.push(Field::step(name, dtype, shape));
             columns.push(source);
@@ -92,7 +99,7 @@ impl Shared {
             }
             if feature["dtype"] == "image" {
                 let decoded = images::shape(feature)
-                    .and_then(|shape| images::check(&table, name, first.first, shape).map(|()| shape));
+                    .and_then(|shape| images::check(&table, name, place.first, shape).map(|()| shape));
                 match decoded {
                     Ok(shape) => add(known, Dtype::U8, &shape, Source::Images(name.clone())),
                     Err(error) => skipped.push((name.clone(), error.to_string())),
@@ -121,7 +128,7 @@ impl Shared {
         let mut found = dataset_info(path, schema, &episodes);
         found.skipped = skipped.into();
         found.rows_per_second = Some(info.fps);
-        Ok(Self { info: found, columns, episodes })
+        Ok(Self { info: found, columns, episodes, places })
     }
 
     /// A folder that this program wrote, and in which it counted so many episodes.
@@ -130,7 +137,8 @@ impl Shared {
         let mut episodes = Vec::new();
         for (episode, entry) in episodes::read_all(path, &manifest, counted)?.into_iter().enumerate() {
             let data = path.join(episodes::data_path(episode));
-            let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
+            let (number, rows) = (episode as i64, entry.rows);
+            let mut files = EpisodeFiles { number, rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));
             for (camera, video) in cameras.iter().zip(videos.clone()) {
                 files.videos.insert(camera.clone(), (video, None));
@@ -151,7 +159,8 @@ impl Shared {
         let rate = manifest.frames_per_second;
         info.runs = manifest.runs.into_iter().map(|(first, run)| (first, at_rate(run, rate))).collect();
         info.has_checksums = episodes.iter().any(|files| !files.checksums.is_empty());
-        Ok(Self { info, columns, episodes })
+        let places = Places::new(path, &episodes);
+        Ok(Self { info, columns, episodes, places })
     }
 }
 

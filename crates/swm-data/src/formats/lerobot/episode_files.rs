@@ -19,10 +19,15 @@ const MAX_LIST: u64 = 1 << 30;
 /// Where an episode lies.
 #[derive(Debug, Default)]
 pub(super) struct EpisodeFiles {
+    /// As the list and the tables number it.
+    pub(super) number: i64,
     pub(super) rows: usize,
+    /// The table that the list names; see `rows` for the one that holds it.
     pub(super) data: PathBuf,
-    /// Its first row in the table.
+    /// Its first row in that table.
     pub(super) first: usize,
+    /// Its first row in the dataset, where the list says it.
+    pub(super) start: Option<usize>,
     /// By camera: the video, and the time in seconds at which the episode begins there; in folders of ours none, as there row n is frame n.
     pub(super) videos: BTreeMap<String, (PathBuf, Option<f64>)>,
     /// By file, in folders of ours.
@@ -53,7 +58,8 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         };
         let rows = bounded(rows)?;
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
-        let mut found = EpisodeFiles { rows, data: info.data(path, &numbers)?, ..EpisodeFiles::default() };
+        let data = info.data(path, &numbers)?;
+        let mut found = EpisodeFiles { number: episode as i64, rows, data, ..EpisodeFiles::default() };
         for camera in cameras {
             found.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, Some(0.0)));
         }
@@ -65,7 +71,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
 /// Version 3: tables that say in which file each episode lies, and where.
 pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>> {
     let mut episodes: Vec<EpisodeFiles> = Vec::new();
-    // Rows of a table are counted over all tables: its first episode tells where it begins.
+    // Rows of a table are counted over all tables: the first of its episodes tells where it begins.
     let mut begins: BTreeMap<PathBuf, usize> = BTreeMap::new();
     for chunk in 0.. {
         let folder = path.join(format!("meta/episodes/chunk-{chunk:03}"));
@@ -83,6 +89,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 other => Err(wrong_type(format!("column `{name}` holds {} {}", other.len(), other.dtype()))),
             };
             let (lengths, starts) = (integers("length")?, integers("dataset_from_index")?);
+            let numbers_of = table.integers("episode_index");
             let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
             let size = |value: i64| {
                 usize::try_from(value).map_err(|_| invalid(format!("the number {value} is negative")))
@@ -99,12 +106,13 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
                 let data = info.data(path, &numbers)?;
                 let start = size(starts[row])?;
-                let begin = *begins.entry(data.clone()).or_insert(start);
-                let first = start.checked_sub(begin).ok_or(invalid("episodes are out of order"))?;
+                let begin = begins.entry(data.clone()).or_insert(start);
+                *begin = start.min(*begin);
                 let mut found = EpisodeFiles {
+                    number: numbers_of.as_ref().map_or(episodes.len() as i64, |numbers| numbers[row]),
                     rows: bounded(size(lengths[row])?)?,
                     data,
-                    first,
+                    start: Some(start),
                     ..EpisodeFiles::default()
                 };
                 for (camera, chunks, files, times) in &videos {
@@ -119,6 +127,9 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 episodes.push(found);
             }
         }
+    }
+    for files in &mut episodes {
+        files.first = files.start.unwrap_or_default() - begins.get(&files.data).copied().unwrap_or_default();
     }
     match episodes.len() == info.total_episodes {
         true => Ok(episodes),

@@ -9,6 +9,7 @@ use serde_json::{Map, Value as Json, json};
 use super::episodes::CHUNK;
 use super::manifest::{Manifest, OWN, is_own, is_video};
 use crate::error::{At as _, DataError, Result, invalid, missing, unsupported};
+use crate::foreign;
 use crate::formats::disk::{read_regular, replace_json};
 
 /// Where it lies.
@@ -29,6 +30,9 @@ pub(super) struct Info {
     pub(super) total_tasks: Json,
     #[serde(default = "usual_chunk")]
     pub(super) chunks_size: usize,
+    /// Of `lance`, there are no tables and videos.
+    storage_format: Option<String>,
+    #[serde(default)]
     data_path: String,
     video_path: Option<String>,
     /// By name: what a column is.
@@ -56,6 +60,13 @@ impl Info {
         let bytes = read_regular(&path)?;
         let info: Self = serde_json::from_slice(&bytes).at(format_args!("`{INFO}`"))?;
         info.version()?;
+        if info.storage_format.as_deref() == Some("lance") {
+            return Err(unsupported(format!(
+                "it is a LeRobot dataset in Lance's storage (`storage_format` of `{INFO}`), which is not read yet; read it with LeRobot \
+                 in Python, and {}",
+                foreign::BRING
+            )));
+        }
         match info.fps.is_finite() && info.fps > 0.0 && info.chunks_size > 0 {
             true => Ok(info),
             false => Err(invalid(format!(

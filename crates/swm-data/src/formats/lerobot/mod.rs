@@ -15,8 +15,10 @@ mod manifest;
 mod open_episode;
 mod parquet_file;
 mod reader;
+mod rows;
 mod statistics;
 mod table;
+mod values;
 mod writer;
 
 use crate::entry::{Format, StoredImages};

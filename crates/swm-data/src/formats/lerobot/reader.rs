@@ -12,6 +12,7 @@ use super::check::check;
 use super::contents::{Shared, Source};
 use super::episode_files::EpisodeFiles;
 use super::images;
+use super::rows::Place;
 use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
@@ -31,7 +32,7 @@ pub(super) struct LeRobotDataset {
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let shared = Shared::open(path).map_err(|error| error.in_file(path))?;
+        let shared = Shared::open(path).map_err(|error| DataError::damaged(path, error))?;
         Ok(Self {
             shared: Arc::new(shared),
             table: None,
@@ -50,9 +51,10 @@ impl LeRobotDataset {
         out: SliceMut<'_>,
     ) -> Result<()> {
         let shared = self.shared.clone();
-        let files = &shared.episodes[episode];
-        if self.table.as_ref().is_none_or(|(path, _)| *path != files.data) {
-            self.table = Some((files.data.clone(), BTreeMap::new()));
+        let rows = shared.episodes[episode].rows;
+        let Place { data, first } = shared.places.of(&shared.episodes, episode)?;
+        if self.table.as_ref().is_none_or(|(path, _)| path != data) {
+            self.table = Some((data.clone(), BTreeMap::new()));
         }
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
@@ -65,7 +67,7 @@ impl LeRobotDataset {
             columns.insert(name.to_owned(), column);
         }
         let values = columns[name].as_slice();
-        let (start, size) = (files.first.checked_mul(width), files.rows.checked_mul(width));
+        let (start, size) = (first.checked_mul(width), rows.checked_mul(width));
         let fits = start
             .zip(size)
             .and_then(|(start, size)| start.checked_add(size))
@@ -74,11 +76,11 @@ impl LeRobotDataset {
             return Err(wrong_type(format!(
                 "{} does not hold rows {} to {}",
                 path.display(),
-                files.first,
-                files.first.saturating_add(files.rows)
+                first,
+                first.saturating_add(rows)
             )));
         }
-        copy_rows(values.range(files.first * width, files.rows * width), width, steps, out);
+        copy_rows(values.range(first * width, rows * width), width, steps, out);
         Ok(())
     }
 
@@ -127,9 +129,9 @@ impl LeRobotDataset {
         let shared = self.shared.clone();
         let &[height, width, colors] = &shared.info.field(column).shape[..] else { return Ok(()) };
         if self.images.get(&column).is_none_or(|&(read, _)| read != episode) {
-            let files = &shared.episodes[episode];
-            let end = files.first.checked_add(files.rows).ok_or(invalid("it ends nowhere"))?;
-            let images = Table::open(&files.data)?.images(name, files.first..end).at(files.data.display())?;
+            let Place { data, first } = shared.places.of(&shared.episodes, episode)?;
+            let end = first.checked_add(shared.episodes[episode].rows).ok_or(invalid("it ends nowhere"))?;
+            let images = Table::open(data)?.images(name, *first..end).at(data.display())?;
             self.images.insert(column, (episode, images));
         }
         let Some((_, images)) = self.images.get(&column) else { return Ok(()) };
@@ -184,7 +186,7 @@ impl Dataset for LeRobotDataset {
             }
             (_, out) => Err(wrong_type(format!("it was asked for as {}", out.dtype()))),
         };
-        read.map_err(|error| error.in_column(&shared.info, column, episode))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {

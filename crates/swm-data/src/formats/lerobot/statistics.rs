@@ -1,10 +1,11 @@
-//! `meta/stats.json`: least, greatest, mean and spread of every feature, by which LeRobot normalizes. Images count by
-//! color, between 0 and 1, every tenth of an episode's. Values that are not finite do not count.
+//! `meta/stats.json`: least, greatest, mean and std of every feature, by which LeRobot normalizes. Images count by
+//! color, between 0 and 1, every tenth of an episode's. Rows with a value that is not finite do not count.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
+use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Slice};
 
 use super::manifest::{Manifest, is_video};
@@ -14,65 +15,16 @@ use crate::formats::disk::{read_regular, replace};
 
 /// Where they lie.
 const STATISTICS: &str = "meta/stats.json";
-/// What they were computed from, to go on with: LeRobot's file does not say how many values were finite.
+/// What they were computed from, to go on with.
 const STATE: &str = "meta/swm-stats.json";
 /// One frame in so many counts.
 const FRAME_STRIDE: usize = 10;
-
-/// What has been seen of one number of a feature.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Seen {
-    count: f64,
-    mean: f64,
-    /// Sum of squared distances from the mean.
-    squares: f64,
-    min: f64,
-    max: f64,
-}
-
-const NOTHING: Seen = Seen { count: 0.0, mean: 0.0, squares: 0.0, min: f64::MAX, max: f64::MIN };
-
-impl Seen {
-    /// Welford's update.
-    fn add(&mut self, value: f64) {
-        if !value.is_finite() {
-            return;
-        }
-        self.count += 1.0;
-        let distance = value - self.mean;
-        self.mean += distance / self.count;
-        self.squares += distance * (value - self.mean);
-        self.min = self.min.min(value);
-        self.max = self.max.max(value);
-    }
-
-    /// Levels of a color, between 0 and 1, by how often each of the 256 was seen (Chan's update).
-    fn add_levels(&mut self, levels: &[u64; 256]) {
-        let value = |level: usize| level as f64 / 255.0;
-        let count: f64 = levels.iter().map(|&times| times as f64).sum();
-        if count == 0.0 {
-            return;
-        }
-        let mean =
-            levels.iter().enumerate().map(|(at, &times)| times as f64 * value(at)).sum::<f64>() / count;
-        let squares: f64 =
-            levels.iter().enumerate().map(|(at, &times)| times as f64 * (value(at) - mean).powi(2)).sum();
-        let (all, distance) = (self.count + count, mean - self.mean);
-        self.squares += squares + distance * distance * self.count * count / all;
-        self.mean += distance * count / all;
-        self.count = all;
-        for (level, _) in levels.iter().enumerate().filter(|&(_, &times)| times > 0) {
-            self.min = self.min.min(value(level));
-            self.max = self.max.max(value(level));
-        }
-    }
-}
 
 /// Of all columns that hold numbers.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Statistics {
     /// By column: its numbers; empty for texts.
-    columns: Vec<Vec<Seen>>,
+    columns: Vec<Vec<Moments>>,
     rows: usize,
     /// By column of images: how often each level of a color was seen in the open episode.
     #[serde(skip)]
@@ -84,7 +36,8 @@ type Levels = [[u64; 256]; 3];
 
 impl Statistics {
     pub(super) fn new(manifest: &Manifest) -> Self {
-        let columns = manifest.columns.iter().map(|field| vec![NOTHING; numbers_of(field)]).collect();
+        let columns =
+            manifest.columns.iter().map(|field| vec![Moments::default(); numbers_of(field)]).collect();
         Self { columns, rows: 0, levels: Vec::new() }
     }
 
@@ -111,8 +64,14 @@ impl Statistics {
                     }
                 }
                 values => {
-                    for at in 0..values.len() {
-                        seen[at % field.dim()].add(values.as_f64(at).unwrap_or(f64::NAN));
+                    let mut row = vec![0.0; field.dim()];
+                    for first in (0..values.len()).step_by(field.dim().max(1)) {
+                        let number = |at| values.as_f64(first + at).unwrap_or(f64::NAN);
+                        row.iter_mut().enumerate().for_each(|(at, value)| *value = number(at));
+                        // The file has one count for all numbers of a row.
+                        if row.iter().all(|value| value.is_finite()) {
+                            seen.iter_mut().zip(&row).for_each(|(seen, &value)| seen.add(value));
+                        }
                     }
                 }
             }
@@ -122,7 +81,11 @@ impl Statistics {
     /// Ends the open episode.
     pub(super) fn end_episode(&mut self) {
         for (seen, levels) in self.columns.iter_mut().zip(&mut self.levels) {
-            seen.iter_mut().zip(&*levels).for_each(|(seen, levels)| seen.add_levels(levels));
+            for (seen, levels) in seen.iter_mut().zip(&*levels) {
+                for (level, &times) in levels.iter().enumerate() {
+                    seen.add_times(level as f64 / 255.0, times);
+                }
+            }
             *levels = [[0; 256]; 3];
         }
     }
@@ -131,19 +94,21 @@ impl Statistics {
     pub(super) fn write(&self, folder: &Path, manifest: &Manifest) -> Result<(), DataError> {
         let mut all = Map::new();
         for (field, seen) in manifest.columns.iter().zip(&self.columns).filter(|(_, seen)| !seen.is_empty()) {
-            let number = |value: &dyn Fn(&Seen) -> f64| -> Json {
-                let one = |seen: &Seen| if seen.count > 0.0 { json!(value(seen)) } else { json!(0.0) };
+            let number = |value: fn(&Moments) -> f64| -> Json {
                 // Of images, `[3, 1, 1]`.
                 seen.iter()
-                    .map(|seen| if is_video(field) { json!([[one(seen)]]) } else { one(seen) })
+                    .map(|seen| if is_video(field) { json!([[value(seen)]]) } else { json!(value(seen)) })
                     .collect()
             };
+            // Rows or frames, by which LeRobot weighs datasets that it joins.
+            let pixels = if is_video(field) { (field.dim() / 3).max(1) as u64 } else { 1 };
+            let count = seen.first().map_or(0, |seen| seen.count() / pixels);
             let value = json!({
-                "min": number(&|seen| seen.min),
-                "max": number(&|seen| seen.max),
-                "mean": number(&|seen| seen.mean),
-                "std": number(&|seen| (seen.squares / seen.count).max(0.0).sqrt()),
-                "count": [self.rows],
+                "min": number(Moments::min),
+                "max": number(Moments::max),
+                "mean": number(Moments::mean),
+                "std": number(Moments::std),
+                "count": [count],
             });
             all.insert(manifest.feature(&field.name), value);
         }

@@ -5,21 +5,20 @@ use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
 
+use super::values::{MAX_VALUES, Values, is_half, is_unsigned, type_name};
 use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
-use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
-use parquet::data_type::{ByteArray, DataType};
+use crate::formats::element;
+use parquet::column::reader::ColumnReader;
+use parquet::data_type::{ByteArray, FixedLenByteArray};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use swm_core::Column;
-
-/// More values than this in a column of one file are taken for damage: the head of a file may claim any number.
-const MAX_VALUES: i64 = 1 << 28;
 
 /// An open file.
 pub(super) struct Table {
     reader: SerializedFileReader<File>,
-    /// By name: where the column stands.
-    columns: BTreeMap<String, usize>,
+    /// By name: where the column stands, and how many parts a value has.
+    columns: BTreeMap<String, (usize, usize)>,
     rows: usize,
 }
 
@@ -31,12 +30,12 @@ impl Table {
         let metadata = reader.metadata().file_metadata();
         let rows = usize::try_from(metadata.num_rows()).ok().filter(|&rows| rows as i64 <= MAX_VALUES);
         let rows = rows.ok_or(invalid(format!("{} rows", metadata.num_rows()))).at(path.display())?;
-        let leaves = metadata.schema_descr().columns().iter().enumerate();
-        // The first leaf of a name: lists have just one.
-        let columns = leaves
-            .rev()
-            .filter_map(|(at, leaf)| leaf.path().parts().first().map(|name| (name.clone(), at)))
-            .collect();
+        let mut columns: BTreeMap<String, (usize, usize)> = BTreeMap::new();
+        for (at, leaf) in metadata.schema_descr().columns().iter().enumerate() {
+            if let Some(name) = leaf.path().parts().first() {
+                columns.entry(name.clone()).or_insert((at, 0)).1 += 1;
+            }
+        }
         Ok(Self { reader, columns, rows })
     }
 
@@ -51,8 +50,24 @@ impl Table {
 
     /// All values of a column, row after row.
     pub(super) fn column(&self, name: &str) -> Result<Column> {
-        let &leaf = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;
-        guarded(|| self.read(leaf)).at(format_args!("column `{name}`"))
+        let found = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;
+        match *found {
+            (leaf, 1) => guarded(|| self.read(leaf)),
+            (_, parts) => {
+                Err(unsupported(format!("its values are structures of {parts} parts, which are not read")))
+            }
+        }
+        .at(format_args!("column `{name}`"))
+    }
+
+    /// All values of a column of whole numbers, one a row; `None`: there is no such column, or it holds others.
+    pub(super) fn integers(&self, name: &str) -> Option<Vec<i64>> {
+        let numbers = match self.column(name).ok()? {
+            Column::I64(values) => values,
+            Column::I32(values) => values.into_iter().map(i64::from).collect(),
+            _ => return None,
+        };
+        (numbers.len() == self.rows).then_some(numbers)
     }
 
     /// The encoded images of rows of a column of structs of `bytes` and `path`.
@@ -72,7 +87,7 @@ impl Table {
             let end = begin.checked_add(count).ok_or(invalid("too many rows"))?;
             let wanted = rows.start.max(begin)..rows.end.min(end);
             if !wanted.is_empty() {
-                let depth = group.metadata().column(leaf).column_descr().max_def_level() > 0;
+                let about = group.metadata().column(leaf).column_descr();
                 let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
                 let ColumnReader::ByteArrayColumnReader(mut reader) = column else {
                     return Err(unsupported("its images are no bytes"));
@@ -81,7 +96,7 @@ impl Table {
                 if skipped != wanted.start - begin {
                     return Err(missing(format!("row {} is not there", wanted.start)));
                 }
-                images.extend(values(reader, wanted.len(), depth, false)?);
+                images.extend(Values::read(reader, about, wanted.len())?.whole()?);
             }
             begin = end;
         }
@@ -99,24 +114,55 @@ impl Table {
             if !(0..=MAX_VALUES).contains(&chunk.num_values()) {
                 return Err(invalid(format!("{} values", chunk.num_values())));
             }
-            let depth = chunk.column_descr().max_def_level() > 0;
-            let lists = chunk.column_descr().max_rep_level() > 0;
+            let about = chunk.column_descr();
             let rows = usize::try_from(group.metadata().num_rows())
                 .map_err(|_| invalid("a negative number of rows"))?;
             let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
             let part = match column {
-                ColumnReader::BoolColumnReader(reader) => Column::Bool(values(reader, rows, depth, lists)?),
-                ColumnReader::Int32ColumnReader(reader) => Column::I32(values(reader, rows, depth, lists)?),
-                ColumnReader::Int64ColumnReader(reader) => Column::I64(values(reader, rows, depth, lists)?),
-                ColumnReader::FloatColumnReader(reader) => Column::F32(values(reader, rows, depth, lists)?),
-                ColumnReader::DoubleColumnReader(reader) => Column::F64(values(reader, rows, depth, lists)?),
+                ColumnReader::BoolColumnReader(reader) => {
+                    Column::Bool(Values::read(reader, about, rows)?.whole()?)
+                }
+                ColumnReader::Int32ColumnReader(reader) => {
+                    let values = Values::read(reader, about, rows)?.whole()?;
+                    match is_unsigned(about, 32) {
+                        true => {
+                            Column::I64(values.into_iter().map(|value| i64::from(value as u32)).collect())
+                        }
+                        false => Column::I32(values),
+                    }
+                }
+                ColumnReader::Int64ColumnReader(reader) => {
+                    let values = Values::read(reader, about, rows)?.whole()?;
+                    if is_unsigned(about, 64)
+                        && let Some(&large) = values.iter().find(|&&value| value < 0)
+                    {
+                        return element::signed(large as u64).map(|_| Column::I64(values));
+                    }
+                    Column::I64(values)
+                }
+                ColumnReader::FloatColumnReader(reader) => {
+                    Column::F32(Values::read(reader, about, rows)?.with_missing(about, f32::NAN)?)
+                }
+                ColumnReader::DoubleColumnReader(reader) => {
+                    Column::F64(Values::read(reader, about, rows)?.with_missing(about, f64::NAN)?)
+                }
+                ColumnReader::FixedLenByteArrayColumnReader(reader) if is_half(about) => {
+                    let half = |value: FixedLenByteArray| match *value.data() {
+                        [low, high] => element::half(u16::from_le_bytes([low, high])),
+                        _ => f32::NAN,
+                    };
+                    Column::F32(Values::read(reader, about, rows)?.map(half).with_missing(about, f32::NAN)?)
+                }
                 ColumnReader::ByteArrayColumnReader(reader) => {
-                    let texts = values(reader, rows, depth, lists)?.into_iter().map(|text| {
+                    let texts = Values::read(reader, about, rows)?.whole()?.into_iter().map(|text| {
                         text.as_utf8().map(str::to_owned).map_err(|_| invalid("a text is not UTF-8"))
                     });
                     Column::Str(texts.collect::<Result<_, _>>()?)
                 }
-                _ => return Err(unsupported("values of its type are not supported")),
+                _ => {
+                    let name = type_name(about);
+                    return Err(unsupported(format!("values of type {name} are not supported")));
+                }
             };
             match &mut all {
                 None => all = Some(part),
@@ -128,35 +174,5 @@ impl Table {
             }
         }
         all.ok_or(missing("the file is empty"))
-    }
-}
-
-fn values<T: DataType>(
-    mut reader: ColumnReaderImpl<T>,
-    rows: usize,
-    has_depth: bool,
-    has_lists: bool,
-) -> Result<Vec<T::T>> {
-    let (mut values, mut depths, mut repeats) = (Vec::new(), Vec::new(), Vec::new());
-    let mut done = 0;
-    while done < rows {
-        let read = reader.read_records(
-            rows - done,
-            has_depth.then_some(&mut depths),
-            has_lists.then_some(&mut repeats),
-            &mut values,
-        );
-        let (records, ..) = read.map_err(FormatError::other)?;
-        if records == 0 {
-            return Err(missing(format!("{done} of {rows} rows are there")));
-        }
-        if values.len() as i64 > MAX_VALUES {
-            return Err(invalid(format!("{} values", values.len())));
-        }
-        done += records;
-    }
-    match has_depth && depths.len() != values.len() {
-        true => Err(missing("some values are missing")),
-        false => Ok(values),
     }
 }

@@ -122,6 +122,19 @@ pub(super) struct Messages {
 }
 
 impl Messages {
+    /// The record that begins at the byte `at` of the file, which has `length` bytes.
+    pub(super) fn outside(&mut self, file: &File, length: u64, at: u64) -> Result<(u8, &[u8])> {
+        let mut head = [0; HEAD as usize];
+        read_exact_at(file, &mut head, at)?;
+        let size = Reader(&head[1..]).u64()?;
+        if size > length.saturating_sub(at + HEAD) {
+            return Err(invalid("a message reaches behind the file"));
+        }
+        self.record.resize(size as usize, 0);
+        read_exact_at(file, &mut self.record, at + HEAD)?;
+        Ok((head[0], &self.record))
+    }
+
     /// The record (opcode, length, content) that begins at the byte `offset` of a chunk's messages.
     pub(super) fn record(
         &mut self,

@@ -2,13 +2,16 @@
 //! committed episode where its messages lie.
 
 use std::fs::File;
-use std::path::Path;
 
 use swm_core::{Dtype, Field, Metadata};
 
 use super::chunks::{Chunk, Messages};
 use super::ending::{self, DataEnd, Footer};
-use super::records::{CHANNEL, CHUNK, DATA_END, HEAD, MAGIC, MESSAGE_INDEX, METADATA, Reader};
+use super::rate::at_rate;
+use super::records::{
+    CHANNEL, CHUNK, DATA_END, HEAD, HEADER, MAGIC, MESSAGE, MESSAGE_HEAD, MESSAGE_INDEX, METADATA, Reader,
+    SCHEMA,
+};
 use crate::error::{At as _, Result, invalid, missing};
 use crate::formats::disk::read_exact_at;
 
@@ -33,6 +36,9 @@ pub(super) fn is_image(field: &Field) -> bool {
     field.dtype == Dtype::U8 && matches!(field.shape[..], [_, _, 1 | 3])
 }
 
+/// In the place of a chunk: the message lies in none, and its record begins at that byte of the file.
+pub(super) const OUTSIDE: u32 = u32::MAX;
+
 /// A message: its row in the episode, its chunk, and where in that its record begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MessageAt {
@@ -45,6 +51,8 @@ pub(super) struct MessageAt {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Episode {
     pub(super) rows: usize,
+    /// Its first row, over all episodes.
+    pub(super) first: u64,
     /// Its chunks in [`Index::chunks`].
     pub(super) chunks: std::ops::Range<usize>,
     /// By channel: its messages, in the order of rows.
@@ -69,12 +77,44 @@ pub(super) struct Index {
     pub(super) end: u64,
     /// Where the data ends in a file whose summary is there.
     pub(super) data_end: Option<DataEnd>,
+    /// Whether every episode is committed behind its messages, which are in chunks with an index: then the file can be continued.
+    pub(super) is_in_order: bool,
+    /// Profile, and encodings of schemas: what the file is where it has no columns.
+    pub(super) about: Vec<String>,
+}
+
+/// What a walk over the records finds: messages are not told apart by episodes yet.
+#[derive(Debug, Default)]
+struct Found {
+    commits: Vec<Commit>,
+    messages: Vec<Message>,
+    /// Chunks before the last record that counts.
+    chunks: usize,
+}
+
+/// A record that commits an episode.
+#[derive(Clone, Copy, Debug)]
+struct Commit {
+    episode: u64,
+    rows: usize,
+    /// Chunks before it.
+    chunks: usize,
+}
+
+/// A message whose episode is not known yet.
+#[derive(Clone, Copy, Debug)]
+struct Message {
+    channel: u16,
+    time: u64,
+    chunk: u32,
+    offset: u64,
 }
 
 impl Index {
     /// Walks over a file. Errors say what is damaged. A file that just ends is that of a killed recording, if it was not
-    /// finished and no later episode was committed.
-    pub(super) fn read(file: &File, path: &Path) -> Result<Self> {
+    /// finished and no later episode was committed. Which episode a message belongs to, its time tells: other programs that rewrite a
+    /// file put the records in another order.
+    pub(super) fn read(file: &File) -> Result<Self> {
         let length = file.metadata()?.len();
         let mut magic = [0; MAGIC.len()];
         read_exact_at(file, &mut magic, 0).map_err(|_| invalid("it is shorter than its head"))?;
@@ -83,8 +123,8 @@ impl Index {
         }
         let footer = Footer::read(file, length)?;
         let mut data_end = None;
-        let mut found = Self { end: MAGIC.len() as u64, ..Self::default() };
-        let mut open = Episode::default();
+        let mut index = Self { end: MAGIC.len() as u64, ..Self::default() };
+        let mut found = Found::default();
         let mut at = MAGIC.len() as u64;
         while at + HEAD <= length {
             let mut head = [0; HEAD as usize];
@@ -102,17 +142,32 @@ impl Index {
                 Ok(bytes)
             };
             match head[0] {
-                CHANNEL => found.channel(&content(MAX_RECORD)?)?,
+                HEADER => index.about.push(Reader(&content(MAX_RECORD)?).text()?.to_owned()),
+                SCHEMA => {
+                    let bytes = content(MAX_RECORD)?;
+                    let mut reader = Reader(&bytes);
+                    reader.u16()?;
+                    reader.text()?;
+                    index.about.push(reader.text()?.to_owned());
+                }
+                CHANNEL => index.channel(&content(MAX_RECORD)?)?,
                 METADATA => {
                     let bytes = content(MAX_RECORD)?;
                     let mut reader = Reader(&bytes);
                     let name = reader.text()?.to_owned();
-                    found.record(&name, &reader.map()?, &mut open)?;
-                    found.metadata.push((name, at, end - at));
-                    found.end = end;
+                    index.record(&name, &reader.map()?, &mut found)?;
+                    index.metadata.push((name, at, end - at));
+                    index.end = end;
+                    found.chunks = index.chunks.len();
                 }
-                CHUNK => found.chunks.push(Chunk::read(file, at, size)?),
-                MESSAGE_INDEX => found.messages(file, &content(MAX_RECORD)?, (at, end), &mut open)?,
+                CHUNK => index.chunks.push(Chunk::read(file, at, size)?),
+                MESSAGE_INDEX => index.indexed(&content(MAX_RECORD)?, (at, end), &mut found)?,
+                MESSAGE => {
+                    let mut bytes = [0; MESSAGE_HEAD];
+                    let head = bytes.get_mut(..size.min(MESSAGE_HEAD as u64) as usize).unwrap_or_default();
+                    read_exact_at(file, head, at + HEAD)?;
+                    found.messages.push(Message::read(head, OUTSIDE, at)?);
+                }
                 DATA_END => {
                     data_end = Some(DataEnd { at, end, checksum: Reader(&content(MAX_RECORD)?).u32()? });
                     break;
@@ -128,23 +183,30 @@ impl Index {
                     invalid(format!(
                         "it was finished, but the record at byte {at}, behind {} episodes, is not what was written there; \
                          get the file again from where it came",
-                        found.episodes.len()
+                        found.commits.len()
                     ))
                 })?;
-                footer.check(file, length, [found.metadata.len(), found.chunks.len()])?;
-                found.data_end = Some(end);
+                footer.check(file, length, [index.metadata.len(), index.chunks.len()])?;
+                index.data_end = Some(end);
             }
-            None => ending::check_cut(file, found.end..length, found.episodes.len() as u64)?,
+            None => {
+                ending::check_cut(file, index.end..length, found.commits.len() as u64)?;
+                // What lies behind the last commit belongs to an episode that was not finished.
+                index.chunks.truncate(found.chunks);
+                found.messages.retain(|message| match message.chunk {
+                    OUTSIDE => message.offset < index.end,
+                    chunk => (chunk as usize) < found.chunks,
+                });
+            }
         }
-        let committed = found.episodes.last().map_or(0, |episode: &Episode| episode.chunks.end);
-        found.chunks.truncate(committed);
-        if found.columns.is_empty() {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            return Err(missing(format!(
-                "`{name}` is an MCAP file, but has no record `{DATASET}` that names its columns"
-            )));
+        if !index.columns.is_empty() {
+            let last = found.commits.last().map_or(0, |commit| commit.chunks);
+            index.place(file, found)?;
+            if index.is_in_order {
+                index.chunks.truncate(last);
+            }
         }
-        Ok(found)
+        Ok(index)
     }
 
     fn channel(&mut self, bytes: &[u8]) -> Result<()> {
@@ -163,7 +225,7 @@ impl Index {
         &mut self,
         name: &str,
         values: &std::collections::BTreeMap<&str, &str>,
-        open: &mut Episode,
+        found: &mut Found,
     ) -> Result<()> {
         let place = format_args!("record `{name}`");
         let value = |key: &str| values.get(key).copied().ok_or(missing(format!("{place} has no `{key}`")));
@@ -183,123 +245,140 @@ impl Index {
             RUN => {
                 let first = number("first_episode")?;
                 let metadata = serde_json::from_str(value("metadata")?).at(place)?;
-                self.runs.retain(|(there, _)| *there < first);
-                self.runs.push((first, at_rate(metadata, self.row_ns)));
+                self.runs.retain(|(there, _)| *there != first);
+                self.runs.push((first, metadata));
+                self.runs.sort_by_key(|(first, _)| *first);
             }
             EPISODE => {
-                let (index, rows, next) = (number("index")?, number("rows")? as usize, self.episodes.len());
-                if index != next as u64 {
-                    return Err(invalid(format!("episode {index} stands in the place of {next}")));
-                }
-                let first = self.episodes.last().map_or(0, |episode| episode.chunks.end);
-                let mut episode = Episode { rows, chunks: first..self.chunks.len(), ..std::mem::take(open) };
-                episode.messages.resize(self.channels.len(), Vec::new());
-                for messages in &mut episode.messages {
-                    messages.sort_by_key(|place| place.row);
-                    if messages.last().is_some_and(|place| place.row as usize >= rows) {
-                        return Err(invalid(format!("episode {index} has messages behind its {rows} rows")));
-                    }
-                }
-                let step = self.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
-                if step.is_none_or(|step| episode.messages[step].len() != rows) {
-                    return Err(missing(format!(
-                        "episode {index} should have {rows} messages on `{STEP_TOPIC}`"
-                    )));
-                }
-                for (count, messages) in self.counts.iter_mut().zip(&episode.messages) {
-                    *count += messages.len() as u64;
-                }
-                self.episodes.push(episode);
+                let (episode, rows) = (number("index")?, number("rows")? as usize);
+                found.commits.push(Commit { episode, rows, chunks: self.chunks.len() });
             }
             _ => {}
         }
         Ok(())
     }
 
-    /// Takes the index of one channel's messages in the chunk before it. Times are rows.
-    fn messages(
-        &mut self,
-        file: &File,
-        bytes: &[u8],
-        (at, end): (u64, u64),
-        open: &mut Episode,
-    ) -> Result<()> {
-        let first_row: u64 = self.episodes.iter().map(|episode| episode.rows as u64).sum();
+    /// Takes the index of one channel's messages in the chunk before it.
+    fn indexed(&mut self, bytes: &[u8], (at, end): (u64, u64), found: &mut Found) -> Result<()> {
         let index = self.chunks.len().checked_sub(1).ok_or(missing("an index without a chunk"))?;
         let chunk = &mut self.chunks[index];
         let mut reader = Reader(bytes);
         let channel = reader.u16()?;
         chunk.indexes.push((channel, at));
         chunk.indexes_length += end - at;
-        let size = chunk.size;
-        if self.channels.iter().all(|(id, _)| *id != channel) {
-            // Other writers describe channels inside of chunks.
-            for content in channels_within(file, &self.chunks[index])? {
-                self.channel(&content)?;
-            }
-        }
-        let Some(position) = self.channels.iter().position(|(id, _)| *id == channel) else {
-            return Err(invalid(format!("messages of channel {channel}, which does not exist")));
-        };
-        open.messages.resize(open.messages.len().max(self.channels.len()), Vec::new());
         reader.u32()?;
         while !reader.0.is_empty() {
             let (time, offset) = (reader.u64()?, reader.u64()?);
-            let row =
-                (time / self.row_ns.max(1)).checked_sub(first_row).and_then(|row| u32::try_from(row).ok());
-            let Some(row) = row.filter(|_| offset < size) else {
+            if offset >= chunk.size {
                 return Err(invalid("a message lies outside its episode"));
-            };
-            open.messages[position].push(MessageAt { row, chunk: index as u32, offset });
+            }
+            found.messages.push(Message { channel, time, chunk: index as u32, offset });
         }
         Ok(())
     }
-}
 
-/// The contents of channel records among the messages of a chunk.
-fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>> {
-    let (mut found, mut at) = (Vec::new(), 0);
-    let (mut messages, chunk) = (Messages::default(), std::slice::from_ref(chunk));
-    while at + HEAD <= chunk[0].size {
-        let (kind, content) = messages.record(file, chunk, (0, at))?;
-        at += HEAD + content.len() as u64;
-        if kind == CHANNEL {
-            found.push(content.to_vec());
+    /// Takes the channels and, where it has no index, the messages of a chunk.
+    fn scan(&mut self, file: &File, index: usize, found: &mut Found) -> Result<()> {
+        let (chunk, mut messages) = (self.chunks[index].clone(), Messages::default());
+        let (is_indexed, chunk) = (!chunk.indexes.is_empty(), [chunk]);
+        let mut at = 0;
+        while at + HEAD <= chunk[0].size {
+            let (kind, content) = messages.record(file, &chunk, (0, at))?;
+            match kind {
+                CHANNEL => self.channel(content)?,
+                MESSAGE if !is_indexed => found.messages.push(Message::read(content, index as u32, at)?),
+                _ => {}
+            }
+            at += HEAD + content.len() as u64;
         }
+        Ok(())
     }
-    Ok(found)
-}
 
-/// The time from one row to the next in nanoseconds.
-pub(super) fn period_ns(rows_per_second: f64) -> u64 {
-    (1e9 / rows_per_second).round().max(1.0) as u64
-}
-
-/// The record of a run whose messages follow each other after so many nanoseconds: its own rate, up to rounding, unless another was
-/// asked for when it was written.
-pub(super) fn at_rate(run: Metadata, row_ns: u64) -> Metadata {
-    let exact = 1e9 / row_ns.max(1) as f64;
-    // A period is rounded to whole nanoseconds; people ask for 30 or 29.97.
-    let asked = (exact * 1e3).round() / 1e3;
-    let of_messages = if period_ns(asked) == row_ns { asked } else { exact };
-    let rate = |own| if period_ns(own) == row_ns { own } else { of_messages };
-    Metadata { rows_per_second: run.rows_per_second.map(rate), ..run }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_rate_that_is_not_that_of_the_messages_is_corrected() {
-        let said = |own, row_ns| {
-            at_rate(Metadata { rows_per_second: own, ..Metadata::default() }, row_ns).rows_per_second
-        };
-        for rate in [30.0, 29.97, 10.0, 0.5] {
-            assert_eq!(said(Some(7.0), period_ns(rate)), Some(rate));
+    /// Gives every message to its episode. Times are rows.
+    fn place(&mut self, file: &File, mut found: Found) -> Result<()> {
+        let row_ns = self.row_ns;
+        self.runs.iter_mut().for_each(|(_, run)| *run = at_rate(std::mem::take(run), row_ns));
+        let mut is_in_order = found.messages.iter().all(|message| message.chunk != OUTSIDE)
+            && found.commits.is_sorted_by_key(|commit| commit.episode);
+        let is_unknown = found.messages.iter().any(|message| self.position(message.channel).is_none());
+        for index in 0..self.chunks.len() {
+            let has_index = !self.chunks[index].indexes.is_empty();
+            is_in_order &= has_index;
+            // Other writers describe channels inside of chunks.
+            if !has_index || is_unknown {
+                self.scan(file, index, &mut found)?;
+            }
         }
-        assert_eq!(said(Some(1.0 / 0.03), 30_000_000), Some(1.0 / 0.03));
-        assert_eq!(said(None, 30_000_000), None);
-        assert!(said(Some(10.0), 0).is_some_and(f64::is_finite));
+        found.commits.sort_by_key(|commit| commit.episode);
+        let mut firsts = Vec::with_capacity(found.commits.len());
+        let mut rows: u64 = 0;
+        for (next, commit) in found.commits.iter().enumerate() {
+            if commit.episode != next as u64 {
+                return Err(invalid(format!("episode {} stands in the place of {next}", commit.episode)));
+            }
+            firsts.push(rows);
+            rows = rows.checked_add(commit.rows as u64).ok_or(invalid("its episodes are too long"))?;
+            let messages = vec![Vec::new(); self.channels.len()];
+            self.episodes.push(Episode {
+                rows: commit.rows,
+                first: firsts[next],
+                messages,
+                ..Episode::default()
+            });
+        }
+        for Message { channel, time, chunk, offset } in found.messages {
+            let position = self
+                .position(channel)
+                .ok_or_else(|| invalid(format!("messages of channel {channel}, which does not exist")))?;
+            let row = time / row_ns.max(1);
+            let (true, Some(episode)) =
+                (row < rows, firsts.partition_point(|&first| first <= row).checked_sub(1))
+            else {
+                return Err(invalid("a message lies outside its episode"));
+            };
+            let row = (row - firsts[episode]) as u32;
+            self.episodes[episode].messages[position].push(MessageAt { row, chunk, offset });
+        }
+        let step = self.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
+        let mut before = 0;
+        for (index, (episode, commit)) in self.episodes.iter_mut().zip(&found.commits).enumerate() {
+            for messages in &mut episode.messages {
+                messages.sort_by_key(|place| place.row);
+            }
+            let of_steps = step.map_or(&[][..], |step| &episode.messages[step]);
+            let is_whole = of_steps.len() == commit.rows;
+            if !is_whole || of_steps.iter().zip(0..).any(|(place, row)| place.row != row) {
+                return Err(missing(format!(
+                    "episode {index} should have {} messages on `{STEP_TOPIC}`, one a row",
+                    commit.rows
+                )));
+            }
+            let chunks = || episode.messages.iter().flatten().map(|place| place.chunk as usize);
+            is_in_order &= chunks().all(|chunk| (before..commit.chunks).contains(&chunk));
+            let there = || chunks().filter(|&chunk| chunk != OUTSIDE as usize);
+            let span = there().min().unwrap_or(0)..there().max().map_or(0, |last| last + 1);
+            episode.chunks = if is_in_order { before..commit.chunks } else { span };
+            before = commit.chunks;
+            for (count, messages) in self.counts.iter_mut().zip(&episode.messages) {
+                *count += messages.len() as u64;
+            }
+        }
+        self.is_in_order = is_in_order;
+        Ok(())
+    }
+
+    /// The position of a channel, or of the first one of its topic.
+    fn position(&self, id: u16) -> Option<usize> {
+        let (_, topic) = self.channels.iter().find(|(known, _)| *known == id)?;
+        self.channels.iter().position(|(_, known)| known == topic)
+    }
+}
+
+impl Message {
+    /// From the content of a message's record, or its head.
+    fn read(content: &[u8], chunk: u32, offset: u64) -> Result<Self> {
+        let mut reader = Reader(content);
+        let (channel, _, time) = (reader.u16()?, reader.u32()?, reader.u64()?);
+        Ok(Self { channel, time, chunk, offset })
     }
 }

@@ -11,6 +11,7 @@ mod describe;
 mod ending;
 mod foxglove;
 mod index;
+mod rate;
 mod reader;
 mod records;
 mod rows;

@@ -10,11 +10,13 @@ use swm_media::png;
 use super::chunks::Messages;
 use super::ending;
 use super::foxglove;
-use super::index::{Index, MessageAt, STEP_TOPIC, is_image, topic};
-use super::records::{MESSAGE, MESSAGE_HEAD};
+use super::index::{Episode, Index, MessageAt, OUTSIDE, STEP_TOPIC, is_image, topic};
+use super::records::{MESSAGE, MESSAGE_HEAD, Reader};
 use super::rows::from_json;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
+use crate::foreign;
+use crate::recording::EP_IDX;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
 const BLOCK: usize = 1 << 16;
@@ -40,6 +42,8 @@ struct Rows {
 struct Shared {
     info: DatasetInfo,
     file: File,
+    /// Of the file, in bytes.
+    length: u64,
     index: Index,
     /// Of each column, the position of its channel.
     channels: Vec<usize>,
@@ -50,7 +54,10 @@ impl McapDataset {
         let failed = |source| DataError::io(path, "open", source);
         let file = File::open(path).map_err(failed)?;
         let damaged = |error: FormatError| DataError::damaged(path, error);
-        let index = Index::read(&file, path).map_err(damaged)?;
+        let index = Index::read(&file).map_err(damaged)?;
+        if index.columns.is_empty() {
+            return Err(DataError::not_a_dataset(path, foreign::mcap(&index.about)));
+        }
         let schema = Schema::new(index.columns.clone()).map_err(|error| damaged(error.into()))?;
         let channels = index
             .columns
@@ -65,7 +72,8 @@ impl McapDataset {
         let mut info = DatasetInfo::new(path, super::FORMAT.name, schema, lengths);
         info.runs = index.runs.clone().into();
         info.has_checksums = true;
-        let shared = Shared { info, file, index, channels };
+        let length = file.metadata().map_err(failed)?.len();
+        let shared = Shared { info, file, length, index, channels };
         Ok(Self { shared: Arc::new(shared), rows: None, messages: Messages::default() })
     }
 
@@ -78,7 +86,8 @@ impl McapDataset {
         let shared = self.shared.clone();
         let field = shared.info.field(column);
         let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
-        let places = &shared.index.episodes[episode].messages[shared.channels[column]];
+        let found = &shared.index.episodes[episode];
+        let places = &found.messages[shared.channels[column]];
         let size = height * width * channels;
         let mut last: Option<(MessageAt, usize)> = None;
         for at in 0..steps.count {
@@ -93,7 +102,7 @@ impl McapDataset {
                     rest[..size].copy_from_slice(&done[copy * size..][..size]);
                 }
                 _ => {
-                    let image = foxglove::image(shared.message(place, &mut self.messages)?)?;
+                    let image = foxglove::image(shared.message(found, place, &mut self.messages)?)?;
                     let frame = &mut out[at * size..][..size];
                     png::decode_into(image, [height, width, channels], frame)?;
                     last = Some((place, at));
@@ -140,8 +149,15 @@ impl McapDataset {
                 return Err(missing(format!("{} of {} rows are there", places.len(), found.rows)));
             }
             for &place in places.iter().skip(block * BLOCK).take(BLOCK) {
-                from_json(shared.message(place, &mut self.messages)?, &fields, &mut columns)
+                from_json(shared.message(found, place, &mut self.messages)?, &fields, &mut columns)
                     .at(format_args!("row {}", place.row))?;
+            }
+            let own = fields.iter().position(|field| field.name == EP_IDX).map(|at| &columns[at]);
+            if let Some(Column::I32(own)) = own
+                && let Some(row) = own.iter().position(|&own| own as usize != episode)
+            {
+                let (row, own) = (block * BLOCK + row, own[row]);
+                return Err(invalid(format!("row {row} is of episode {own} by its `{EP_IDX}`")));
             }
             let mut decoded = columns.into_iter();
             let all = shared.info.schema.fields().iter().map(|field| match is_image(field) {
@@ -156,11 +172,24 @@ impl McapDataset {
 
 impl Shared {
     /// The data of a message.
-    fn message<'a>(&self, place: MessageAt, messages: &'a mut Messages) -> Result<&'a [u8]> {
-        let at = (place.chunk as usize, place.offset);
-        match messages.record(&self.file, &self.index.chunks, at)? {
-            (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
-            _ => Err(invalid("a message is not where the index says")),
+    fn message<'a>(
+        &self,
+        episode: &Episode,
+        place: MessageAt,
+        messages: &'a mut Messages,
+    ) -> Result<&'a [u8]> {
+        let found = match place.chunk {
+            OUTSIDE => messages.outside(&self.file, self.length, place.offset)?,
+            chunk => messages.record(&self.file, &self.index.chunks, (chunk as usize, place.offset))?,
+        };
+        let (MESSAGE, Some((head, data))) = (found.0, found.1.split_at_checked(MESSAGE_HEAD)) else {
+            return Err(invalid("a message is not where the index says"));
+        };
+        // Channel and number, then its time.
+        let time = Reader(&head[6..]).u64()?;
+        match time / self.index.row_ns.max(1) == episode.first + u64::from(place.row) {
+            true => Ok(data),
+            false => Err(invalid("a message has another time than the index says")),
         }
     }
 }

@@ -13,7 +13,8 @@ use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
 use super::foxglove;
-use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, at_rate, is_image, period_ns, topic};
+use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_image, topic};
+use super::rate::{at_rate, period_ns};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
@@ -98,7 +99,10 @@ impl Backend for McapBackend {
             write_new(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
         let file = open_own(path, false).map_err(failed)?;
-        let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
+        let index = Index::read(&file).map_err(|error| DataError::damaged(path, error))?;
+        if !index.is_in_order {
+            return Err(reordered(path));
+        }
         let metadata = &at_rate(Metadata { rows_per_second, ..metadata.clone() }, index.row_ns);
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
@@ -157,7 +161,7 @@ impl Session for McapSession {
         self.rows += end.step as u64;
         let chunks = self.chunks..self.index.chunks.len();
         self.chunks = chunks.end;
-        self.index.episodes.push(Episode { rows: end.step, chunks, messages: Vec::new() });
+        self.index.episodes.push(Episode { rows: end.step, chunks, ..Episode::default() });
         Ok(())
     }
 
@@ -297,6 +301,13 @@ fn checksum_so_far(file: &File, index: &Index) -> Result<Hasher> {
     }
 }
 
+/// The error for a file that another program rewrote: to cut it behind its last commit would cut messages.
+fn reordered(path: &Path) -> DataError {
+    let reason = "another program rewrote it, with its records in another order, in which it is read and not continued; copy it with \
+                  `swm convert` first";
+    DataError::request(path, reason)
+}
+
 /// Says what has to be done about an interrupted file; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
     let path = recording::resolve(path)?;
@@ -306,6 +317,9 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     if index.data_end.is_some() {
         return Ok(Vec::new());
     }
+    if !index.is_in_order {
+        return Err(reordered(&path));
+    }
     let failed = |source| DataError::io(&path, "repair", source);
     let episodes = index.episodes.len();
     let behind = fs::metadata(&path).map_err(failed)?.len() - index.end;
@@ -314,7 +328,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let steps = cut.into_iter().chain([summarize]).collect();
     if apply {
         let file = open_own(&path, false).map_err(failed)?;
-        let index = Index::read(&file, &path).map_err(|error| DataError::damaged(&path, error))?;
+        let index = Index::read(&file).map_err(|error| DataError::damaged(&path, error))?;
         file.set_len(index.end).map_err(failed)?;
         let written = checksum_so_far(&file, &index)
             .and_then(|checksum| summary::write(&file, &index, checksum.finalize()));

@@ -13,6 +13,7 @@ use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::{open_regular, read_exact_at};
+use crate::formats::element::Element;
 
 /// Where numpy puts the only array of an archive.
 pub(super) const ENTRY: &str = "arr_0.npy";
@@ -24,6 +25,8 @@ const MAX_INFLATED: u64 = 1 << 30;
 const MAX_INTEGERS: usize = 1 << 24;
 /// A head is never longer.
 const MAX_HEAD: u64 = 1 << 16;
+/// Values of u64 that are looked at together.
+const LOOKED_AT: usize = 1 << 16;
 /// The record at the end of a zip archive: how it begins, and its most bytes, with a comment.
 const END: &[u8] = b"PK\x05\x06";
 const MAX_END: u64 = 22 + 65_535;
@@ -32,6 +35,8 @@ const MAX_END: u64 = 22 + 65_535;
 #[derive(Debug)]
 pub(in crate::formats) struct Array {
     elements: ArrayType,
+    /// Whether the values have to be [swapped](ArrayType::swap) where they are read.
+    is_big_endian: bool,
     /// Rows first.
     shape: Vec<usize>,
     row_bytes: usize,
@@ -67,15 +72,26 @@ impl Array {
             let mut bytes = Vec::new();
             entry.take(size).read_to_end(&mut bytes)?;
             let head = Head::parse(&bytes)?;
-            let available = (bytes.len() - head.bytes) as u64;
             bytes.drain(..head.bytes);
-            return Self::new(head, available, Values::Memory(bytes));
+            return Self::in_memory(head, bytes);
         }
         let start = entry.data_start();
         drop(entry);
         let mut bytes = vec![0; size.min(MAX_HEAD) as usize];
         read_exact_at(&file, &mut bytes, start)?;
         let head = Head::parse(&bytes)?;
+        if head.is_by_column && head.shape.len() > 1 {
+            let size = size.saturating_sub(head.bytes as u64);
+            if size > MAX_INFLATED {
+                return Err(unsupported(format!(
+                    "stored column by column (`fortran_order`), it takes {} GB of memory; store `numpy.ascontiguousarray` of it",
+                    size >> 30
+                )));
+            }
+            let mut bytes = vec![0; size as usize];
+            read_exact_at(&file, &mut bytes, start + head.bytes as u64)?;
+            return Self::in_memory(head, bytes);
+        }
         let (values, available) = (start + head.bytes as u64, size.saturating_sub(head.bytes as u64));
         Self::new(head, available, Values::File(file, values))
     }
@@ -94,8 +110,26 @@ impl Array {
         Self::new(head, length.saturating_sub(start), Values::File(file, start))
     }
 
+    /// From all values as they are stored, which are brought into the order of this program.
+    fn in_memory(head: Head, mut bytes: Vec<u8>) -> Result<Self> {
+        let elements = head.elements;
+        let values = head.shape.iter().try_fold(elements.size(), |bytes, &size| bytes.checked_mul(size));
+        // A shape that does not fit is told below.
+        if let Some(values) = values.filter(|&values| values > 0 && values <= bytes.len()) {
+            bytes.truncate(values);
+            if head.is_by_column {
+                bytes = by_row(&bytes, &head.shape, elements.size());
+            }
+            if head.is_big_endian {
+                elements.swap(&mut bytes);
+            }
+        }
+        let available = bytes.len() as u64;
+        Self::new(Head { is_big_endian: false, ..head }, available, Values::Memory(bytes))
+    }
+
     fn new(head: Head, available: u64, values: Values) -> Result<Self> {
-        let Head { elements, shape, .. } = head;
+        let Head { elements, is_big_endian, shape, .. } = head;
         let Some((&rows, rest)) = shape.split_first() else {
             return Err(unsupported("it is a single value, not one per row"));
         };
@@ -103,7 +137,9 @@ impl Array {
         let row_bytes =
             row_bytes.filter(|&bytes| bytes > 0).ok_or(invalid(format!("it has the shape {shape:?}")))?;
         match row_bytes.checked_mul(rows) {
-            Some(needed) if needed as u64 <= available => Ok(Self { elements, row_bytes, shape, values }),
+            Some(needed) if needed as u64 <= available => {
+                Ok(Self { elements, is_big_endian, row_bytes, shape, values })
+            }
             _ => Err(invalid(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}"))),
         }
     }
@@ -142,7 +178,25 @@ impl Array {
         Ok(())
     }
 
-    /// All values of so many rows, as they are stored.
+    /// Why a column of u64 is left out, if it holds a number beyond the range of i64, which is what columns hold. What else is wrong
+    /// is told where it is read.
+    pub(in crate::formats) fn too_large(&self) -> Option<String> {
+        if self.elements != ArrayType::Plain(Element::U64) {
+            return None;
+        }
+        let dim = self.row_shape().iter().product::<usize>();
+        let (mut scratch, mut values, piece) = (Vec::new(), Vec::new(), (LOOKED_AT / dim.max(1)).max(1));
+        (0..self.rows()).step_by(piece).find_map(|first| {
+            let count = piece.min(self.rows() - first);
+            values.resize(count * dim, 0);
+            match self.read((first, count, 1), SliceMut::I64(&mut values), &mut scratch) {
+                Err(error @ FormatError::Unsupported(_)) => Some(error.to_string()),
+                _ => None,
+            }
+        })
+    }
+
+    /// All values of so many rows, as they are stored but for the order of bytes.
     pub(in crate::formats) fn bytes<'a>(
         &'a self,
         first: usize,
@@ -158,6 +212,9 @@ impl Array {
             Values::File(file, from) => {
                 scratch.resize(size, 0);
                 read_exact_at(file, scratch, from + start as u64)?;
+                if self.is_big_endian {
+                    self.elements.swap(scratch);
+                }
                 Ok(scratch)
             }
         }
@@ -178,6 +235,24 @@ impl Array {
             other => Err(wrong_type(format!("it holds {}, not integers", other.dtype()))),
         }
     }
+}
+
+/// The elements of an array whose first index varies fastest, in the order in which the last one does.
+fn by_row(bytes: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
+    let mut sorted = Vec::with_capacity(bytes.len());
+    let mut index = vec![0; shape.len()];
+    for _ in 0..bytes.len() / size.max(1) {
+        let from = index.iter().zip(shape).rev().fold(0, |from, (&at, &size)| from * size + at);
+        sorted.extend_from_slice(&bytes[from * size..][..size]);
+        for (at, &size) in index.iter_mut().zip(shape).rev() {
+            *at += 1;
+            if *at < size {
+                break;
+            }
+            *at = 0;
+        }
+    }
+    sorted
 }
 
 /// Whether a zip archive ends here. The zip crate would look for the record through all of the file, however large.

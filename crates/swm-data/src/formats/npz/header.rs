@@ -25,28 +25,41 @@ pub(in crate::formats) enum ArrayType {
 }
 
 impl ArrayType {
-    fn parse(descriptor: &str) -> Result<Self> {
+    /// The elements that a descriptor of numpy names, and whether they are big-endian.
+    fn parse(descriptor: &str) -> Result<(Self, bool)> {
         let unknown = || unsupported(format!("elements of type `{descriptor}` are not supported"));
-        let size = |from: usize| descriptor.get(from..).and_then(|size| size.parse::<usize>().ok());
-        Ok(Self::Plain(match descriptor {
-            "|b1" => Element::Bool,
-            "|u1" => Element::U8,
-            "|i1" => Element::I8,
-            "<i2" => Element::I16,
-            "<u2" => Element::U16,
-            "<i4" => Element::I32,
-            "<u4" => Element::U32,
-            "<i8" => Element::I64,
-            "<u8" => Element::U64,
-            "<f4" => Element::F32,
-            "<f8" => Element::F64,
-            _ if descriptor.starts_with("|S") => Element::FixedText(size(2).ok_or_else(unknown)?),
-            _ if descriptor.starts_with("<U") => {
-                let characters = size(2).filter(|&size| size <= 1 << 20).ok_or_else(unknown)?;
-                return Ok(Self::Wide(characters));
+        let (order, name) = descriptor.split_at_checked(1).ok_or_else(unknown)?;
+        let size = || name.get(1..).and_then(|size| size.parse::<usize>().ok());
+        let is_big = match (order, name) {
+            ("|", "b1" | "u1" | "i1") => false,
+            ("|", name) if name.starts_with('S') => false,
+            // How numpy writes bfloat16 of the package ml_dtypes; other structures of two bytes have the order `|`.
+            ("<", "V2") => return Ok((Self::Plain(Element::Bf16), false)),
+            ("<", _) => false,
+            (">", _) => true,
+            _ => return Err(unknown()),
+        };
+        let elements = Self::Plain(match name {
+            "b1" => Element::Bool,
+            "u1" => Element::U8,
+            "i1" => Element::I8,
+            "i2" => Element::I16,
+            "u2" => Element::U16,
+            "i4" => Element::I32,
+            "u4" => Element::U32,
+            "i8" => Element::I64,
+            "u8" => Element::U64,
+            "f2" => Element::F16,
+            "f4" => Element::F32,
+            "f8" => Element::F64,
+            _ if name.starts_with('S') => Element::FixedText(size().ok_or_else(unknown)?),
+            _ if name.starts_with('U') => {
+                let characters = size().filter(|&size| size <= 1 << 20).ok_or_else(unknown)?;
+                return Ok((Self::Wide(characters), is_big));
             }
             _ => return Err(unknown()),
-        }))
+        });
+        Ok((elements, is_big))
     }
 
     /// The column type that holds every value.
@@ -63,6 +76,16 @@ impl ArrayType {
             Self::Plain(element) => element.size().unwrap_or(0),
             Self::Wide(characters) => 4 * characters,
         }
+    }
+
+    /// Makes big-endian elements little-endian.
+    pub(super) fn swap(self, bytes: &mut [u8]) {
+        let size = match self {
+            Self::Plain(Element::FixedText(_)) => 1,
+            Self::Plain(element) => element.size().unwrap_or(1),
+            Self::Wide(_) => 4,
+        };
+        bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
     }
 
     /// Fills `out`, which has as many values as `bytes` holds elements.
@@ -125,7 +148,10 @@ pub(super) fn format(field: &Field, rows: usize) -> Result<Vec<u8>> {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Head {
     pub(super) elements: ArrayType,
+    pub(super) is_big_endian: bool,
     pub(super) shape: Vec<usize>,
+    /// Whether the first index varies fastest, as in Fortran.
+    pub(super) is_by_column: bool,
     /// Where the values begin.
     pub(super) bytes: usize,
 }
@@ -157,9 +183,11 @@ impl Head {
         let Some((descriptor, _)) = descriptor.and_then(|rest| rest.split_once('\'')) else {
             return Err(unsupported("elements of several types are not supported"));
         };
-        if value("'fortran_order'").is_none_or(|rest| !rest.starts_with("False")) {
-            return Err(unsupported("it is stored column by column, which is not supported"));
-        }
+        let is_by_column = match value("'fortran_order'") {
+            Some(rest) if rest.starts_with("False") => false,
+            Some(rest) if rest.starts_with("True") => true,
+            _ => return Err(wrong("its order of elements")),
+        };
         let shape = value("'shape'").and_then(|rest| rest.strip_prefix('('));
         let Some((shape, _)) = shape.and_then(|rest| rest.split_once(')')) else {
             return Err(wrong("it has no shape"));
@@ -170,7 +198,8 @@ impl Head {
         if shape.len() > 32 {
             return Err(wrong("it has more than 32 dimensions"));
         }
-        Ok(Self { elements: ArrayType::parse(descriptor)?, shape, bytes: start + length })
+        let (elements, is_big_endian) = ArrayType::parse(descriptor)?;
+        Ok(Self { elements, is_big_endian, shape, is_by_column, bytes: start + length })
     }
 }
 
@@ -191,7 +220,13 @@ mod tests {
                 expected.extend(shape);
                 assert_eq!(
                     Head::parse(&head).unwrap(),
-                    Head { elements, shape: expected, bytes: HEAD_BYTES }
+                    Head {
+                        elements,
+                        is_big_endian: false,
+                        shape: expected,
+                        is_by_column: false,
+                        bytes: HEAD_BYTES
+                    }
                 );
             }
         }
@@ -204,10 +239,12 @@ mod tests {
             let text = String::from_utf8_lossy(&good[10..]).replace(old, new);
             Head::parse(&[&good[..10], text.as_bytes(), &[b' '; 9]].concat()).unwrap_err().to_string()
         };
-        assert!(with("<f8", ">f8").contains("`>f8`"));
+        assert!(with("<f8", "<c8").contains("`<c8`"));
+        assert!(with("<f8", "|V2").contains("`|V2`"));
+        assert!(with("<f8", "").contains("``"));
         assert!(with("<f8", "|O").contains("`|O`"));
         assert!(with("<f8", "<U99999999999").contains("not supported"));
-        assert!(with("False", "True ").contains("column by column"));
+        assert!(with("False", "Maybe").contains("its order of elements"));
         assert!(with("(2,", "(-2").contains("shape"));
         for cut in 0..good.len() {
             assert!(Head::parse(&good[..cut]).is_err());

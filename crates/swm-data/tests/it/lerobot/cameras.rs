@@ -155,6 +155,6 @@ fn videos_that_are_not_decoded_are_left_out_and_not_damaged() {
         let error = dataset.read(1, 0..2, &mut batch).unwrap_err();
         assert!(matches!(error, DataError::Unsupported { .. }), "{error}");
         let message = error.to_string();
-        assert!(message.contains("is not read here") && message.contains(reason), "{message}");
+        assert!(message.contains("cannot read") && message.contains(reason), "{message}");
     }
 }

@@ -6,6 +6,7 @@ mod foreign;
 mod images;
 mod rates;
 mod recording;
+mod rows;
 
 use std::path::{Path, PathBuf};
 

@@ -47,6 +47,12 @@ fn what_is_written_is_read_again_and_continued() {
         assert!((found - expected).abs() < 1e-9 * expected.abs(), "{name}: {found}, not {expected}");
     }
     assert_eq!(found["reward"]["count"][0], rows);
+    // The action of the second row is NaN in the episodes that have one; of images, every tenth counts.
+    assert_eq!(found["action"]["count"][0], rows - 4);
+    let frames: usize = (0..5).map(|episode| rows_of(episode).div_ceil(10)).sum();
+    assert_eq!(found["observation.images.pixels"]["count"][0], frames);
+    let all = found.as_object().unwrap().values().flat_map(|of| of.as_object().unwrap().values());
+    assert!(all.flat_map(|list| list.as_array().unwrap()).all(|value| value.is_number() || value.is_array()));
     assert!(found["action"]["max"][0].as_f64().unwrap() > 0.0);
     assert_eq!(record(&path, WriteMode::Overwrite, 1..2).unwrap(), 0);
     assert_eq!(contents(&path).len(), 1);

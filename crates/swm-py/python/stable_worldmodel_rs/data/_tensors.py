@@ -76,8 +76,11 @@ def _leave(value: Any) -> Any:
 
 def to_numpy(value: Any) -> NDArray[Any]:
     """A tensor, list or array as an array; tensors come to the CPU first."""
-    array: Any = value.detach().cpu().numpy() if hasattr(value, "detach") else value
-    return np.asarray(array)
+    if hasattr(value, "detach"):
+        tensor = value.detach().cpu()
+        # NumPy has no bfloat16.
+        value = (tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor).numpy()
+    return np.asarray(value)
 
 
 def stack(values: list[Any]) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._core import core as _swm
 from ._tensors import to_numpy
 
 if TYPE_CHECKING:
@@ -19,16 +20,48 @@ def _is_tensor(values: Any) -> bool:
     return hasattr(values, "detach")
 
 
+def _wide(values: Any) -> Any:
+    """Values in float64, in which scalers compute; in float32 on a device that has no float64."""
+    if not _is_tensor(values):
+        return np.asarray(values, np.float64)
+    return values.float() if values.device.type == "mps" else values.double()
+
+
 def _like(values: Any, bound: NDArray[Any]) -> Any:
     """A bound as an array or, on the same device and of the same type, as a tensor."""
     return values.new_tensor(bound) if _is_tensor(values) else bound
 
 
-def _rows(values: Any) -> NDArray[Any]:
-    """``(N, D)``, without rows that hold a NaN, such as the missing action of an episode's last row."""
-    array = to_numpy(values)
-    array = array.reshape(-1, array.shape[-1])
-    return array[~np.isnan(array).any(axis=1)]
+def _narrow(values: Any, like: Any) -> Any:
+    """Values in the type of those that were given; of whole numbers, float64 (arrays) or float32 (tensors)."""
+    if _is_tensor(like):
+        return values.to(like.dtype) if like.is_floating_point() else values.float()
+    kind = np.asarray(like).dtype
+    return values.astype(kind) if kind.kind == "f" else values
+
+
+def _statistics(values: Any, quantiles: list[float]) -> tuple[NDArray[Any], NDArray[Any], list[NDArray[Any]]]:
+    """Means, stds and quantiles ``(D,)`` of ``(…, D)`` values, in float64; of ``(N,)`` values, ``(1,)``.
+
+    Rows with a NaN or an infinity, such as the missing action of an episode's last row, do not count.
+    """
+    array = to_numpy(values.detach().cpu().double() if _is_tensor(values) else values)
+    if array.ndim == 0:
+        raise ValueError("a single value has no statistics; give values of the shape (N,) or (…, D)")
+    rows = array.reshape(-1, array.shape[-1]) if array.ndim > 1 else array[:, None]
+    if rows.shape[1] == 0:
+        raise ValueError(f"values of the shape {array.shape} have no elements")
+    found = _swm.row_statistics(np.ascontiguousarray(rows, np.float64).reshape(-1), rows.shape[1], quantiles)
+    if not found[0]:
+        raise ValueError(f"none of {len(rows)} rows counts: each has a NaN or an infinity")
+    mean, std, *rest = (np.asarray(each) for each in found)
+    return mean, std, rest
+
+
+def _divisors(center: NDArray[Any], scale: NDArray[Any], eps: float) -> NDArray[Any]:
+    """The scale, and 1 where it is that of a constant: the core's rule for all statistics."""
+    center, scale = np.broadcast_arrays(np.asarray(center, np.float64), np.asarray(scale, np.float64))
+    return np.asarray(_swm.divisors(center.reshape(-1), scale.reshape(-1), eps)).reshape(scale.shape)
 
 
 def _optional(values: ArrayLike | None) -> NDArray[Any] | None:
@@ -70,7 +103,10 @@ class _FittedScaler(IdentityScaler):
 
 
 class ZScoreScaler(_FittedScaler):
-    """``(x - mean) / std`` per dimension; a standard deviation below ``eps`` counts as ``eps``.
+    """``(x - mean) / std`` per dimension, and back; a constant dimension is only shifted.
+
+    A dimension is constant where its standard deviation is at most ``eps + 1e-6 * abs(mean)``. Results have the type of the
+    values (float64 for whole numbers); means and standard deviations are computed in float64.
 
     Example:
         >>> scaler = ZScoreScaler().fit(dataset.get_col_data("action"))
@@ -83,26 +119,37 @@ class ZScoreScaler(_FittedScaler):
         self.eps: float = eps
 
     def fit(self, X: Any) -> Self:
-        """Finds mean and standard deviation of ``(…, D)`` values; rows with a NaN do not count."""
-        rows = _rows(X)
-        self.mean, self.std = rows.mean(axis=0, keepdims=True), rows.std(axis=0, keepdims=True)
+        """Finds mean and standard deviation of ``(…, D)`` or ``(N,)`` values; rows with a NaN or an infinity do not count."""
+        mean, std, _ = _statistics(X, [])
+        shape = (1, -1) if np.ndim(X) > 1 else (-1,)
+        self.mean, self.std = mean.reshape(shape), std.reshape(shape)
         return self
+
+    def _line(self, wide: Any) -> tuple[Any, Any]:
+        """What is subtracted, and what is divided by then."""
+        if self.mean is None or self.std is None:
+            raise self._missing()
+        return _like(wide, self.mean), _like(wide, _divisors(self.mean, self.std, self.eps))
 
     def transform(self, X: Any) -> Any:
         """Standardizes."""
-        if self.mean is None or self.std is None:
-            raise self._missing()
-        return (X - _like(X, self.mean)) / _like(X, np.maximum(self.std, self.eps))
+        wide = _wide(X)
+        center, scale = self._line(wide)
+        return _narrow((wide - center) / scale, X)
 
     def inverse_transform(self, X: Any) -> Any:
         """The inverse of :meth:`transform`."""
-        if self.mean is None or self.std is None:
-            raise self._missing()
-        return X * _like(X, self.std) + _like(X, self.mean)
+        wide = _wide(X)
+        center, scale = self._line(wide)
+        return _narrow(wide * scale + center, X)
 
 
 class PercentileScaler(_FittedScaler):
-    """Maps the percentiles ``low`` and ``high`` to -1 and 1, and cuts what lies beyond."""
+    """Maps the percentiles ``low`` and ``high`` to -1 and 1, and cuts what lies beyond.
+
+    A dimension is constant where half of the range between them is at most ``eps + 1e-6`` times their middle: its middle
+    becomes 0, and it is not scaled. Results have the type of the values, as of :class:`ZScoreScaler`.
+    """
 
     def __init__(
         self,
@@ -119,23 +166,29 @@ class PercentileScaler(_FittedScaler):
         self.q_high: NDArray[Any] | None = _optional(q_high)
 
     def fit(self, X: Any) -> Self:
-        """Finds the percentiles of ``(…, D)`` values; rows with a NaN do not count."""
-        self.q_low, self.q_high = np.percentile(_rows(X), [self.low, self.high], axis=0)
+        """Finds the percentiles of ``(…, D)`` or ``(N,)`` values; rows with a NaN or an infinity do not count."""
+        _, _, (self.q_low, self.q_high) = _statistics(X, [self.low / 100, self.high / 100])
         return self
+
+    def _line(self, wide: Any) -> tuple[Any, Any]:
+        """The middle of the range, and half of its width."""
+        if self.q_low is None or self.q_high is None:
+            raise self._missing()
+        center, half = (self.q_low + self.q_high) / 2, (self.q_high - self.q_low) / 2
+        return _like(wide, center), _like(wide, _divisors(center, half, self.eps))
 
     def transform(self, X: Any) -> Any:
         """Scales to -1…1."""
-        if self.q_low is None or self.q_high is None:
-            raise self._missing()
-        width = np.maximum(self.q_high - self.q_low, self.eps)
-        scaled = 2 * (X - _like(X, self.q_low)) / _like(X, width) - 1
-        return scaled.clamp(-1, 1) if _is_tensor(scaled) else np.clip(scaled, -1, 1)
+        wide = _wide(X)
+        center, half = self._line(wide)
+        scaled = (wide - center) / half
+        return _narrow(scaled.clamp(-1, 1) if _is_tensor(scaled) else np.clip(scaled, -1, 1), X)
 
     def inverse_transform(self, X: Any) -> Any:
         """The inverse of :meth:`transform`, as far as nothing was cut."""
-        if self.q_low is None or self.q_high is None:
-            raise self._missing()
-        return (X + 1) * _like(X, self.q_high - self.q_low) / 2 + _like(X, self.q_low)
+        wide = _wide(X)
+        center, half = self._line(wide)
+        return _narrow(wide * half + center, X)
 
 
 _SCALERS: dict[str, type[Any]] = {"zscore": ZScoreScaler, "percentile": PercentileScaler, "none": IdentityScaler}

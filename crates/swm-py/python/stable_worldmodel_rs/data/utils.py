@@ -61,6 +61,10 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     path = _find(str(name), get_cache_dir(cache_dir, "datasets"))
     known = get_format(format) if format else detect_format(path)
     if known is None:
+        try:
+            _swm.Reader.open(path)
+        except _swm.DataError as error:  # names what it is
+            raise ValueError(f"No format detected; {error}") from None
         raise ValueError(f"No format detected for {str(path)!r}; pass format=, one of {list(FORMATS)}")
     return known.open_reader(path, **kwargs)
 

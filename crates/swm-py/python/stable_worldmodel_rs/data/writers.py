@@ -32,6 +32,8 @@ def as_column(name: str, values: Any) -> Any:
         array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)
     except ValueError as error:
         raise ValueError(_ragged(name, steps) or f"column {name!r}: {error}") from error
+    if array.dtype.name == "bfloat16":  # of ml_dtypes
+        array = array.astype(np.float32)
     kind = f"{array.dtype.kind}{array.dtype.itemsize}"
     if array.dtype.kind in "USO":
         return [value.decode() if isinstance(value, (bytes, bytearray)) else str(value) for value in array.reshape(-1).tolist()]

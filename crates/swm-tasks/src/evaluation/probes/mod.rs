@@ -10,6 +10,7 @@ use serde::Serialize;
 use swm_core::Batch;
 use swm_core::error::BoxError;
 use swm_core::evaluate::stats::correlation;
+use swm_core::moments::{Moments, of_rows};
 
 pub use network::NetworkProbe;
 #[cfg(feature = "faer")]
@@ -97,13 +98,12 @@ impl ProbeScore {
         );
         for index in 0..width {
             let (told, truth) = (column(told, index), column(truth, index));
-            let center = mean(truth.iter().copied()).unwrap_or(0.0);
+            let spread: Moments = truth.iter().copied().collect();
             let error = told.iter().zip(&truth).map(|(a, b)| (a - b) * (a - b));
             let mse = mean(error).unwrap_or(0.0);
-            let variance = mean(truth.iter().map(|x| (x - center) * (x - center))).unwrap_or(0.0);
             score.mse.push(mse);
             score.correlation.push(correlation(&told, &truth));
-            let share = (variance > 0.0).then(|| mse / variance);
+            let share = (!spread.is_constant()).then(|| mse / spread.variance());
             score.r2.push(share.map(|share| 1.0 - share));
             unexplained.extend(share);
         }
@@ -181,23 +181,9 @@ struct Scaling {
 
 impl Scaling {
     fn of(values: &[f64], width: usize) -> Self {
-        let rows = || values.chunks_exact(width.max(1));
-        let count = rows().len().max(1) as f64;
-        let mut means = vec![0.0; width];
-        rows().for_each(|row| means.iter_mut().zip(row).for_each(|(mean, x)| *mean += x / count));
-        let mut squares = vec![0.0; width];
-        for row in rows() {
-            for ((square, mean), x) in squares.iter_mut().zip(&means).zip(row) {
-                *square += (x - mean) * (x - mean) / count;
-            }
-        }
-        // Rounding leaves a constant a std of its last digits.
-        let std = |(square, mean): (f64, &f64)| {
-            let std = square.sqrt();
-            if std > 1e-12 * mean.abs() { std } else { 0.0 }
-        };
-        let stds = squares.into_iter().zip(&means).map(std).collect();
-        Self { means, stds }
+        let columns = of_rows(values, width);
+        let std = |column: &Moments| if column.is_constant() { 0.0 } else { column.std() };
+        Self { means: columns.iter().map(Moments::mean).collect(), stds: columns.iter().map(std).collect() }
     }
 
     fn apply(&self, values: &[f64]) -> Vec<f64> {

@@ -1,13 +1,16 @@
-//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, and Blosc's compression.
+//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, Blosc's compression, and types of elements
+//! that the interface has no name for.
 #![expect(unsafe_code, reason = "calls of C libraries")]
 
-use std::ffi::c_int;
+use std::ffi::{CStr, c_int};
 
 use hdf5_metno::filters::BloscShuffle;
-use hdf5_metno::{Dataset, h5check, sync};
+use hdf5_metno::{Dataset, Datatype, h5check, sync};
+use hdf5_metno_sys::h5::H5free_memory;
 use hdf5_metno_sys::h5::hsize_t;
 use hdf5_metno_sys::h5d::H5Dwrite_chunk;
 use hdf5_metno_sys::h5p::H5P_DEFAULT;
+use hdf5_metno_sys::h5t::{H5T_class_t, H5Tget_class, H5Tget_fields, H5Tget_size, H5Tget_tag};
 
 /// The bit of the first filter in the mask of those that a chunk was stored without.
 const FIRST_FILTER: u32 = 1;
@@ -64,4 +67,51 @@ pub(super) fn compress(level: u8, shuffle: BloscShuffle, values: &[u8], out: &mu
         )
     };
     usize::try_from(size).unwrap_or(0)
+}
+
+/// A type of elements, as far as the Rust interface does not tell it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum StoredType {
+    /// A float of so many bytes, and where its parts are: the bit of the sign; the first bit and the number of bits of the exponent;
+    /// those of the fraction.
+    Float { size: usize, parts: [usize; 5] },
+    /// So many bytes without a meaning, with the name that their writer gave them.
+    Opaque { size: usize, tag: String },
+    /// Another class of types, which the Rust interface knows or which has this name.
+    Other(&'static str),
+}
+
+/// The type of a dataset's elements.
+pub(super) fn stored_type(dtype: &Datatype) -> StoredType {
+    let id = dtype.id();
+    // SAFETY: the type is open while it is borrowed, each pointer is to a value of its own, the tag is freed once, after it was copied,
+    // and `sync` holds the lock under which every call of the library stands.
+    sync::sync(|| unsafe {
+        let size = H5Tget_size(id);
+        match H5Tget_class(id) {
+            H5T_class_t::H5T_FLOAT => {
+                let mut parts = [0; 5];
+                let [sign, exponent, exponent_bits, fraction, fraction_bits] = &mut parts;
+                H5Tget_fields(id, sign, exponent, exponent_bits, fraction, fraction_bits);
+                StoredType::Float { size, parts }
+            }
+            H5T_class_t::H5T_OPAQUE => {
+                let found = H5Tget_tag(id);
+                if found.is_null() {
+                    return StoredType::Opaque { size, tag: String::new() };
+                }
+                let tag = CStr::from_ptr(found).to_string_lossy().into_owned();
+                H5free_memory(found.cast());
+                StoredType::Opaque { size, tag }
+            }
+            H5T_class_t::H5T_TIME => StoredType::Other("time"),
+            H5T_class_t::H5T_BITFIELD => StoredType::Other("bit field"),
+            H5T_class_t::H5T_COMPOUND => StoredType::Other("compound"),
+            H5T_class_t::H5T_REFERENCE => StoredType::Other("reference"),
+            H5T_class_t::H5T_ENUM => StoredType::Other("enumeration"),
+            H5T_class_t::H5T_VLEN => StoredType::Other("list of any length"),
+            H5T_class_t::H5T_ARRAY => StoredType::Other("array"),
+            _ => StoredType::Other("unknown"),
+        }
+    })
 }
