@@ -50,7 +50,7 @@ struct Shared {
     attributes: Attributes,
     chunks_end: u64,
     labels: Labels,
-    /// Rows of the shortest column, all of which episodes must have.
+    /// In a file of others: rows of the shortest column, all of which episodes must have.
     whole: Option<usize>,
 }
 
@@ -112,7 +112,6 @@ impl Hdf5Dataset {
         let available =
             described.iter().map(|column| (column.field.name.as_str(), column.rows)).min_by_key(|c| c.1);
         let episodes = spans(path, &lengths, &offsets, available, unclean)?;
-        // Of files of others, which no writer continues.
         let whole = available.map(|(_, rows)| rows).filter(|_| attributes.columns.is_none() && !unclean);
         let rows = episodes.iter().map(|span| span.first + span.len).max().unwrap_or(0);
 
@@ -208,9 +207,8 @@ impl Dataset for Hdf5Dataset {
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {
-        let Shared { info, first, whole, .. } = &*self.shared;
-        let checked = whole.map_or(Ok(()), |rows| coverage::check(first, &info.lengths, rows));
-        checked.map_err(|error| DataError::damaged(&info.path, error))
+        let Shared { info, first, whole: Some(rows), .. } = &*self.shared else { return Ok(()) };
+        coverage::check(first, &info.lengths, *rows).map_err(|error| DataError::damaged(&info.path, error))
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
