@@ -3,7 +3,8 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
-use swm_core::{FieldKind, Slice};
+use swm_core::env::PIXELS;
+use swm_core::{Dtype, Field, FieldKind, Slice};
 
 use super::blocks;
 use crate::dataset::Dataset;
@@ -12,6 +13,8 @@ use crate::recording::EP_IDX;
 
 /// The column that is missing in the last row of an episode, by design.
 const ACTION: &str = "action";
+/// The column of goal images.
+const GOAL: &str = "goal";
 /// Problems are listed up to this number.
 const MAX_PROBLEMS: usize = 100;
 
@@ -53,6 +56,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
     for (name, reason) in &*dataset.info().skipped {
         report.notes.push(format!("`{name}` cannot be read and is left out: {reason}"));
     }
+    report.notes.extend(schema.fields().iter().filter_map(no_image));
     if !report.has_checksums {
         report.notes.push("it has no checksums: changed values cannot be noticed".to_owned());
     }
@@ -88,6 +92,20 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         }
     }
     report
+}
+
+/// The note of a column that looks like images and is read as numbers: channels first, or of floats.
+fn no_image(field: &Field) -> Option<String> {
+    let [first, _, last] = field.shape[..] else { return None };
+    let has_channels = |len| len == 1 || len == 3;
+    let is_like_one = match field.dtype {
+        Dtype::U8 => has_channels(first) && !has_channels(last),
+        _ => [PIXELS, GOAL].contains(&&*field.name) && (has_channels(first) || has_channels(last)),
+    };
+    let Field { name, dtype, shape, .. } = field;
+    is_like_one.then(|| {
+        format!("column `{name}` is {dtype} of shape {shape:?} and read as numbers; images are uint8 of shape [H, W, 3]")
+    })
 }
 
 /// What was found in one episode.

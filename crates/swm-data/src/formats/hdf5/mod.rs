@@ -2,6 +2,7 @@
 //! For the layout see `layout`; how a recording survives a crash, see `writer` and `superblock`.
 
 mod attributes;
+mod coverage;
 mod blosc;
 mod checksum;
 mod create;
