@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use numpy::{IxDyn, PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{IxDyn, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -29,6 +29,12 @@ pub(crate) fn into_array<'py>(py: Python<'py>, column: Column, shape: &[usize]) 
     })
 }
 
+/// The values of an array in the order of C; `None` where they lie otherwise in memory. (`as_slice` of the crate takes the order of
+/// Fortran, too, and gives the values of a transposed array as they lie.)
+pub(crate) fn c_slice<'a, T: numpy::Element>(array: &'a PyReadonlyArrayDyn<'_, T>) -> Option<&'a [T]> {
+    array.is_c_contiguous().then(|| array.as_slice().ok()).flatten()
+}
+
 /// A copy of the values of a C-contiguous array or a list of `str`, and the array's shape.
 pub(crate) fn from_array(name: &str, array: &Array<'_>) -> PyResult<(Column, Vec<usize>)> {
     macro_rules! column {
@@ -36,7 +42,7 @@ pub(crate) fn from_array(name: &str, array: &Array<'_>) -> PyResult<(Column, Vec
             $(if let Ok(array) = array.cast::<PyArrayDyn<$type>>() {
                 let shape = array.shape().to_vec();
                 let values = array.try_readonly().map_err(|error| refused(name, &error.to_string()))?;
-                let values = values.as_slice().map_err(|error| refused(name, &error.to_string()))?;
+                let values = c_slice(&values).ok_or_else(|| refused(name, "its values are not in the order of C"))?;
                 return Ok((Column::$variant(values.to_vec()), shape));
             })*
         };

@@ -14,6 +14,7 @@ use swm::solvers::{
     Problem, Trace, WeightFn,
 };
 
+use crate::arrays::c_slice;
 use crate::errors::PlanFault;
 
 /// The exception of a callback, until the cost can return it: a trace has no way to fail.
@@ -152,7 +153,8 @@ fn pair<'py>(value: &Bound<'py, PyAny>) -> PyResult<[Bound<'py, PyAny>; 2]> {
 /// Copies the values of a C-contiguous array of the bridge.
 fn read<T: Element + Copy>(array: &Bound<'_, PyAny>, what: &str, out: &mut [T]) -> PyResult<()> {
     let array = array.cast::<PyArrayDyn<T>>()?.try_readonly()?;
-    let values = array.as_slice()?;
+    let wrong = || PlanFault::new_err(format!("{what}: the values are not in the order of C"));
+    let values = c_slice(&array).ok_or_else(wrong)?;
     if values.len() != out.len() {
         let (found, expected) = (values.len(), out.len());
         return Err(PlanFault::new_err(format!(

@@ -11,6 +11,7 @@ use swm::core::error::{did_you_mean, nearest};
 use swm::core::{Column, Dtype, EnvSpec, FactorSpec, ResetOptions, Value};
 use swm::fov::color_values;
 
+use crate::arrays::c_slice;
 use crate::errors::{OrRaise as _, PolicyFault, SwmError};
 
 /// Any array, number or list as a NumPy array in the order of C.
@@ -78,7 +79,7 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
     if wanted == Dtype::F32
         && let Ok(array) = given.cast::<PyArrayDyn<f32>>()
         && let Ok(array) = array.try_readonly()
-        && let Ok(values) = array.as_slice()
+        && let Some(values) = c_slice(&array)
         && has_shape(array.shape(), &shape)
     {
         return Ok(Column::F32(values.to_vec()));

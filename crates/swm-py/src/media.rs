@@ -13,6 +13,7 @@ use swm::core::{EpisodeEnd, LiveStep, Recorder, RunInfo};
 use swm::media::{Clip, Format, contact_sheet as sheet, png};
 use swm::video::Video;
 
+use crate::arrays::c_slice;
 use crate::errors::SwmError;
 
 /// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
@@ -33,6 +34,10 @@ fn size(frames: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<[usize; 3]> {
     }
 }
 
+fn values<'a>(frames: &'a PyReadonlyArrayDyn<'_, u8>) -> PyResult<&'a [u8]> {
+    c_slice(frames).ok_or_else(|| SwmError::new_err("frames must be contiguous; use np.ascontiguousarray"))
+}
+
 /// Writes frames `(T, H, W, 3)` as a video (`.mp4`, `.gif`), enlarged if they are small, or as a `.png` with all of them side by side.
 #[pyfunction]
 fn save_video(
@@ -43,7 +48,7 @@ fn save_video(
 ) -> PyResult<()> {
     let [_, height, width] = size(&frames)?;
     let mut clip = Clip::new(height, width, frames_per_second);
-    for frame in frames.as_slice()?.chunks_exact(height * width * 3) {
+    for frame in values(&frames)?.chunks_exact(height * width * 3) {
         clip.push(frame).map_err(|error| SwmError::new_err(error.to_string()))?;
     }
     let is_video = !path.ends_with(".png");
@@ -55,7 +60,7 @@ fn save_video(
 #[pyfunction]
 fn contact_sheet<'py>(py: Python<'py>, frames: PyReadonlyArrayDyn<'py, u8>) -> PyResult<Bound<'py, PyBytes>> {
     let [_, height, width] = size(&frames)?;
-    let frames: Vec<&[u8]> = frames.as_slice()?.chunks_exact(height * width * 3).collect();
+    let frames: Vec<&[u8]> = values(&frames)?.chunks_exact(height * width * 3).collect();
     let rows: Vec<Vec<&[u8]>> = frames.chunks(COLUMNS).map(<[_]>::to_vec).collect();
     let wrong = |error: swm::media::MediaError| SwmError::new_err(error.to_string());
     let (height, width, rgb) = sheet(&rows, height, width, GAP).map_err(wrong)?;
