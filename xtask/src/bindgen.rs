@@ -39,6 +39,7 @@ const FUNCTIONS: &[&str] = &[
     "mj_(parseXML|compile|deleteSpec|copyModel|saveModel|deleteModel|sizeModel|name2id|id2name|setConst)",
     "mj_(makeData|deleteData|resetData|stateSize|getState|setState)",
     "mj_(forward|step|step1|step2|rnePostConstraint|kinematics|jacSite)",
+    "mju_error",
     "mjs_(add(Body|Camera|Frame|FreeJoint|Geom|Light|Site)|as(Body|Geom|Joint|Light|Material|Mesh|Sensor|Site|Texture))",
     "mjs_(attach|delete|findElement|firstElement|nextElement|getError|getName|getParent|getSpecDefault|getString)",
     "mjs_set(Float|Int|Name|String)",

@@ -185,7 +185,7 @@ impl DataError {
     ) -> Self {
         let path = path.to_owned();
         let first: &(dyn Error + 'static) = reason.as_ref();
-        match iter::successors(Some(first), |&error| error.source()).any(|error| error.is::<NotBuiltIn>()) {
+        match iter::successors(Some(first), |&error| error.source()).any(<dyn Error>::is::<NotBuiltIn>) {
             true => Self::Unsupported { path, column, episode, reason },
             false => Self::Damaged { path, column, episode, reason },
         }

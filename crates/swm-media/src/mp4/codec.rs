@@ -120,7 +120,7 @@ impl Codec {
                             }
                         }
                         (PICTURE_PARAMETERS, _) => {
-                            pictures.extend(PictureSet::read(unit).filter(|set| !pictures.contains(set)))
+                            pictures.extend(PictureSet::read(unit).filter(|set| !pictures.contains(set)));
                         }
                         (SLICE, Some(set)) if is_misread(unit, &set.numbers, pictures) == Some(true) => {
                             return Err(unsupported("H.264 in temporal direct mode without CABAC"));
