@@ -14,12 +14,14 @@ fn model(encode: &str, cost: &str, gradient: Option<&str>) -> PathBuf {
     let files = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/outputs");
     let name = format!("{encode}-{cost}-{}", gradient.unwrap_or("none"));
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::create_dir_all(&folder).expect("a folder is made");
     let named = [Some((encode, "encode")), Some((cost, "cost")), gradient.map(|file| (file, "cost_grad"))];
     for (file, name) in named.into_iter().flatten() {
-        std::fs::copy(files.join(format!("{file}.onnx")), folder.join(format!("{name}.onnx"))).unwrap();
+        std::fs::copy(files.join(format!("{file}.onnx")), folder.join(format!("{name}.onnx")))
+            .expect("a file is copied");
     }
-    std::fs::write(folder.join("model.json"), r#"{"name": "by-hand", "action_block": 5}"#).unwrap();
+    std::fs::write(folder.join("model.json"), r#"{"name": "by-hand", "action_block": 5}"#)
+        .expect("a file is written");
     folder
 }
 

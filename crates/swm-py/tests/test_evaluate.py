@@ -295,7 +295,7 @@ def test_manifests_that_nothing_could_run_are_not_written(tmp_path: Path, pusht_
     path = tmp_path / "m.toml"
     recorded = {"dataset": pusht_file, "goal_offset": 5}
     for wrong, words in (
-        ({"budget": 0}, "0 actions; use 1 or more"),
+        ({"budget": 0}, "budget=0: no action is allowed; use 1 or more"),
         ({"distractors": ["noise"]}, "no image size; give one"),
         ({**recorded, "held_out": 0.0}, "held_out.*above 0 and at most 1"),
         ({**recorded, "held_out": 1.5}, "held_out.*above 0 and at most 1"),

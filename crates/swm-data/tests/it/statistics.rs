@@ -91,7 +91,7 @@ fn constants_are_only_shifted_and_come_back() {
 
 #[test]
 fn a_million_rows_keep_their_mean_and_std() {
-    let value = |i: u32| f64::from(0.4249f32 + if i % 2 == 0 { 0.001 } else { -0.001 });
+    let value = |i: u32| f64::from(0.4249f32 + if i.is_multiple_of(2) { 0.001 } else { -0.001 });
     let rows: Vec<[f64; 2]> = (0..1_000_000).map(|i| [value(i), 1e6 + f64::from(i % 2)]).collect();
     let options = StatisticsOptions { quantiles: Vec::new(), ..StatisticsOptions::default() };
     let statistics = Statistics::compute(&mut dataset(&[rows]), &options).unwrap();

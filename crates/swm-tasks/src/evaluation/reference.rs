@@ -54,7 +54,6 @@ pub struct Reference {
 
 /// True cost of the evaluated policy minus that of the oracle, in the environment's task cost: positive is worse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct Regret {
     /// Pairs in which both costs are known.
     pub pairs: usize,

@@ -237,7 +237,10 @@ mod tests {
     }
 
     fn object(json: Json) -> Map<String, Json> {
-        json.as_object().unwrap().clone()
+        match json {
+            Json::Object(map) => map,
+            other => panic!("{other} is no object"),
+        }
     }
 
     /// A dataset of the toy environment: episodes of up to 5 actions.

@@ -79,7 +79,7 @@ impl Report for Vec<Message> {
 pub enum TaskError {
     /// The request is wrong.
     #[error("{0}")]
-    Request(Message),
+    Request(Box<Message>),
     /// The work failed, or the core refuses what is asked for.
     #[error(transparent)]
     Failed(BoxError),
@@ -97,7 +97,7 @@ impl TaskError {
 
 impl From<Message> for TaskError {
     fn from(message: Message) -> Self {
-        Self::Request(message)
+        Self::Request(Box::new(message))
     }
 }
 

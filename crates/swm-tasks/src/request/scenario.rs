@@ -278,7 +278,7 @@ mod tests {
                 [FactorSpec::new("point.gain", Space::uniform_box(swm_core::Dtype::F64, &[], 0.1, 2.0), 1.0)];
             let scenario = Scenario { vary: Some(&vary), set: &Map::new() };
             match scenario.options(&TOY, &factors, &mut ()) {
-                Err(TaskError::Request(message)) => message,
+                Err(TaskError::Request(message)) => *message,
                 other => panic!("{other:?}"),
             }
         };

@@ -173,7 +173,7 @@ impl Shared {
                     index.insert(column.to_owned(), numbers);
                 }
                 Ok(array) if let Some(reason) = array.too_large() => {
-                    skipped.push((column.to_owned(), reason))
+                    skipped.push((column.to_owned(), reason));
                 }
                 Ok(array) => {
                     let field = field(column, array.elements().dtype(), array.row_shape());

@@ -2,9 +2,9 @@
 //! For the layout see `layout`; how a recording survives a crash, see `writer` and `superblock`.
 
 mod attributes;
-mod coverage;
 mod blosc;
 mod checksum;
+mod coverage;
 mod create;
 mod deflate;
 mod encoding;

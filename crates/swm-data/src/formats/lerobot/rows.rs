@@ -25,6 +25,9 @@ pub(super) struct Place {
     pub(super) first: usize,
 }
 
+/// Rows on end, by table.
+type Runs = Vec<(PathBuf, Range<usize>)>;
+
 /// Where the rows of all episodes are, found when they are asked for first.
 #[derive(Debug, Default)]
 pub(super) struct Places {
@@ -34,7 +37,7 @@ pub(super) struct Places {
     /// By episode.
     found: Vec<OnceLock<Place>>,
     /// By number of an episode: all rows of tables that say it is theirs. Found when a table contradicts the list.
-    runs: OnceLock<BTreeMap<i64, Vec<(PathBuf, Range<usize>)>>>,
+    runs: OnceLock<BTreeMap<i64, Runs>>,
 }
 
 /// The labels of rows in a table (`episode_index` and the like); `None`: nothing.
@@ -149,8 +152,8 @@ impl Places {
         fits.then(|| Place { data: data.clone(), first: rows.start })
     }
 
-    fn all_runs(&self) -> BTreeMap<i64, Vec<(PathBuf, Range<usize>)>> {
-        let mut runs: BTreeMap<i64, Vec<(PathBuf, Range<usize>)>> = BTreeMap::new();
+    fn all_runs(&self) -> BTreeMap<i64, Runs> {
+        let mut runs: BTreeMap<i64, Runs> = BTreeMap::new();
         for path in tables(&self.folder.join(DATA), DEPTH) {
             let Ok(table) = Table::open(&path) else { continue };
             let numbers = table.integers("episode_index").unwrap_or_default();
