@@ -185,7 +185,10 @@ fn old_receipts_verify_and_old_flags_work() {
     std::fs::write(&changed, receipt.to_string()).unwrap();
     let message = swm_fails(1, &["verify-result", &changed, "--quiet"]);
     assert!(message.contains("`WorldModelPolicy(CEMSolver, Cost, horizon 5)` was an object of"), "{message}");
-    assert!(message.contains("`swm.evaluate`") && !message.contains("unknown policy"), "{message}");
+    assert!(
+        message.contains("swm.verify(receipt, policy=") && !message.contains("unknown policy"),
+        "{message}"
+    );
 
     let task = folder.path("task.json");
     std::fs::write(&task, receipt["manifest"].to_string()).unwrap();

@@ -34,6 +34,7 @@ def program(page: str) -> str:
         ("docs/python.md", "pusht.h5"),
         ("docs/torch.md", "pusht.h5"),
         ("docs/own-data.md", "lab.h5"),
+        ("docs/datasets.md", "mine.h5"),
     ],
 )
 def test_the_blocks_of_a_page_run(page: str, made: str, tmp_path: Path, run_python: Any) -> None:

@@ -2,9 +2,9 @@
 
 use swm_core::Batch;
 use swm_data::loader::{BatchOptions, ClipOptions, GoalOptions, Images, Loader, Rewards};
-use swm_data::{WriteMode, open};
+use swm_data::{WriteMode, create, open};
 
-use crate::support::{assert_same, contents, record};
+use crate::support::{assert_same, contents, episode, metadata, record, schema};
 
 fn loader(path: &std::path::Path, options: &ClipOptions) -> Loader {
     Loader::new(open(path).unwrap(), options).unwrap()
@@ -43,6 +43,22 @@ fn clips_stride_columns_and_keep_actions_dense() {
     }
 }
 
+/// Four episodes as a world records them: the first row has no reward, the last no action.
+fn record_rewards(path: &std::path::Path) {
+    let schema = schema();
+    let mut writer = create(path, WriteMode::Append, None).unwrap();
+    writer.begin(&schema, &metadata()).unwrap();
+    for (index, rows) in [5, 1, 60, 17].into_iter().enumerate() {
+        let mut batch = episode(&schema, index, rows);
+        batch.get_mut::<f64>("reward").unwrap()[0] = f64::NAN;
+        let actions = batch.get_mut::<f32>("action").unwrap();
+        actions.iter_mut().enumerate().for_each(|(at, value)| *value = at as f32);
+        actions[2 * (rows - 1)..].fill(f32::NAN);
+        writer.write_episode(&batch).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
 /// The rewards of a block's actions, by hand: row t holds the reward of arriving at it.
 fn summed(rewards: &[f64], first: usize, skip: usize) -> f64 {
     match rewards.get(first + 1..=first + skip) {
@@ -55,7 +71,7 @@ fn summed(rewards: &[f64], first: usize, skip: usize) -> f64 {
 fn rewards_are_beside_the_actions_that_earn_them_when_asked() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
-    record(&path, WriteMode::Append, 0..4).unwrap();
+    record_rewards(&path);
     let episodes = contents(&path);
     let keys = Some(vec!["reward".to_owned(), "action".to_owned()]);
     for (steps, skip) in [(1, 1), (3, 1), (3, 5)] {

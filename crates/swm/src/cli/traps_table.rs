@@ -39,7 +39,7 @@ pub(super) const TRAPS: &[Trap] = &[
     },
     Trap {
         software: "h5py 3.16 with ml_dtypes 0.6",
-        does: "an array of bfloat16 is written as opaque bytes and read as `|V2` (float8: `|V1`): the type is lost",
+        does: "an array of bfloat16 is written as opaque bytes and read as the void type `V2` (float8: `V1`): the type is lost",
         who: "who stores latents or images of models in bfloat16",
         fix: "store float16 or float32; read old files by `values.view(ml_dtypes.bfloat16)`",
         script: Some("h5py-forgets-bfloat16"),
