@@ -106,13 +106,14 @@ impl LeRobotDataset {
             return Err(wrong_type(format!("it has images of {height} x {width}"))).at(path.display());
         }
         let Some(begin) = *begin else { return video.read(None, steps, out) };
-        if self.times.as_ref().is_none_or(|(read, _)| *read != files.data) {
-            let table = Table::open(&files.data)?;
+        let Place { data, first } = shared.places.of(&shared.episodes, episode)?;
+        if self.times.as_ref().is_none_or(|(read, _)| read != data) {
+            let table = Table::open(data)?;
             let times = table.has(TIMESTAMP).then(|| table.column(TIMESTAMP)).transpose()?;
-            self.times = Some((files.data.clone(), times));
+            self.times = Some((data.clone(), times));
         }
         let times = match &self.times {
-            Some((_, Some(times))) => Times::Table(times, files.first),
+            Some((_, Some(times))) => Times::Table(times, *first),
             _ => Times::Rate(shared.info.rows_per_second.unwrap_or(f64::NAN)),
         };
         video.read(Some((begin, &times)), steps, out)

@@ -108,6 +108,20 @@ fn gaps_in_shared_videos_shift_no_images() {
 }
 
 #[test]
+fn images_belong_to_the_rows_whatever_table_holds_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dataset");
+    let name = "h264_main_long";
+    with_videos(&path, "v3.0", &[name]);
+    let list = path.join("meta/episodes/chunk-000/file-000.parquet");
+    fs::copy(videos().join("episodes_apart.parquet"), list).unwrap();
+    // The list names a table that is not there: the rows are found by their labels, and so are their times.
+    let data = path.join("data/chunk-000");
+    fs::rename(data.join("file-000.parquet"), data.join("file-001.parquet")).unwrap();
+    assert_eq!(images(&path, 1).unwrap(), at_times(name, 2.1, ROWS[1]));
+}
+
+#[test]
 fn a_row_without_an_image_at_its_time_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dataset");
