@@ -296,10 +296,10 @@ def test_manifests_that_nothing_could_run_are_not_written(tmp_path: Path, pusht_
     recorded = {"dataset": pusht_file, "goal_offset": 5}
     for wrong, words in (
         ({"budget": 0}, "budget=0: no action is allowed; use 1 or more"),
-        ({"distractors": ["noise"]}, "no image size; give one"),
+        ({"distractors": ["noise"]}, "there are none; give image_shape="),
         ({**recorded, "held_out": 0.0}, "held_out.*above 0 and at most 1"),
         ({**recorded, "held_out": 1.5}, "held_out.*above 0 and at most 1"),
-        ({**recorded, "budget": 0}, "0 actions"),
+        ({**recorded, "budget": 0}, "budget=0: no action is allowed"),
         ({"episodes": 0}, "0 pairs"),
     ):
         with pytest.raises(swm.SwmError, match=words):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import difflib
 import inspect
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from ._arrays import Array, is_array, is_tensor, require_torch
 
@@ -122,7 +123,7 @@ def observed_columns(env: Any) -> tuple[str, ...]:
 
 
 @contextmanager
-def with_note(infos: Mapping[str, Any], transforms: Mapping[str, Any]) -> Iterator[None]:
+def with_note(infos: Mapping[str, Any], transforms: Mapping[str, Any]) -> Generator[None]:
     """Adds to an error of a model that it was given images as the World has them, which few models take."""
     try:
         yield
@@ -161,14 +162,14 @@ def plan_bounds(space: Any, scaler: Any) -> tuple[tuple[Array, Array], tuple[Arr
     if scaler is None:
         return (low, high), (both[0], both[1])
     finite = np.isfinite(both)
-    safe = np.where(finite, both, 0.0)
+    safe = cast("npt.NDArray[np.float64]", np.where(finite, both, 0.0))
     # A third row takes its elements from both in turn: a scaling of each element by itself gives what it gave there.
-    turns = np.arange(safe.shape[1]) % 2
-    mixed = np.where(turns == 0, safe[0], safe[1])
+    is_first = np.arange(len(safe[0])) % 2 == 0
+    mixed = cast("npt.NDArray[np.float64]", np.where(is_first, safe[0], safe[1]))
     planned = np.asarray(scale(scaler, "action", np.stack([*safe, mixed])), np.float64)
     if not np.isfinite(planned).all():
         raise ValueError(f"{type(scaler).__name__} in process['action'] gives values that are not finite; fit it without NaN")
-    if not np.allclose(planned[2], np.where(turns == 0, planned[0], planned[1])):
+    if not np.allclose(planned[2], cast("npt.NDArray[np.float64]", np.where(is_first, planned[0], planned[1]))):
         raise ValueError(
             f"{type(scaler).__name__} in process['action'] mixes the elements of an action, so that plans have no bounds of "
             "their own; give PlanConfig(clip_actions=False), or scale each element by itself"

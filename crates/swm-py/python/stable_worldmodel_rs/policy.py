@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -199,10 +199,11 @@ class RandomPolicy(BasePolicy):
 
     def get_action(self, obs: Any, **kwargs: Any) -> Any:
         single, count = getattr(self.env, "single_action_space", None), getattr(self.env, "num_envs", 1)
-        seeds = _episode_seeds(self.env, obs, count) if isinstance(obs, dict) else None
+        infos = cast("dict[str, Any]", obs) if isinstance(obs, dict) else {}
+        seeds = _episode_seeds(self.env, infos, count) if infos else None
         if self.seed is None or seeds is None or single is None or single.shape is None:
             return self.env.action_space.sample()
-        begun = _flags(obs.pop("_needs_flush", None), count) | _is_first(obs, count)
+        begun = _flags(infos.pop("_needs_flush", None), count) | _is_first(infos, count)
         if len(self._spaces) != count:
             self._spaces = [deepcopy(single) for _ in range(count)]
             begun[:] = True
@@ -400,12 +401,13 @@ class WorldModelPolicy(BasePolicy):
         self._gives_keys = takes_keys and is_ours
         # Zeros are what a search begins with, but where a model's own actions do, where zeros are a plan of integers, and
         # where a solver of others decides.
-        self._zeros_differ = not is_ours or isinstance(self.solver.cost, Actionable) or self.solver.plans_integers
+        solver: Any = self.solver
+        self._zeros_differ: bool = not is_ours or isinstance(solver.cost, Actionable) or solver.plans_integers
         self._clipped_to = None
         if self._clips and (bounds := plan_bounds(env.single_action_space, self.process.get("action"))) is not None:
             self._clipped_to, planned = bounds
             if is_ours:
-                self.solver.set_bounds(*planned)
+                solver.set_bounds(*planned)
         self._observed = observed_columns(env)
         self._action_buffer = [deque(maxlen=self.flatten_receding_horizon) for _ in range(count)]
         self._next_init = None
@@ -498,7 +500,7 @@ class WorldModelPolicy(BasePolicy):
         if blocks is not None:
             infos[ACTION_HISTORY_KEY] = require_torch("tensors").from_numpy(blocks) if self._takes_tensors else blocks
         begins = self._next_init is not None and not (self._zeros_differ and not self._has_rest[due[0]])
-        initial = self._next_init[due] if begins else None
+        initial: Any = cast("Any", self._next_init)[due] if begins else None
         known = {"keys": self._keys(info_dict, due)} if self._gives_keys else {}
         with with_note(infos, self.transform):
             result = self.solver(infos, init_action=initial, **known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import gymnasium as gym
@@ -13,7 +13,8 @@ from gymnasium.vector.utils import batch_space
 
 from ._core import core as _swm
 from .envs.env import make_core
-from .envs.observed import Observed, goals_of
+from . import spaces
+from .envs.observed import Goals, Observed, goals_of
 from .world.native import NativePool
 
 __all__ = ["VectorEnv"]
@@ -82,10 +83,10 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         self._hides_image = image_shape is None
         self.single_action_space: gym.Space[Any] = self.pool.single_action_space
         self.action_space: gym.Space[Any] = self.pool.action_space
-        self.goals = goals_of(self.pool.spec_data, goals)
+        self.goals: Goals | None = goals_of(self.pool.spec_data, goals)
         if self.goals is not None:
-            self.compute_reward = self.goals.compute_reward
-        self._observed = Observed(self.pool, self._hides_image, self.goals)
+            self.compute_reward: Callable[..., Any] = self.goals.compute_reward
+        self._observed: Observed = Observed(self.pool, self._hides_image, self.goals)
         self.single_observation_space: gym.Space[Any] = self._observed.space
         self.observation_space: gym.Space[Any] = batch_space(self._observed.space, num_envs)
         self._over: Flags = np.zeros(num_envs, np.bool_)

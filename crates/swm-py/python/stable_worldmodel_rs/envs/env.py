@@ -14,7 +14,7 @@ from .. import spaces
 from .._core import core as _swm
 from ..world.ids import native_id
 from ..world.native import NativePool, checked_shape, make_native
-from .observed import Observed, goals_of
+from .observed import Goals, Observed, goals_of
 
 __all__ = ["Env", "make_core"]
 
@@ -112,11 +112,11 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         self._hides_image = image_shape is None
         self._copy = copy
         self.action_space: gym.Space[npt.NDArray[Any]] = self.pool.single_action_space
-        self.goals = goals_of(self.pool.spec_data, goals)
+        self.goals: Goals | None = goals_of(self.pool.spec_data, goals)
         if self.goals is not None:
             # Libraries take an environment with this attribute for one with goals.
-            self.compute_reward = self.goals.compute_reward
-        self._observed = Observed(self.pool, self._hides_image, self.goals)
+            self.compute_reward: Callable[..., Any] = self.goals.compute_reward
+        self._observed: Observed = Observed(self.pool, self._hides_image, self.goals)
         self.observation_space: gym.Space[Observation] = cast("gym.Space[Observation]", self._observed.space)
         self.metadata = {**self.metadata, "render_fps": round(1 / (self.pool.spec_data["time_step_s"] * frame_skip))}
 

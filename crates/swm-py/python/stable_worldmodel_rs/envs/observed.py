@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -81,7 +81,7 @@ def goals_of(spec: Mapping[str, Any], given: bool | Mapping[str, Any] | None) ->
     if lacking := [name for name in known[:4] if name not in given]:
         raise _swm.SwmError(f"goals: {', '.join(f'`{name}`' for name in lacking)} is missing; it needs {', '.join(known[:4])}")
     goals = Goals(**given)
-    columns = {field["name"]: int(np.prod(field["shape"])) for field in spec["fields"] if field["dtype"] != "str"}
+    columns = {field["name"]: int(cast("Any", np.prod(field["shape"]))) for field in spec["fields"] if field["dtype"] != "str"}
     for name in (*goals.observation, goals.achieved_goal, goals.desired_goal):
         if name not in columns:
             raise _swm.SwmError(f"goals: `{spec['id']}` has no column `{name}`; it has {', '.join(columns)}")
@@ -103,7 +103,7 @@ class Observed:
     """
 
     def __init__(self, pool: NativePool, hides_image: bool, goals: Goals | None) -> None:
-        self._goals = goals
+        self._goals: Goals | None = goals
         columns = spaces.observation_space(pool.spec_data).spaces
         shown = {name: space for name, space in columns.items() if not (hides_image and name == "pixels")}
         if goals is not None:
@@ -112,8 +112,8 @@ class Observed:
             boxes = {name: gym.spaces.Box(-np.inf, np.inf, (size // pool.num_envs,), np.float64) for name, size in sizes.items()}
             shown = {**boxes, **{name: space for name, space in shown.items() if name == "pixels"}}
         #: The space of one environment.
-        self.space = gym.spaces.Dict(shown)
-        self._shapes = {name: space.shape for name, space in shown.items()}
+        self.space: gym.spaces.Dict = gym.spaces.Dict(shown)
+        self._shapes: dict[str, tuple[int, ...] | None] = {name: space.shape for name, space in shown.items()}
 
     def __contains__(self, name: str) -> bool:
         return name in self._shapes

@@ -55,11 +55,16 @@ def _array(value: Any) -> npt.NDArray[Any] | None:
     return array if array.dtype.kind in _NUMBERS else None
 
 
+def is_array(value: Any) -> bool:
+    """Whether it is an array of NumPy; its type stays open, as that of its elements is."""
+    return isinstance(value, np.ndarray)
+
+
 def missing(value: Any) -> Any:
     """What stands where a value such as this one is missing."""
     if is_tensor(value):
         return value.new_full(value.shape, float("nan") if value.is_floating_point() else 0)
-    if not isinstance(value, np.ndarray):
+    if not is_array(value):
         return "" if isinstance(value, str) else None
     kind = value.dtype.kind
     return np.full_like(value, np.nan if kind == "f" else -1 if kind == "i" else 0)
@@ -98,7 +103,7 @@ class Table:
                 if name not in self.columns:
                     self._add(name, value)
                 shape = np.shape(self.columns[name])[2:]
-                if isinstance(value, np.ndarray) and row and value.shape != shape and name in self._observed:
+                if is_array(value) and row and value.shape != shape and name in self._observed:
                     raise ValueError(
                         f"`{name}` has the shape {shape} in environment 0 and {value.shape} in environment {row}; environments of "
                         "one World give it the same shape, or leave it out"
@@ -148,13 +153,13 @@ class Table:
 
     def _add(self, name: str, value: Any) -> None:
         """A column of missing values such as this one."""
-        value = np.asarray(value) if isinstance(value, np.generic) else value
+        value = np.asarray(cast("Any", value)) if isinstance(value, np.generic) else value
         blank, count = missing(value), len(self.given)
         if is_tensor(value):
             import torch
 
             self.columns[name] = torch.stack([blank] * count).unsqueeze(1)
-        elif isinstance(value, np.ndarray):
+        elif is_array(value):
             self.columns[name] = np.stack([blank] * count)[:, None]
         else:
             self.columns[name] = [[blank] for _ in range(count)]
@@ -177,7 +182,7 @@ class Table:
                 continue
             # Axes of length 1 may come and go.
             value = value.reshape(shape) if found != shape and hasattr(value, "reshape") else value
-            if isinstance(column, np.ndarray) and isinstance(value, np.ndarray):
+            if is_array(column) and is_array(value):
                 if not np.can_cast(value.dtype, column.dtype, "safe"):
                     # A first value of 0 must not make integers of what follows.
                     column = self.columns[name] = column.astype(np.result_type(column.dtype, value.dtype))

@@ -146,16 +146,16 @@ class EnvPool:
         rewards = np.zeros(self.num_envs, np.float32)
         terminateds = np.zeros(self.num_envs, np.bool_)
         truncateds = np.zeros(self.num_envs, np.bool_)
-        for row in np.flatnonzero(chosen & ~self._over):
+        for row in map(int, np.flatnonzero(chosen & ~self._over)):
             _, rewards[row], terminateds[row], truncateds[row], info = self.envs[row].step(each[row])
             self._over[row] = terminateds[row] or truncateds[row]
-            self.table.write(int(row), info, is_step=True)
+            self.table.write(row, info, is_step=True)
         return None, rewards, terminateds, truncateds, self.table.columns
 
     def _each(self, actions: Any) -> Sequence[Any]:
         """The actions, one for each environment."""
         if isinstance(self._action_space, (gym.spaces.Dict, gym.spaces.Tuple)):
-            return list(iterate(self._action_space, actions))
+            return list(iterate(cast("Any", self._action_space), actions))
         found: tuple[int, ...] = tuple(getattr(actions, "shape", None) or np.shape(actions))
         if not found or found[0] != self.num_envs:
             wanted = (self.num_envs, *(self.single_action_space.shape or ()))
@@ -170,14 +170,18 @@ class EnvPool:
             env.close()
 
 
-def _stack_fresh(per_env_infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _stack_fresh(  # pyright: ignore[reportUnusedFunction]
+    per_env_infos: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
     """Infos of all environments as one table, by the reference's name."""
     table = Table(len(per_env_infos))
     table.begin(per_env_infos)
     return table.columns
 
 
-def _write_env_info(stacked: dict[str, Any], idx: int, info: Mapping[str, Any]) -> None:
+def _write_env_info(  # pyright: ignore[reportUnusedFunction]
+    stacked: dict[str, Any], idx: int, info: Mapping[str, Any]
+) -> None:
     """Write one environment's infos into a table, by the reference's name; names that it lacks are left out."""
     known = {name: value for name, value in info.items() if name in stacked}
     if known:

@@ -8,7 +8,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -63,7 +63,7 @@ def _chosen(pair: str | tuple[int, int, int]) -> str:
 
 def _plain(value: Any) -> Any:
     """Arrays and numbers of NumPy, and what else counts as an integer, as JSON has them."""
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
+    return cast("Any", value).tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
 
 
 def make_manifest(

@@ -113,11 +113,11 @@ class PolicyInfos(dict[str, Any]):
     """The infos of a step as a policy gets them: every column is copied where it is read first, and then the policy's own."""
 
     # Names of columns that were not read yet: views of what is recorded.
-    _shared: Any = frozenset()
+    _shared: set[str] = set()
 
     def __init__(self, infos: Mapping[str, Any] | Iterable[tuple[str, Any]] = ()) -> None:
         super().__init__(infos)
-        self._shared = set(dict.keys(self))
+        self._shared = set(super().keys())
 
     def __getitem__(self, name: str) -> Any:
         value = super().__getitem__(name)

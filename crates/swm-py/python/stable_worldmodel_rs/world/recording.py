@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ class EpisodeRecorder:
 
     def keep(self, table: Table, mask: npt.NDArray[np.bool_]) -> None:
         """Keeps the present row of the environments of ``mask`` ``(N,)``."""
-        for row in np.flatnonzero(mask):
+        for row in map(int, np.flatnonzero(mask)):
             names = [name for name in table.columns if name in table.given[row] and not name.startswith("_")]
             self._rows[row].append({name: _value(table.columns[name], row) for name in names if name not in table.unfit})
 
@@ -76,6 +76,6 @@ class EpisodeRecorder:
 def _value(column: Any, row: int) -> Any:
     """The value of one environment, as NumPy has it, and as its own."""
     if isinstance(column, list):
-        return column[row][0]
+        return cast("list[Any]", column)[row][0]
     value = column[row, 0]
     return value.detach().cpu().numpy().copy() if is_tensor(value) else np.array(value)

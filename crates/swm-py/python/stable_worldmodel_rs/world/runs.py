@@ -85,7 +85,7 @@ class Runs:
             )
         if episodes is None:
             raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
-        if not isinstance(episodes, (int, np.integer)) or episodes < 1:
+        if not isinstance(cast("Any", episodes), (int, np.integer)) or episodes < 1:
             raise ValueError(f"World.evaluate: episodes={episodes}; ask for 1 or more, a whole number")
         if self._core is None:
             return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
@@ -189,7 +189,7 @@ class Runs:
         """
         if (path is None) == (writer is None):
             raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
-        if not isinstance(episodes, (int, np.integer)) or episodes < 1:
+        if not isinstance(cast("Any", episodes), (int, np.integer)) or episodes < 1:
             raise ValueError(f"World.collect: episodes={episodes}; ask for 1 or more, a whole number")
         target = Path(str(path or "")).expanduser()
         if path is not None:

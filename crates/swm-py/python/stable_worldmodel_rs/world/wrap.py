@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from .columns import flat, missing
+from .columns import flat, is_array, missing
 from .env_pool import EnvPool
 
 Image = npt.NDArray[np.uint8]
@@ -155,8 +155,8 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         """The columns of an action: ``action``, or ``action.<name>`` of a dict, of the space's type where that holds it."""
         dtype = getattr(self.env.action_space, "dtype", None)
         parts = flat({"action": action})
-        array = parts.get("action")
-        if isinstance(array, np.ndarray) and dtype is not None and np.can_cast(array.dtype, dtype, "same_kind"):
+        array: Any = parts.get("action")
+        if is_array(array) and dtype is not None and np.can_cast(array.dtype, dtype, "same_kind"):
             parts["action"] = array.astype(dtype)
         return parts
 
@@ -214,7 +214,7 @@ def _names(space: Any, prefix: str = "") -> Iterator[str]:
         prefix = "observation"
     if prefix:
         yield prefix
-    parts = inner.items() if isinstance(inner, dict) else enumerate(inner or ())
+    parts = cast("dict[Any, Any]", inner).items() if isinstance(inner, dict) else enumerate(inner or ())
     for name, part in cast("Iterable[tuple[Any, Any]]", parts):
         yield from _names(part, f"{prefix}.{name}" if prefix else str(name))
 
