@@ -24,6 +24,7 @@ mod jobs;
 mod merging;
 mod newcomer;
 mod planning;
+mod preload;
 mod quality;
 mod replayable;
 mod reports;
@@ -33,6 +34,7 @@ mod results;
 mod shards;
 mod shell;
 mod slurm;
+mod streams;
 mod support;
 #[cfg(feature = "ui")]
 mod ui;

@@ -11,6 +11,8 @@
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! fixes it.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)] // They panic where the reader is gone or the disk full.
+
 mod acrobot;
 pub mod assets;
 mod ball_in_cup;

@@ -16,6 +16,8 @@
 //!
 //! What is deliberately absent: environments, numerics, a file format, and any state that is not in files.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)] // They panic where the reader is gone or the disk full.
+
 mod assets;
 mod commands;
 mod data;

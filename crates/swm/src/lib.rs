@@ -16,6 +16,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#![warn(clippy::print_stdout, clippy::print_stderr)] // They panic where the reader is gone or the disk full.
+
 mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -11,6 +11,7 @@
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char};
+use std::io::Write as _;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use super::bindings::{self as mj, Api, mjWarningStat, mjtWarning};
@@ -54,7 +55,7 @@ unsafe extern "C-unwind" fn on_error(message: *const c_char) {
         resume_unwind(Box::new(Raised(message)));
     }
     // A thread of MuJoCo's own, or a program without unwinding.
-    eprintln!("MuJoCo cannot continue: {message}");
+    let _ = writeln!(std::io::stderr(), "MuJoCo cannot continue: {message}");
     std::process::abort();
 }
 

@@ -1,5 +1,6 @@
 //! The thread of a live environment: obeys the page, steps at the chosen rate, and sends frames.
 
+use std::io::Write as _;
 use std::time::{Duration, Instant};
 
 use axum::extract::ws::Message;
@@ -77,7 +78,8 @@ pub(super) fn run(app: &App, inbox: &Inbox, out: Sender<Message>) {
     if let Some(recording) = &mut session.recording
         && let Err(error) = recording.commit()
     {
-        eprintln!("the last episode of {} is lost: {error}", recording.name);
+        // Where nobody reads stderr, the page goes on.
+        let _ = writeln!(std::io::stderr(), "the last episode of {} is lost: {error}", recording.name);
     }
 }
 

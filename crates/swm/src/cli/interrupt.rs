@@ -12,6 +12,7 @@ use std::time::Duration;
 use swm_core::Cancel;
 
 use super::called;
+use super::output::print_to_stderr;
 
 /// How long a command may take to stop by itself, in ms.
 static GRACE_MS: AtomicU64 = AtomicU64::new(200);
@@ -71,7 +72,7 @@ pub(super) const REPEAT: &str = "repeat the command";
 pub(super) fn say() {
     let mut advice = ADVICE.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(advice) = advice.take() {
-        eprintln!("interrupted: {}", called::told(&advice()));
+        print_to_stderr(&format!("interrupted: {}\n", called::told(&advice())));
     }
 }
 

@@ -69,7 +69,7 @@ impl<'a> Status<'a> {
         let done = Done::all(folder, &progress)?;
         let mut failed = BTreeMap::new();
         for &shard in &progress.failed {
-            failed.extend(read_json(&folder.failed(shard))?.map(|failed: Failed| (shard, failed)));
+            failed.insert(shard, read_json(&folder.failed(shard))?.unwrap_or_else(Failed::without_space));
         }
         let left = progress.missing(folder);
         let begun = left.iter().map(|&shard| (shard, episodes_of(registry, folder, shard)));

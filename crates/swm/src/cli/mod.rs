@@ -41,6 +41,7 @@ mod report;
 mod scenario;
 mod solvers;
 mod stats;
+mod streams;
 mod submit;
 mod sweep;
 mod table;
@@ -170,7 +171,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         }
         Err(failure) => {
             if !failure.is_told() {
-                eprintln!("{failure}");
+                output::print_to_stderr(&format!("{failure}\n"));
             }
             ExitCode::from(failure.exit_code())
         }

@@ -1,7 +1,7 @@
 //! What a command prints: JSON or tables to stdout, progress and notes to stderr, failures in one readable block.
 
 use std::fmt;
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,6 +12,7 @@ use swm_data::DataError;
 use swm_tasks::request::TaskError;
 
 use super::called;
+pub(super) use super::streams::{print, print_of_clap, print_to_stderr};
 pub(crate) use super::table::table;
 use super::words::Options;
 
@@ -163,29 +164,6 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Prints help, the version or what is wrong in a command line, each where clap says.
-pub(super) fn print_of_clap(error: &clap::Error) {
-    // Clap's own way has styles.
-    if !called::is_renamed() {
-        let _ = error.print();
-        return;
-    }
-    let text = error.render().to_string();
-    match error.use_stderr() {
-        true => eprint!("{}", called::told(&text)),
-        // A reader that is gone has no wish.
-        false => drop(print(&called::told(&text))),
-    }
-}
-
-/// Prints to stdout. A reader that has what it wants (`head`, say) is no failure.
-pub(super) fn print(text: &str) -> Result<(), Failure> {
-    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        result => Ok(result.map_err(|error| format!("cannot write to the standard output: {error}"))?),
-    }
-}
-
 /// Where and how results go.
 pub(crate) struct Output {
     json: bool,
@@ -220,11 +198,11 @@ impl Output {
         if self.json { print(&serde_json::to_string_pretty(json)?) } else { Ok(()) }
     }
 
-    /// A note for people. Stderr has no buffer: as one text, a line is one write, and processes beside this one cannot cut it.
+    /// A note for people.
     pub(crate) fn note(&self, text: impl fmt::Display) {
         if !self.quiet {
             let line = format!("{text}\n");
-            eprint!("{}", called::told(&line));
+            print_to_stderr(&called::told(&line));
         }
     }
 
@@ -237,7 +215,7 @@ impl Output {
     pub(crate) fn bar(&self, len: u64, unit: &str) -> ProgressBar {
         let bar = self.bar_alone(len, unit);
         if !self.quiet && !self.shows_bars() {
-            report(&bar, unit, REPORT_EVERY, |line| eprintln!("{line}"));
+            report(&bar, unit, REPORT_EVERY, |line| print_to_stderr(&format!("{line}\n")));
         }
         bar
     }

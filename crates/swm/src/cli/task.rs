@@ -10,7 +10,7 @@ use swm_core::Registry;
 use swm_data::recording::WriterLock;
 
 use super::damage;
-use super::output::{Postponed, counted};
+use super::output::{Postponed, counted, print_to_stderr};
 use super::work::{self, Kind};
 use super::{Failure, Output, interrupt, usage, version};
 use crate::evaluation::file_hash;
@@ -208,29 +208,33 @@ impl Run<'_> {
                  more shards"
             )))
         } else {
-            let _redirected = Redirected::to(&log_path)?;
-            eprintln!("{attempt}");
-            let line = work::shard_line(folder, kind, shard);
-            let ran = again_after_io_error(|| work::run(registry, &line, &Output::new(false, false)));
-            let ran = ran.and_then(|()| work::check_shard(registry, folder, kind, shard));
-            match &ran {
-                Err(failure) if failure.is_cancelled() => interrupt::say(),
-                Err(failure) => eprintln!("{failure}"),
-                Ok(()) => {}
-            }
-            ran
+            Redirected::to(&log_path).and_then(|_redirected| {
+                print_to_stderr(&format!("{attempt}\n"));
+                let line = work::shard_line(folder, kind, shard);
+                let ran = again_after_io_error(|| work::run(registry, &line, &Output::new(false, false)));
+                let ran = ran.and_then(|()| work::check_shard(registry, folder, kind, shard));
+                match &ran {
+                    Err(failure) if failure.is_cancelled() => interrupt::say(),
+                    Err(failure) => print_to_stderr(&format!("{failure}\n")),
+                    Ok(()) => {}
+                }
+                ran
+            })
         };
+        let ran = ran.and_then(|()| self.write_done(shard, &attempt, started.elapsed()));
         match ran {
             Err(failure) if failure.is_cancelled() => Err(failure),
             Err(failure) => {
                 let (status, message) = (failure.exit_code(), failure.to_string());
                 let Attempt { number: attempt, node, .. } = attempt;
-                // On a full disk this fails, too: the error that counts is the first one.
-                let _ = write_json(&folder.failed(shard), &Failed { status, message, attempt, node });
+                // On a full disk this fails, too, but a file without content needs no space. The error that counts is the first one.
+                let failed = folder.failed(shard);
+                if write_json(&failed, &Failed { status, message, attempt, node }).is_err() {
+                    let _ = std::fs::File::create(&failed);
+                }
                 Err(failure)
             }
             Ok(()) => {
-                self.write_done(shard, &attempt, started.elapsed())?;
                 drop(lock);
                 output.note(format!(
                     "shard {shard} of {of} is done ({:.1} s)",
@@ -304,7 +308,7 @@ impl Run<'_> {
             let joined = damage::check_parts(folder, kind, &progress)
                 .and_then(|()| work::join(registry, folder, kind, &Output::new(false, false)));
             if let Err(failure) = &joined {
-                eprintln!("{failure}");
+                print_to_stderr(&format!("{failure}\n"));
             }
             joined?;
         }
@@ -323,7 +327,7 @@ impl Run<'_> {
 fn again_after_io_error(mut run: impl FnMut() -> Result<(), Failure>) -> Result<(), Failure> {
     match run() {
         Err(failure) if failure.is_passing() => {
-            eprintln!("{failure}\nswm task: tried once more");
+            print_to_stderr(&format!("{failure}\nswm task: tried once more\n"));
             std::thread::sleep(RETRY_AFTER);
             run()
         }

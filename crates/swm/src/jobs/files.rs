@@ -21,7 +21,7 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), BoxE
     replace_text(path, &text).map_err(|error| cannot("write", path, error))
 }
 
-/// Reads a file that [`write_json`] wrote; `None` if it is not there.
+/// Reads a file that [`write_json`] wrote; `None` if it is not there, or empty, as a loss of power or a full disk leaves it.
 ///
 /// # Errors
 ///
@@ -30,6 +30,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, B
     match read_text(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(cannot("read", path, error)),
+        Ok(text) if text.trim().is_empty() => Ok(None),
         Ok(text) => match serde_json::from_str(&text) {
             Ok(value) => Ok(Some(value)),
             Err(error) => Err(format!("cannot read {}: {error}", path.display()).into()),
@@ -135,6 +136,8 @@ mod tests {
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
         let message = write_json(&folder.join("none/a.json"), &7).unwrap_err().to_string();
         assert!(message.contains("cannot write") && message.contains("none"), "{message}");
+        fs::write(&path, "").unwrap();
+        assert_eq!(read_json::<u64>(&path).unwrap(), None);
         fs::write(&path, "{").unwrap();
         assert!(read_json::<u64>(&path).unwrap_err().to_string().contains("cannot read"));
         fs::create_dir(folder.join("below")).unwrap();

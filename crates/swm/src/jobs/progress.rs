@@ -38,6 +38,14 @@ pub(crate) struct Failed {
     pub(crate) node: String,
 }
 
+impl Failed {
+    /// What an empty file stands for.
+    pub(crate) fn without_space() -> Self {
+        let message = "error: it failed, and there was no space to write why".to_owned();
+        Self { status: 1, message, attempt: 0, node: String::new() }
+    }
+}
+
 /// `finished.json`: the shards are joined.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Finished {
