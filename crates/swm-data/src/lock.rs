@@ -12,6 +12,9 @@ use crate::formats::disk;
 /// A lock file above this size is not ours.
 const MAX_BYTES: u64 = 4096;
 
+/// Looks at a lock file that others make and remove.
+const MAX_TRIES: usize = 1000;
+
 /// Held while a writer lives; removes the lock file when dropped.
 #[derive(Debug)]
 pub struct WriterLock {
@@ -32,11 +35,18 @@ impl WriterLock {
             path: dataset.to_owned(),
             holder: holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string()),
         };
+        let mut tries = 0;
         loop {
+            tries += 1;
             let mut file = match disk::open_own(&path, true) {
                 // Another writer made or removed it between two looks at it.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
-                Err(error) if error.kind() == io::ErrorKind::NotFound && folder_of(&path).is_dir() => {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists && tries < MAX_TRIES => continue,
+                // Nothing can be made in a folder that was removed under this process, and in some of the system.
+                Err(error)
+                    if error.kind() == io::ErrorKind::NotFound
+                        && tries < MAX_TRIES
+                        && folder_of(&path).is_dir() =>
+                {
                     continue;
                 }
                 Err(error) if error.kind() == io::ErrorKind::Other => {
@@ -44,8 +54,9 @@ impl WriterLock {
                 }
                 opened => opened.map_err(failed)?,
             };
+            let mut is_locked = false;
             match file.try_lock() {
-                Ok(()) => {}
+                Ok(()) => is_locked = true,
                 Err(TryLockError::WouldBlock) => return Err(busy(Holder::read(&file))),
                 // Some network file systems have no locks: there only what the file says protects, and only from
                 // processes of this machine, for whether others still live cannot be found out.
@@ -58,8 +69,11 @@ impl WriterLock {
             }
             // The former owner may have removed the file between our open and our lock: then take the new one.
             if is_at(&file, &path) {
-                let told = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
-                told.map_err(failed)?;
+                let named = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
+                // On a full disk the lock of the system is one without a name.
+                if !is_locked {
+                    named.map_err(failed)?;
+                }
                 return Ok(Self { path, file });
             }
         }
@@ -166,6 +180,13 @@ mod tests {
         drop(first);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
         WriterLock::take(&dataset).unwrap();
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_folder_in_which_nothing_can_be_made_is_an_error() {
+        let message = WriterLock::take(Path::new("/proc/a.h5")).unwrap_err().to_string();
+        assert!(message.contains("/proc/a.h5"), "{message}");
     }
 
     #[test]
