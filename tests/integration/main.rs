@@ -2,6 +2,7 @@
 //!
 //! One binary, one module per promise.
 
+mod at_once;
 mod bad_input;
 #[cfg(unix)]
 mod book;

@@ -41,6 +41,7 @@ pub mod buffer;
 pub mod dataset;
 mod entry;
 pub mod error;
+pub mod files;
 mod foreign;
 pub mod format;
 mod formats;

@@ -29,7 +29,20 @@ impl WriterLock {
     ///
     /// [`DataError::Busy`]: another writer has it, who is named; or the file of the lock cannot be made.
     pub fn take(dataset: &Path) -> Result<Self, DataError> {
-        let path = beside(dataset, ".lock");
+        Self::take_file(beside(dataset, ".lock"), dataset)
+    }
+
+    /// Takes the lock of a folder that one process at a time writes to, in its file `lock`.
+    ///
+    /// # Errors
+    ///
+    /// As of [`WriterLock::take`].
+    pub fn take_within(folder: &Path) -> Result<Self, DataError> {
+        Self::take_file(folder.join("lock"), folder)
+    }
+
+    /// Takes the lock in the file `path`; messages name `dataset`.
+    fn take_file(path: PathBuf, dataset: &Path) -> Result<Self, DataError> {
         let failed = |source| DataError::io(dataset, "create", source);
         let busy = |holder: Option<Holder>| DataError::Busy {
             path: dataset.to_owned(),

@@ -6,6 +6,7 @@ use swm_core::Evaluation;
 use swm_core::error::BoxError;
 use swm_media::{Clip, Format, contact_sheet, framed, png};
 
+use crate::text_file::replace_text;
 use crate::video::{Scene, Video};
 
 /// Images per row of the contact sheet, without the goal.
@@ -30,7 +31,7 @@ pub fn write_report(
         |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
     std::fs::create_dir_all(dir).map_err(|error| failed(dir, &error))?;
     let result = dir.join("result.json");
-    std::fs::write(&result, serde_json::to_string_pretty(evaluation)?)
+    replace_text(&result, &serde_json::to_string_pretty(evaluation)?)
         .map_err(|error| failed(&result, &error))?;
     let mut written = vec![result];
     let scenes: Vec<(u64, &Scene)> = video.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();

@@ -1,7 +1,7 @@
 //! Texts that a user names: settings, manifests, receipts. They may be pipes, but not endless. And texts that are replaced while
 //! others read them.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::Path;
 
@@ -68,20 +68,19 @@ fn in_line(text: &str, number: usize, said: &str) -> String {
     }
 }
 
-/// Writes a text as a whole: readers see the old one or the new one.
+/// Writes a text as a whole: readers see the old one or the new one, also after a loss of power.
 ///
 /// # Errors
 ///
 /// It cannot be written.
 pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
-    let new = path.with_extension(format!("{}.new", std::process::id()));
-    let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
-    // What is half written is of no use; the error that counts is the first one.
-    written.inspect_err(|_| drop(fs::remove_file(&new)))
+    swm_data::files::replace(path, text.as_bytes())
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

@@ -7,6 +7,7 @@ use swm_core::env::PIXELS;
 use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Metadata, Slice};
 use swm_data::Dataset;
+use swm_data::tools::sample_digest;
 
 use super::agent::OnlineAgent;
 use super::interface::{ACTION, GOAL_PREFIX, Goals, Interface, OBSERVED, REWARD};
@@ -33,15 +34,22 @@ pub struct LearnedData {
     /// Environment steps per row; `None` where the environment is unknown, and in runs of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_skip: Option<u32>,
+    /// [`sample_digest`] of the columns that it learns from; `None` in runs of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample: Option<String>,
 }
 
 impl LearnedData {
-    pub(super) fn of(dataset: &dyn Dataset) -> Self {
+    pub(super) fn of(dataset: &dyn Dataset, interface: &Interface) -> Result<Self, BaselineError> {
         let episodes = dataset.num_episodes();
         let rows = (0..episodes).map(|episode| dataset.episode_len(episode)).sum();
         let frame_skip =
             dataset.metadata().and_then(Metadata::of_known_env).map(|recorded| recorded.frame_skip);
-        Self { path: dataset.path().to_owned(), episodes, rows, frame_skip }
+        let observed = interface.observed();
+        let recorded = observed.iter().map(|name| name.strip_prefix(GOAL_PREFIX).unwrap_or(name));
+        let columns: Vec<&str> = recorded.chain([ACTION, REWARD]).collect();
+        let sample = Some(sample_digest(dataset, &columns)?);
+        Ok(Self { path: dataset.path().to_owned(), episodes, rows, frame_skip, sample })
     }
 }
 
@@ -165,7 +173,7 @@ pub(super) fn read(
     interface: &Interface,
     agent: &dyn OnlineAgent,
 ) -> Result<Clips, BaselineError> {
-    let rows = LearnedData::of(dataset).rows;
+    let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
     let mut clips = Clips::new(interface, agent, rows)?;
     each_episode(dataset, |rows| clips.push(&interface.transitions(rows, Goals::Reached)?))?;
     Ok(clips)

@@ -76,8 +76,8 @@ impl OnlineTraining {
         let agent = new.agent(settings, &interface)?;
         let config = new.config(env.id, env_settings, interface, agent.as_ref());
         let held = Held::Worlds(Box::new(worlds(env, agent.as_ref(), &config)?));
-        let run = RunFolder::create(folder, &config)?;
-        Ok(Self { _lock: run.lock()?, run, agent, config, held })
+        let (run, lock) = RunFolder::create(folder, &config)?;
+        Ok(Self { _lock: lock, run, agent, config, held })
     }
 
     /// A new run in `folder`, which must hold none, that learns from a dataset: every step is an update.
@@ -105,10 +105,10 @@ impl OnlineTraining {
         let interface = dataset::interface(dataset, entry.name, new.observe, image)?;
         let agent = new.agent(settings, &interface)?;
         let mut config = new.config(env, &metadata.settings, interface, agent.as_ref());
-        config.data = Some(LearnedData::of(dataset));
+        config.data = Some(LearnedData::of(dataset, &config.interface)?);
         dataset::check_length(dataset, agent.as_ref())?;
-        let run = RunFolder::create(folder, &config)?;
-        Ok(Self { _lock: run.lock()?, run, agent, config, held: Held::Dataset(dataset.share()) })
+        let (run, lock) = RunFolder::create(folder, &config)?;
+        Ok(Self { _lock: lock, run, agent, config, held: Held::Dataset(dataset.share()) })
     }
 
     /// Resumes the run in `folder`, in the environment that it was begun in, or on the dataset, which may have `moved`. `change` may
@@ -306,9 +306,10 @@ fn reopened(
             "its dataset is not there: {error}; bring it back, or name its place with --dataset"
         ))
     })?;
-    let mut found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref()) };
-    // Earlier versions did not record it.
+    let mut found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref(), interface)? };
+    // Earlier versions did not record them.
     found.frame_skip = found.frame_skip.filter(|_| data.frame_skip.is_some());
+    found.sample = found.sample.filter(|_| data.sample.is_some());
     let seen = || dataset::interface(dataset.as_ref(), agent, &interface.observed(), interface.image);
     match found == *data && seen()? == *interface {
         true => Ok(dataset),

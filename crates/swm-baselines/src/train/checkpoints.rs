@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::evaluate::sha256;
+use swm_data::files::DRAFT;
 
-use super::folder::{DRAFT, RunFolder, json};
+use super::folder::{RunFolder, json};
 use crate::error::BaselineError;
 
 const CHECKPOINTS: &str = "checkpoints";
@@ -177,7 +178,7 @@ mod tests {
     #[test]
     fn checkpoints_are_whole_or_not_there() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(folder.path(), &"what").unwrap();
+        let run = RunFolder::create(folder.path(), &"what").unwrap().0;
         write(&run, 7, &[1, 2]);
         // A kill before the description leaves the weights of a checkpoint that does not exist.
         fs::write(run.weights(9), b"half").unwrap();
@@ -198,7 +199,7 @@ mod tests {
     #[test]
     fn tidying_keeps_the_last_and_the_best() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(folder.path(), &"what").unwrap();
+        let run = RunFolder::create(folder.path(), &"what").unwrap().0;
         for step in 1..=5 {
             write(&run, step, &());
         }

@@ -12,6 +12,7 @@ use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{Subset, split_episodes};
 use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
+use swm_data::tools::sample_digest;
 use swm_data::{ClipOptions, DataError, Dataset, Loader, RenderOptions, Rendered};
 
 use super::scale::Scale;
@@ -62,6 +63,9 @@ pub struct DataConfig {
     pub episodes: usize,
     /// Steps of all episodes.
     pub rows: usize,
+    /// [`sample_digest`] of the columns that it learns from; `None` in runs of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample: Option<String>,
     /// The split into training and validation.
     pub split: Split,
     /// Side of images.
@@ -197,6 +201,7 @@ impl TrainData {
             frame_skip: recorded.map(|recorded| recorded.frame_skip),
             episodes,
             rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
+            sample: Some(sample_digest(dataset, columns)?),
             split,
             image: input_spec.image,
             action,

@@ -11,13 +11,15 @@
 //! RUN/lock                                     held by the process that trains
 //! ```
 
-use std::fs::{self, File, TryLockError};
-use std::io::{self, Write as _};
+use std::fs::{self, File};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use swm_core::evaluate::sha256;
+use swm_data::files;
+use swm_data::recording::WriterLock;
 
 use crate::error::BaselineError;
 
@@ -30,28 +32,28 @@ pub struct RunFolder {
 /// Held while a process trains in the folder; the system lets go of it when the process ends, however it ends.
 #[derive(Debug)]
 pub struct RunLock {
-    _file: File,
+    _lock: WriterLock,
 }
 
 const CONFIG: &str = "config.json";
-/// What the names of files that are being written begin with.
-pub(super) const DRAFT: &str = "new-";
 
 impl RunFolder {
-    /// A new run.
+    /// A new run, and the lock that keeps other processes from it: of two that begin at once, one has it before the first file is written.
     ///
     /// # Errors
     ///
-    /// A run is there already, or the folder cannot be written to.
-    pub fn create(path: &Path, config: &impl Serialize) -> Result<Self, BaselineError> {
+    /// A run is there already, another process trains in the folder, or it cannot be written to.
+    pub fn create(path: &Path, config: &impl Serialize) -> Result<(Self, RunLock), BaselineError> {
         let run = Self { path: path.to_owned() };
+        fs::create_dir_all(path).map_err(|error| run.io("make", path, error))?;
+        let lock = run.lock()?;
         if run.config_file().exists() {
             let reason = "a run is there already; give --resume to go on with it, or another folder";
             return Err(run.wrong(reason));
         }
         fs::create_dir_all(run.checkpoints_dir()).map_err(|error| run.io("make", path, error))?;
         run.write_config(config)?;
-        Ok(run)
+        Ok((run, lock))
     }
 
     /// The run in a folder.
@@ -111,15 +113,7 @@ impl RunFolder {
     ///
     /// Another process trains in it, or the folder cannot be written to.
     pub fn lock(&self) -> Result<RunLock, BaselineError> {
-        let path = self.path.join("lock");
-        let file = File::create(&path).map_err(|error| self.io("open", &path, error))?;
-        match file.try_lock() {
-            Ok(()) => Ok(RunLock { _file: file }),
-            Err(TryLockError::WouldBlock) => {
-                Err(self.wrong("another process trains in it; wait for it, or use another folder"))
-            }
-            Err(TryLockError::Error(error)) => Err(self.io("lock", &path, error)),
-        }
+        Ok(RunLock { _lock: WriterLock::take_within(&self.path)? })
     }
 
     /// Puts `bytes` in the place of the file at `path`: at any moment the old content stands there or the new, also
@@ -129,14 +123,7 @@ impl RunFolder {
     ///
     /// The file cannot be written.
     pub fn replace(&self, path: &Path, bytes: &[u8]) -> Result<(), BaselineError> {
-        let draft = draft(path);
-        let write = || {
-            let mut file = File::create(&draft)?;
-            file.write_all(bytes)?;
-            file.sync_all()?;
-            fs::rename(&draft, path)
-        };
-        write().map_err(|error| self.io("write", path, error))
+        files::replace(path, bytes).map_err(|error| self.io("write", path, error))
     }
 
     /// Lets `save` write a file, and puts it in its place when it is whole; its hash.
@@ -145,12 +132,12 @@ impl RunFolder {
         path: &Path,
         save: impl FnOnce(&Path) -> Result<(), BaselineError>,
     ) -> Result<String, BaselineError> {
-        let draft = draft(path);
+        let draft = files::draft(path);
         save(&draft)?;
         let settle = || {
             let hash = sha256(&fs::read(&draft)?);
             File::open(&draft)?.sync_all()?;
-            fs::rename(&draft, path)?;
+            files::settle(&draft, path)?;
             Ok(hash)
         };
         settle().map_err(|error| self.io("write", path, error))
@@ -190,12 +177,6 @@ impl RunFolder {
     }
 }
 
-/// Where a file is written before it takes its place. Its name ends as the file's own: that says what is in it.
-fn draft(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!("{DRAFT}{name}"))
-}
-
 pub(super) fn json(value: &impl Serialize) -> Vec<u8> {
     let mut text = serde_json::to_vec_pretty(value).expect("plain data with text keys");
     text.push(b'\n');
@@ -209,7 +190,8 @@ mod tests {
     #[test]
     fn a_run_is_made_once_and_says_what_is_damaged() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(folder.path(), &"what").unwrap();
+        let (run, lock) = RunFolder::create(folder.path(), &"what").unwrap();
+        drop(lock);
         assert!(RunFolder::create(folder.path(), &"what").unwrap_err().to_string().contains("--resume"));
         assert_eq!(RunFolder::open(folder.path()).unwrap().config::<String>().unwrap(), "what");
         fs::write(run.config_file(), b"\"wha").unwrap();
@@ -220,9 +202,12 @@ mod tests {
     #[test]
     fn one_process_trains_in_a_folder() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(folder.path(), &"what").unwrap();
-        let lock = run.lock().unwrap();
-        assert!(run.lock().unwrap_err().to_string().contains("another process"));
+        let (run, lock) = RunFolder::create(folder.path(), &"what").unwrap();
+        let process = format!("process {}", std::process::id());
+        assert!(run.lock().unwrap_err().to_string().contains(&process));
+        let loser = RunFolder::create(folder.path(), &"another").unwrap_err().to_string();
+        assert!(loser.contains(&process), "{loser}");
+        assert_eq!(run.config::<String>().unwrap(), "what");
         drop(lock);
         run.lock().unwrap();
     }

@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn lines_after_the_checkpoint_are_written_anew() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(folder.path(), &()).unwrap();
+        let run = RunFolder::create(folder.path(), &()).unwrap().0;
         let mut lines = JsonLines::after(&run, 0).unwrap();
         for step in 1..=4 {
             lines.record(&record(step)).unwrap();

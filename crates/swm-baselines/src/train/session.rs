@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use swm_core::{Cancel, Registry};
 use swm_data::{Dataset, Loader};
 
-use super::data::{Split, TrainData, data_dims, with_images};
+use super::data::{DataConfig, Split, TrainData, data_dims, with_images};
 use super::diagnosis::Diagnosis;
 use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
@@ -110,8 +110,8 @@ impl PreparedRun {
     /// A run is there already, or the folder cannot be written.
     pub fn create(self, folder: &Path) -> Result<Training, BaselineError> {
         let Self { model, data, config } = self;
-        let run = RunFolder::create(folder, &config)?;
-        Ok(Training { _lock: run.lock()?, run, model, data, config })
+        let (run, lock) = RunFolder::create(folder, &config)?;
+        Ok(Training { _lock: lock, run, model, data, config })
     }
 }
 
@@ -180,7 +180,9 @@ impl Training {
             config.data.env_settings.clone_from(&data.config.env_settings);
             config.data.frame_skip = data.config.frame_skip;
         }
-        if data.config != config.data {
+        let sample = data.config.sample.clone().filter(|_| config.data.sample.is_some());
+        let found = DataConfig { sample, ..data.config.clone() };
+        if found != config.data {
             let path = config.data.path.display();
             return Err(
                 run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --dataset"))

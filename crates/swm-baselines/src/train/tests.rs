@@ -250,7 +250,7 @@ fn first_loss(run: &RunFolder) -> f64 {
 }
 
 fn new_run(folder: &Path) -> RunFolder {
-    RunFolder::create(folder, &"toy").unwrap()
+    RunFolder::create(folder, &"toy").unwrap().0
 }
 
 #[test]

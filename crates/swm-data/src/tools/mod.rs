@@ -7,8 +7,10 @@ pub mod compare;
 pub mod copy;
 pub mod part_folder;
 pub mod parts;
+mod sample;
 pub mod verify;
 
+pub use sample::sample_digest;
 use swm_core::{Column, Field};
 
 use crate::dataset::{Dataset, Steps};

@@ -15,7 +15,7 @@ use swm_data::rendered::env_named;
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
 use crate::request::{Assignment, Fix, Message, TaskError};
-use crate::text_file::{json_error, read_text, toml_error};
+use crate::text_file::{json_error, read_text, replace_text, toml_error};
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
@@ -73,7 +73,7 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
         true => serde_json::to_string_pretty(&Sealed::from(manifest))? + "\n",
         false => to_toml(manifest)?,
     };
-    Ok(fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
+    Ok(replace_text(path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
 }
 
 /// Whether the file at `path` is this manifest already. A file that is anything else is not to be replaced unless that is
@@ -164,7 +164,7 @@ fn results_below(dir: &Path) -> Vec<String> {
 pub fn write_receipt(dir: &Path, receipt: &Receipt) -> Result<PathBuf, BoxError> {
     let path = dir.join("receipt.json");
     let text = serde_json::to_string_pretty(receipt)? + "\n";
-    fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    replace_text(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     Ok(path)
 }
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, sha256};
+use swm_data::recording::WriterLock;
 
 use crate::text_file::{read_text, replace_text};
 
@@ -17,6 +18,8 @@ use crate::text_file::{read_text, replace_text};
 pub struct Ledger {
     path: PathBuf,
     file: Option<File>,
+    /// Held while it is written: another process would write the same episodes.
+    lock: Option<WriterLock>,
     /// What is known already.
     pub known: BTreeMap<u64, EpisodeResult>,
     /// Seconds that each known episode took after the one before it.
@@ -71,8 +74,12 @@ impl Ledger {
     ///
     /// # Errors
     ///
-    /// It belongs to another evaluation, or cannot be read or written.
+    /// It belongs to another evaluation, another process writes it, or it cannot be read or written.
     pub fn open(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+        Self::open_locked(path, identity, WriterLock::take(path)?)
+    }
+
+    fn open_locked(path: &Path, identity: &impl Serialize, lock: WriterLock) -> Result<Self, BoxError> {
         let failed = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
         let mut ledger = match path.exists() {
             true => Self::read(path, identity)?,
@@ -87,6 +94,7 @@ impl Ledger {
         replace_text(path, &text).map_err(failed)?;
         ledger.file = Some(OpenOptions::new().append(true).open(path).map_err(failed)?);
         ledger.is_finished = false;
+        ledger.lock = Some(lock);
         Ok(ledger)
     }
 
@@ -96,10 +104,11 @@ impl Ledger {
     ///
     /// It cannot be read or written.
     pub fn open_again(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+        let lock = WriterLock::take(path)?;
         if path.exists() && Self::read(path, identity).is_err() {
             fs::remove_file(path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
         }
-        Self::open(path, identity)
+        Self::open_locked(path, identity, lock)
     }
 
     /// Reads a ledger that is there, and leaves it as it is.
@@ -147,7 +156,8 @@ impl Ledger {
 
     fn empty(path: &Path) -> Self {
         let (known, seconds) = (BTreeMap::new(), BTreeMap::new());
-        Self { path: path.to_owned(), file: None, known, seconds, is_finished: false, last: Instant::now() }
+        let (path, last) = (path.to_owned(), Instant::now());
+        Self { path, file: None, lock: None, known, seconds, is_finished: false, last }
     }
 
     /// Whether [`Ledger::finish`] ended it.
@@ -187,7 +197,7 @@ impl Ledger {
     ///
     /// The file cannot be removed.
     pub fn close(self) -> Result<(), BoxError> {
-        let Self { path, file, .. } = self;
+        let Self { path, file, lock: _lock, .. } = self;
         drop(file);
         Ok(fs::remove_file(&path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?)
     }

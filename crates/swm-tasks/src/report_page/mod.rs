@@ -19,7 +19,7 @@ use crate::evaluation::{
 };
 use crate::html;
 use crate::plan::PlanFigure;
-use crate::text_file::{json_error, read_text};
+use crate::text_file::{json_error, read_text, replace_text};
 use labels::{Label, labels};
 use replay::{Replayed, VideoCard, replay};
 
@@ -162,7 +162,7 @@ pub fn write_page(
         saved => receipts::saved(&receipts, &sweeps)?,
     };
     let html = html::render("report.html", page)?;
-    std::fs::write(path, html).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    replace_text(path, &html).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     Ok(notes)
 }
 

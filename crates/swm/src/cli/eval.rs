@@ -15,7 +15,7 @@ use super::args::{
     EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, note_images, policy, policy_args,
 };
 use super::eval_manifest::{EvalManifest, ReferenceArg};
-use super::output::{create_folder, key_values};
+use super::output::{claim, create_folder, key_values};
 use super::scenario::ScenarioArgs;
 use super::training_note::Ask;
 use super::work::Plan;
@@ -194,6 +194,8 @@ impl Eval {
             None => self.scenario.options(entry, factors, output)?,
             Some(_) => self.scenario.recorded_options(entry, factors, output)?,
         };
+        let claimed = |dir: &PathBuf| create_folder(dir).and_then(|()| claim(&dir.join("result.json")));
+        let _claim = self.out.as_ref().map(claimed).transpose()?;
         // What is mistyped is told first: a folder that holds a result is no reason to look for another mistake.
         if let Some(dir) = &self.out {
             // Found out now, a folder that cannot be written costs nothing.

@@ -10,7 +10,7 @@ use swm_core::{EnvEntry, Manifest, Registry};
 use swm_tasks::request::note_rewards_only;
 
 use super::args::{PartArgs, Shard, model_image, note_elites, note_images, policy_args, policy_files};
-use super::output::{counted, create_folder, table};
+use super::output::{claim, counted, create_folder, table};
 use super::rates::{at_reset, p_value, rate};
 use super::regret::regret_line;
 use super::training_note;
@@ -70,6 +70,9 @@ impl EvalManifest<'_> {
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
+        // Shards write parts of their own.
+        let whole = self.out.filter(|_| self.part.shard.is_none());
+        let _claim = whole.map(|dir| claim(&dir.join("receipt.json"))).transpose()?;
         let run = Run {
             registry,
             manifest: &manifest,

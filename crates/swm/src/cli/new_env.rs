@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use super::output::create_folder;
+use super::output::{claim, create_folder};
 use super::{Failure, Output, usage};
 
 /// The template's files. Its manifest has another name so that cargo does not take the folder for a package.
@@ -85,6 +85,7 @@ impl NewEnv {
             return Err(usage(format!("`{0}` is the name of another crate; use `my-{0}`", self.name)));
         }
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
+        let _claim = claim(&folder)?;
         if fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(usage(format!("{} exists and is not empty; give another --out", folder.display())));
         }

@@ -9,6 +9,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
+use swm_data::recording::WriterLock;
 use swm_tasks::request::TaskError;
 
 use super::called;
@@ -273,6 +274,11 @@ pub(super) fn create_parent(path: &Path) -> Result<(), Failure> {
     let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
     Ok(std::fs::create_dir_all(parent)
         .map_err(|source| DataError::io(parent, "create the folder", source))?)
+}
+
+/// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
+pub(super) fn claim(path: &Path) -> Result<WriterLock, Failure> {
+    Ok(WriterLock::take(path)?)
 }
 
 /// Makes a folder for results.

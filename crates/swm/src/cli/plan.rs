@@ -15,7 +15,7 @@ use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
 use super::args::{ImageArg, OptionalEnvArgs, WorldArgs, model_image, note_images, policy_args};
-use super::output::{counted, table};
+use super::output::{claim, counted, table};
 use super::plan_problem::Problem;
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
@@ -122,6 +122,7 @@ impl Plan {
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
         let rollout = problem.rollout(&mut world, &self.scenario, output)?;
+        let _claim = self.trace.as_deref().map(claim).transpose()?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {
             Some(lines) => Box::new(Arc::clone(lines)),

@@ -6,7 +6,7 @@ use clap::Args;
 use swm_core::Registry;
 use swm_media::Format;
 
-use super::output::create_parent;
+use super::output::{claim, create_parent};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::report_page::{Item, PageOptions, is_page, write_page};
@@ -64,10 +64,11 @@ impl ReportCommand {
         }
         let items: Vec<Item> =
             self.results.iter().map(|path| Item::read(path).map_err(usage)).collect::<Result<_, _>>()?;
+        create_parent(&self.out)?;
+        let _claim = claim(&self.out)?;
         self.check_out()?;
         let bar = output.bar(items.len() as u64, "results");
         let options = PageOptions { videos: self.videos, format, plans: self.plans };
-        create_parent(&self.out)?;
         let notes = write_page(registry, &self.out, &items, options, |policy| {
             bar.inc(1);
             bar.set_message(policy.to_owned());

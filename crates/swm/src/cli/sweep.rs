@@ -7,7 +7,7 @@ use swm_core::{Cancel, Manifest, Registry};
 use swm_tasks::request::note_rewards_only;
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
-use super::output::{create_folder, table};
+use super::output::{claim, create_folder, table};
 use super::rates::{at_reset, p_value, rate};
 use super::training_note;
 use super::work::Plan;
@@ -85,6 +85,10 @@ impl SweepCommand {
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
         let (cells, pairs) = (run.cells(), run.pairs());
+        // Shards write parts of their own.
+        let whole = self.out.as_ref().filter(|_| self.part.shard.is_none());
+        let claimed = |dir: &PathBuf| create_folder(dir).and_then(|()| claim(&dir.join("sweep.json")));
+        let _claim = whole.map(claimed).transpose()?;
         if let Some(dir) = &self.out {
             create_folder(dir)?;
             if !self.again

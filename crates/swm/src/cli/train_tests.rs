@@ -126,6 +126,61 @@ fn a_resumed_run_is_measured_on() {
 }
 
 #[test]
+fn of_trainings_that_begin_in_one_folder_at_once_one_is_made() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    for round in ["first", "second"] {
+        let begin = |seed: u64| bench.train(&format!("gcbc --preset small --seed {seed}"), "a.h5", round);
+        let ended = std::thread::scope(|scope| {
+            let all = [1, 2, 3].map(|seed| (seed, scope.spawn(move || begin(seed))));
+            all.map(|(seed, thread)| (seed, thread.join().unwrap()))
+        });
+        let won: Vec<u64> = ended.iter().filter(|(_, end)| end.is_ok()).map(|(seed, _)| *seed).collect();
+        let lost = ended.iter().filter_map(|(_, end)| end.as_ref().err());
+        for message in lost {
+            assert!(message.contains("process ") || message.contains("a run is there already"), "{message}");
+        }
+        let config = std::fs::read(bench.path(round).join("config.json")).unwrap();
+        let config: Json = serde_json::from_slice(&config).unwrap();
+        assert_eq!(won, [config["fit"]["seed"].as_u64().unwrap()]);
+    }
+}
+
+#[test]
+fn a_run_is_not_resumed_on_other_images() {
+    let bench = Bench::new();
+    bench.collect("--seed 1 --image-size 64x64", "white.h5");
+    bench.collect("--seed 1 --image-size 64x64 --set background.color=black", "black.h5");
+    bench.collect("--seed 1 --image-size 64x64", "again.h5");
+    bench.train("gcbc --preset small", "white.h5", "run").unwrap();
+    let agent = "tdmpc2 --preset small --observe pixels --set batch=4 --set horizon=2";
+    bench.train(agent, "white.h5", "agent").unwrap();
+    for run in ["run", "agent"] {
+        let resume = |data: Option<&str>, steps: u64| {
+            let run = bench.path(run);
+            let mut words = vec!["swm".to_owned(), "--resume".to_owned(), run.display().to_string()];
+            words.extend(["--steps".to_owned(), steps.to_string()]);
+            words.extend(
+                data.iter().flat_map(|data| ["--dataset".to_owned(), bench.path(data).display().to_string()]),
+            );
+            let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
+            train.run(&bench.registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
+        };
+        let message = resume(Some("black.h5"), 2).unwrap_err();
+        assert!(message.contains("black.h5 is not the dataset that it was begun with"), "{message}");
+        resume(Some("again.h5"), 2).unwrap();
+        // A run of an earlier version does not say what its images are, and is not changed to.
+        let config = bench.path(run).join("config.json");
+        let mut old: Json = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
+        assert!(old["data"].as_object_mut().unwrap().remove("sample").is_some());
+        std::fs::write(&config, serde_json::to_vec(&old).unwrap()).unwrap();
+        resume(Some("again.h5"), 3).unwrap();
+        let now: Json = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
+        assert_eq!(now["data"], old["data"]);
+    }
+}
+
+#[test]
 fn a_run_is_resumed_by_its_folder() {
     let folder = |words: &str| {
         let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());

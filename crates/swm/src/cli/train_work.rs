@@ -197,6 +197,7 @@ pub(super) fn failure(error: BaselineError) -> Failure {
         | BaselineError::Device { .. }
         | BaselineError::Run { .. } => usage(error),
         BaselineError::World(error) => error.into(),
+        BaselineError::Dataset(error) => error.into(),
         error => error.into(),
     }
 }

@@ -11,7 +11,7 @@ use crate::evaluation::difference::hashes;
 use crate::evaluation::held::refusal;
 use crate::evaluation::run::Candidate;
 use crate::report_page::sweep_figure;
-use crate::text_file::{json_error, read_text};
+use crate::text_file::{json_error, read_text, replace_text};
 
 /// Writes a sweep into the folder `dir`: as JSON, as a table and as a figure. Existing files are replaced.
 ///
@@ -21,7 +21,7 @@ use crate::text_file::{json_error, read_text};
 pub fn write_sweep(dir: &Path, sweep: &Sweep) -> Result<(), BoxError> {
     let write = |name: &str, text: &str| {
         let path = dir.join(name);
-        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+        replace_text(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
     };
     write("sweep.json", &(serde_json::to_string_pretty(sweep)? + "\n"))?;
     write("sweep.csv", &sweep.csv())?;
