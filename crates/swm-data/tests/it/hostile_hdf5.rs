@@ -1,4 +1,5 @@
-//! HDF5 files that name what lies outside of them: nothing of it is read, and the rest of the file is.
+//! HDF5 files that name other files or other datasets: nothing of them is read, and the rest of the file is. All of them are harmless to
+//! every program: they name files of the test, and what HDF5 allows. The guard goes by the kind of a link or storage, not by its target.
 
 use std::fs;
 use std::path::Path;
@@ -38,18 +39,18 @@ fn assert_left_out(path: &Path, name: &str, reason: &str) {
 #[test]
 fn raw_values_in_other_files_are_not_read() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, secret) = (folder.path().join("data.h5"), folder.path().join("secret"));
-    fs::write(&secret, "root:x:0:0:root:/root:/bin/bash\n").unwrap();
-    for target in [secret.to_str().unwrap(), "../secret", "/etc/passwd"] {
+    let (path, values) = (folder.path().join("data.h5"), folder.path().join("values.bin"));
+    fs::write(&values, [7; 32]).unwrap();
+    for target in [values.to_str().unwrap(), "values.bin"] {
         file(&path, |file| {
-            file.new_dataset::<u8>().shape((4, 8)).external(target, 0, 32).create("leak").unwrap();
+            file.new_dataset::<u8>().shape((4, 8)).external(target, 0, 32).create("more").unwrap();
         });
-        assert_left_out(&path, "leak", "lie in other files");
+        assert_left_out(&path, "more", "lie in other files");
     }
     // The index of episodes may not come from there either.
     file(&path, |file| {
         file.unlink("ep_len").unwrap();
-        file.new_dataset::<i32>().shape((1,)).external("secret", 0, 4).create("ep_len").unwrap();
+        file.new_dataset::<i32>().shape((1,)).external("values.bin", 0, 4).create("ep_len").unwrap();
     });
     let message = open(&path).err().unwrap().to_string();
     assert!(message.contains("no `ep_len`") && message.contains("lie in other files"), "{message}");
@@ -58,17 +59,13 @@ fn raw_values_in_other_files_are_not_read() {
 #[test]
 fn links_by_name_are_not_followed() {
     let folder = tempfile::tempdir().unwrap();
-    let [path, other, pipe] = ["data.h5", "other.h5", "pipe"].map(|name| folder.path().join(name));
+    let [path, other] = ["data.h5", "other.h5"].map(|name| folder.path().join(name));
     file(&other, |_| ());
-    for target in [&other, &folder.path().join("none.h5"), &pipe] {
-        // Whoever opened a pipe would wait for its writer.
-        if *target == pipe && !std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success() {
-            continue;
-        }
+    for target in [&other, &folder.path().join("none.h5")] {
         file(&path, |file| file.link_external(target.to_str().unwrap(), "state", "more").unwrap());
         assert_left_out(&path, "more", "not followed");
     }
-    for target in ["/state", "/nowhere", "more"] {
+    for target in ["/state", "/nowhere"] {
         file(&path, |file| file.link_soft(target, "more").unwrap());
         assert_left_out(&path, "more", "not followed");
     }
@@ -93,16 +90,16 @@ fn named_types_and_groups_do_not_make_a_file_unreadable() {
 fn virtual_datasets_are_not_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
-    // Its own source: reading it would never end.
-    file(&path, |file| {
-        file.new_dataset::<f64>().shape(4).virtual_map(".", "loop", 4, .., 4, ..).create("loop").unwrap();
-    });
-    assert_left_out(&path, "loop", "virtual dataset");
-    file(&path, |file| {
-        let pieces = file.new_dataset::<f64>().shape(4..);
-        pieces.virtual_map(".", "loop", 4.., .., 4.., ..).create("loop").unwrap();
-    });
-    assert_left_out(&path, "loop", "virtual dataset");
+    let other = folder.path().join("other.h5");
+    file(&other, |_| ());
+    // One that maps to itself is left out for the same reason.
+    for source in [".", other.to_str().unwrap()] {
+        file(&path, |file| {
+            let mapped = file.new_dataset::<f64>().shape(4);
+            mapped.virtual_map(source, "state", 4, .., 4, ..).create("mapped").unwrap();
+        });
+        assert_left_out(&path, "mapped", "virtual dataset");
+    }
 }
 
 #[test]
