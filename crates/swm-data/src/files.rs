@@ -59,9 +59,142 @@ pub fn open_regular(path: &Path) -> io::Result<fs::File> {
     disk::open_regular(path)
 }
 
+/// Opens the regular file `below` the folder `root` to read it: no part of its path leads out of the root, neither by `..` nor by a link,
+/// also while others exchange folders for links.
+///
+/// # Errors
+///
+/// It leads out of the root, is no regular file, or cannot be opened.
+pub fn open_beneath(root: &Path, below: &Path) -> io::Result<fs::File> {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{CWD, Mode, OFlags, ResolveFlags, openat, openat2};
+        use rustix::io::Errno;
+
+        let folder = openat(CWD, root, OFlags::PATH | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
+        // Without waiting for the writer of a pipe.
+        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
+        match openat2(
+            folder,
+            below,
+            flags,
+            Mode::empty(),
+            ResolveFlags::BENEATH | ResolveFlags::NO_MAGICLINKS,
+        ) {
+            Ok(file) => return regular(file.into()),
+            Err(Errno::XDEV) => return Err(outside()),
+            // A kernel before 5.6, or one that forbids it: by steps.
+            Err(Errno::NOSYS | Errno::PERM) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let real = fs::canonicalize(root.join(below))?;
+    if !real.starts_with(fs::canonicalize(root)?) {
+        return Err(outside());
+    }
+    disk::open_regular(&real).and_then(regular)
+}
+
+fn outside() -> io::Error {
+    io::Error::new(io::ErrorKind::PermissionDenied, "it leads out of its folder, by a link or `..`")
+}
+
+fn regular(file: fs::File) -> io::Result<fs::File> {
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is no regular file")),
+    }
+}
+
+/// Opens a file of a program's own to append to it, and makes it if it is not there. A link or a file with a second name is refused: what
+/// lies behind it may be somebody else's.
+///
+/// # Errors
+///
+/// It is such a file, or cannot be opened.
+pub fn append_own(path: &Path) -> io::Result<fs::File> {
+    let checked = disk::open_own(path, true)?;
+    let file = OpenOptions::new().read(true).append(true).open(path)?;
+    match disk::identity(&checked.metadata()?) == disk::identity(&file.metadata()?) {
+        true => Ok(file),
+        false => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it was replaced while it was opened")),
+    }
+}
+
+/// The first symbolic link below a folder that leads to where `is_allowed` is false, or nowhere.
+///
+/// # Errors
+///
+/// A folder cannot be read.
+pub fn link_out_of(folder: &Path, is_allowed: &impl Fn(&Path) -> bool) -> io::Result<Option<PathBuf>> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let (kind, path) = (entry.file_type()?, entry.path());
+        if kind.is_symlink() {
+            // What is behind an allowed link to a folder may have links, too; loops end, as they lead to what is looked at already.
+            match fs::canonicalize(&path) {
+                Ok(real) if is_allowed(&real) && !folder.starts_with(&real) => {
+                    if real.is_dir()
+                        && let Some(found) = link_out_of(&real, is_allowed)?
+                    {
+                        return Ok(Some(found));
+                    }
+                }
+                _ => return Ok(Some(path)),
+            }
+        } else if kind.is_dir()
+            && let Some(found) = link_out_of(&path, is_allowed)?
+        {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
+}
+
+/// Whether `name` stays in the folder that it is joined to, on every system.
+pub fn is_plain_name(name: &str) -> bool {
+    disk::is_plain_name(name)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn nothing_is_opened_outside_of_a_folder() {
+        use std::os::unix::fs::symlink;
+
+        let folder = tempfile::tempdir().unwrap();
+        let (root, private) = (folder.path().join("root"), folder.path().join("private"));
+        fs::create_dir_all(root.join("below")).unwrap();
+        fs::create_dir(&private).unwrap();
+        fs::write(private.join("a"), "private").unwrap();
+        fs::write(root.join("below/a"), "shown").unwrap();
+        symlink(private.join("a"), root.join("file")).unwrap();
+        symlink(&private, root.join("folder")).unwrap();
+        symlink("below/a", root.join("inside")).unwrap();
+        let read = |below: &str| open_beneath(&root, Path::new(below)).and_then(io::read_to_string);
+        assert_eq!(read("below/a").unwrap(), "shown");
+        assert_eq!(read("inside").unwrap(), "shown");
+        let outside = private.join("a");
+        for below in ["file", "folder/a", "../private/a", outside.to_str().unwrap()] {
+            let message = read(below).unwrap_err().to_string();
+            assert!(message.contains("out of its folder"), "{below}: {message}");
+        }
+        assert!(read("below").is_err() && read("none").is_err());
+        let allowed = |real: &Path| real.starts_with(fs::canonicalize(&root).unwrap());
+        let found = link_out_of(&root, &allowed).unwrap().unwrap();
+        assert!(["file", "folder"].iter().any(|name| found.ends_with(name)), "{found:?}");
+        fs::remove_file(root.join("file")).unwrap();
+        fs::remove_file(root.join("folder")).unwrap();
+        assert_eq!(link_out_of(&root, &allowed).unwrap(), None);
+        append_own(&root.join("log")).unwrap().write_all(b"one").unwrap();
+        append_own(&root.join("log")).unwrap().write_all(b" two").unwrap();
+        assert_eq!(read("log").unwrap(), "one two");
+        assert!(append_own(&root.join("inside")).unwrap_err().to_string().contains("symbolic link"));
+        assert_eq!(read("below/a").unwrap(), "shown");
+    }
 
     #[test]
     fn a_file_is_replaced_as_a_whole() {

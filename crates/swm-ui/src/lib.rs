@@ -11,6 +11,7 @@
 //! | `play` | a WebSocket per live environment, and the thread that steps it |
 //! | `data` | datasets: episodes, images, values, samples |
 //! | `results` | receipts, manifests, sweeps, training curves, jobs |
+//! | `connections` | closes those of strangers |
 //! | `commands` | what is handed in: jobs as the command line has them |
 //! | `server` | routes, limits, the idle stop |
 //!
@@ -20,6 +21,7 @@
 
 mod assets;
 mod commands;
+mod connections;
 mod data;
 mod error;
 mod guard;

@@ -1,8 +1,8 @@
 //! Results: what lies below the given paths, files of results as they are, curves of training runs, the progress of jobs.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
-use std::path::Path;
 use std::sync::Arc;
 
 use axum::extract::{Query, State};
@@ -11,7 +11,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::data::blocking;
 use crate::error::{Answer, Refusal, json};
-use crate::roots::{self, Kind};
+use crate::roots::Kind;
 use crate::server::App;
 
 /// Datasets, manifests, receipts, sweeps and training runs below the paths.
@@ -28,9 +28,9 @@ pub(crate) struct Named {
 pub(crate) async fn result(State(app): State<Arc<App>>, Query(Named { id }): Query<Named>) -> Answer {
     blocking(move || {
         let path = app.roots.resolve(&id)?;
-        match roots::kind_of(&app.registry, &path) {
+        match app.roots.kind_of(&app.registry, &path) {
             Some((Kind::Dataset | Kind::Training | Kind::Job, _)) | None => Err(Refusal::bad(format!("`{id}` is no file of results"))),
-            Some((kind, _)) => json(&json!({ "kind": kind, "path": path.display().to_string(), "content": roots::read_result(&path)? })),
+            Some((kind, _)) => json(&json!({ "kind": kind, "path": path.display().to_string(), "content": app.roots.read_result(&path)? })),
         }
     })
     .await
@@ -42,8 +42,8 @@ pub(crate) async fn training(State(app): State<Arc<App>>, Query(Named { id }): Q
         let path = app.roots.resolve(&id)?;
         let file = app.roots.resolve(&format!("{}/metrics.jsonl", id.trim_end_matches('/')))?;
         let config = path.join("config.json");
-        let config = if config.is_file() { roots::read_result(&config)? } else { Json::Null };
-        json(&json!({ "path": path.display().to_string(), "config": config, "series": curves(&file)? }))
+        let config = if config.exists() { app.roots.read_result(&config)? } else { Json::Null };
+        json(&json!({ "path": path.display().to_string(), "config": config, "series": curves(app.roots.open(&file)?)? }))
     })
     .await
 }
@@ -65,8 +65,7 @@ const MAX_POINTS: usize = 2000;
 type Curves = BTreeMap<String, BTreeMap<String, Vec<(f64, f64)>>>;
 
 /// Every number of every record, by its part (`train`, `val`) and name.
-fn curves(path: &Path) -> Result<Curves, Refusal> {
-    let mut file = std::fs::File::open(path)?;
+fn curves(mut file: File) -> Result<Curves, Refusal> {
     let start = file.metadata()?.len().saturating_sub(MAX_METRICS_BYTES);
     file.seek(SeekFrom::Start(start))?;
     let mut bytes = Vec::new();
@@ -119,7 +118,7 @@ mod tests {
         let path = folder.path().join("metrics.jsonl");
         let text = "{\"step\":1,\"part\":\"train\",\"loss\":2.0,\"parts\":{\"mse\":1.5}}\n{\"step\":2,\"part\":\"val\",\"loss\":1.0}\n{\"step\":3,\"lo";
         std::fs::write(&path, text).unwrap();
-        let curves = curves(&path).unwrap();
+        let curves = curves(File::open(&path).unwrap()).unwrap();
         assert_eq!(curves["train"]["loss"], [(1.0, 2.0)]);
         assert_eq!(curves["train"]["parts.mse"], [(1.0, 1.5)]);
         assert_eq!(curves["val"]["loss"], [(2.0, 1.0)]);

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::fs;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
@@ -9,6 +10,7 @@ use std::time::SystemTime;
 use serde::Serialize;
 use serde_json::Value as Json;
 use swm_core::{PolicyArgs, Registry};
+use swm_data::files::{link_out_of, open_beneath};
 
 use crate::error::{Refusal, UiError};
 
@@ -95,18 +97,62 @@ impl Roots {
         if self.holds(&real) { Ok(real) } else { Err(outside()) }
     }
 
-    /// The folder of a job. Links within are refused: what reads its files would follow them.
+    /// Opens the regular file at a path that [`Roots::resolve`] gave, or that was found in a folder of it.
     ///
     /// # Errors
     ///
-    /// As [`Roots::resolve`]; a link among its files.
+    /// It is outside of the roots by now, no regular file, or cannot be read.
+    pub(crate) fn open(&self, path: &Path) -> Result<fs::File, Refusal> {
+        let outside = || {
+            Refusal::forbidden(format!("{} is outside of the paths that `swm ui` was given", path.display()))
+        };
+        let root = self.all().find(|root| path.starts_with(root)).ok_or_else(outside)?;
+        // A root may be a file.
+        let (folder, below) = match path.strip_prefix(root) {
+            Ok(below) if !below.as_os_str().is_empty() => (root.as_path(), below),
+            _ => (root.parent().ok_or_else(outside)?, root.file_name().map(Path::new).ok_or_else(outside)?),
+        };
+        open_beneath(folder, below).map_err(|error| match error.kind() {
+            ErrorKind::PermissionDenied => Refusal::forbidden(format!("{}: {error}", path.display())),
+            _ => Refusal::bad(format!("{}: {error}", path.display())),
+        })
+    }
+
+    /// Refuses a folder with links out of the roots: what reads a dataset or a model would follow them.
+    ///
+    /// # Errors
+    ///
+    /// Such a link.
+    pub(crate) fn check_links(&self, path: &Path) -> Result<(), Refusal> {
+        if !path.is_dir() {
+            return Ok(());
+        }
+        match link_out_of(path, &|real| self.holds(real))? {
+            None => Ok(()),
+            Some(link) => Err(Refusal::forbidden(format!(
+                "{} is a link out of the paths that `swm ui` was given; give what it leads to as well, or copy the folder without links",
+                link.display()
+            ))),
+        }
+    }
+
+    /// The folder of a job. Links within are refused, and what is no file: what reads its files would follow them, or wait.
+    ///
+    /// # Errors
+    ///
+    /// As [`Roots::resolve`]; such a file.
     pub(crate) fn resolve_job(&self, id: &str) -> Result<PathBuf, Refusal> {
         let dir = self.resolve(id)?;
-        for folder in [dir.clone(), dir.join("done"), dir.join("logs")] {
+        let folders = ["done", "logs", "parts", "runs"].map(|name| dir.join(name));
+        for folder in std::iter::once(dir.clone()).chain(folders) {
             let Ok(entries) = fs::read_dir(&folder) else { continue };
             for entry in entries {
                 let entry = entry?;
-                if entry.file_type()?.is_symlink() {
+                let kind = entry.file_type()?;
+                if !kind.is_symlink() && !kind.is_file() && !kind.is_dir() {
+                    return Err(Refusal::bad(format!("{} is no regular file", entry.path().display())));
+                }
+                if kind.is_symlink() {
                     let name = entry.path();
                     return Err(Refusal::forbidden(format!(
                         "{} is a link, which is not followed within jobs",
@@ -133,7 +179,7 @@ impl Roots {
         let is_path = text.contains(['/', '\\']) || text.starts_with('@') || path.exists();
         match fs::canonicalize(path) {
             _ if !is_path => Ok(()),
-            Ok(real) if self.holds(&real) => Ok(()),
+            Ok(real) if self.holds(&real) => self.check_links(&real),
             _ => {
                 let fix = "give that path to `swm ui` as well";
                 Err(Refusal::forbidden(format!(
@@ -247,28 +293,48 @@ impl Roots {
         {
             return *kind;
         }
-        let kind = kind_of(registry, path);
+        let kind = self.kind_of(registry, path);
         kinds().insert(path.to_owned(), (stamp, kind));
         kind
     }
-}
 
-/// What there is a view for at a path.
-pub(crate) fn kind_of(registry: &Registry, path: &Path) -> Option<Known> {
-    if path.is_dir() {
-        if path.join("metrics.jsonl").is_file() {
-            return Some((Kind::Training, None));
+    /// What there is a view for at a path.
+    pub(crate) fn kind_of(&self, registry: &Registry, path: &Path) -> Option<Known> {
+        if path.is_dir() {
+            if path.join("metrics.jsonl").is_file() {
+                return Some((Kind::Training, None));
+            }
+            if path.join("job.json").is_file() {
+                return Some((Kind::Job, None));
+            }
+            return swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name)));
         }
-        if path.join("job.json").is_file() {
-            return Some((Kind::Job, None));
+        let extension = path.extension()?.to_str()?;
+        match extension {
+            "json" | "toml" => Some((result_kind(&self.read_result(path).ok()?)?, None)),
+            "jsonl" | "md" | "txt" | "png" | "gif" | "html" | "svg" | "lock" | "safetensors" => None,
+            _ => swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name))),
         }
-        return swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name)));
     }
-    let extension = path.extension()?.to_str()?;
-    match extension {
-        "json" | "toml" => Some((result_kind(&read_result(path).ok()?)?, None)),
-        "jsonl" | "md" | "txt" | "png" | "gif" | "html" | "svg" | "lock" | "safetensors" => None,
-        _ => swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name))),
+
+    /// A file of results: JSON, or TOML by its extension.
+    pub(crate) fn read_result(&self, path: &Path) -> Result<Json, Refusal> {
+        let file = self.open(path)?;
+        let bytes = file.metadata()?.len();
+        if bytes > MAX_RESULT_BYTES {
+            let limit = MAX_RESULT_BYTES >> 20;
+            return Err(Refusal::bad(format!(
+                "{} has {} MB, results have up to {limit}",
+                path.display(),
+                bytes >> 20
+            )));
+        }
+        let mut text = String::new();
+        file.take(MAX_RESULT_BYTES).read_to_string(&mut text)?;
+        match path.extension().is_some_and(|extension| extension == "toml") {
+            true => Ok(toml::from_str(&text)?),
+            false => Ok(serde_json::from_str(&text)?),
+        }
     }
 }
 
@@ -280,23 +346,5 @@ fn result_kind(json: &Json) -> Option<Kind> {
         () if has("pairs") && has("budget") => Some(Kind::Manifest),
         () if has("success_rate") && has("episodes") => Some(Kind::Evaluation),
         () => None,
-    }
-}
-
-/// A file of results: JSON, or TOML by its extension.
-pub(crate) fn read_result(path: &Path) -> Result<Json, Refusal> {
-    let bytes = fs::metadata(path)?.len();
-    if bytes > MAX_RESULT_BYTES {
-        let limit = MAX_RESULT_BYTES >> 20;
-        return Err(Refusal::bad(format!(
-            "{} has {} MB, results have up to {limit}",
-            path.display(),
-            bytes >> 20
-        )));
-    }
-    let text = fs::read_to_string(path)?;
-    match path.extension().is_some_and(|extension| extension == "toml") {
-        true => Ok(toml::from_str(&text)?),
-        false => Ok(serde_json::from_str(&text)?),
     }
 }

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Request, State};
 use axum::http::{StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse as _, Response};
@@ -17,6 +17,7 @@ use axum::routing::{get, post};
 use swm_core::{Cancel, Registry};
 
 use crate::commands::Commands;
+use crate::connections::{Caller, Door};
 use crate::data::Store;
 use crate::error::{Refusal, UiError};
 use crate::guard::{Guard, Pass};
@@ -205,10 +206,10 @@ impl Server {
             .map_err(UiError::Server)?;
         let served = runtime.block_on(async {
             listener.set_nonblocking(true)?;
-            let listener = tokio::net::TcpListener::from_std(listener)?;
-            let router = router(Arc::clone(&app));
+            let door = Door::new(tokio::net::TcpListener::from_std(listener)?);
+            let router = router(Arc::clone(&app)).into_make_service_with_connect_info::<Caller>();
             tokio::select! {
-                served = axum::serve(listener, router).into_future() => served,
+                served = axum::serve(door, router).into_future() => served,
                 () = ended(&app, idle) => Ok(()),
             }
         });
@@ -291,6 +292,9 @@ async fn guarded(State(app): State<Arc<App>>, request: Request, next: Next) -> R
     let mut response = match app.guard.check(request.method(), request.uri(), request.headers()) {
         Ok(pass) => {
             app.touch();
+            if let Some(ConnectInfo(caller)) = request.extensions().get::<ConnectInfo<Caller>>() {
+                caller.is_welcome();
+            }
             let mut response = next.run(request).await;
             if let Pass::New(cookie) = pass
                 && let Ok(cookie) = cookie.parse()

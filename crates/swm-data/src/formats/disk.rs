@@ -213,7 +213,7 @@ pub(super) fn replace_json(path: &Path, value: &impl Serialize) -> Result<(), Da
 }
 
 /// Whether `name` stays in the folder that it is joined to, on every system.
-pub(super) fn is_plain_name(name: &str) -> bool {
+pub(crate) fn is_plain_name(name: &str) -> bool {
     !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', '\0', ':'])
 }
 

@@ -44,7 +44,7 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
             return Err(Refusal::bad(format!("`{file}` is no name of a manifest; end it in .json or .toml")));
         }
         let dataset = app.roots.resolve(&id)?;
-        let opened = app.store.open(&dataset)?;
+        let opened = app.store.open(&app.roots, &dataset)?;
         let env = opened.info().runs.first().map(|(_, run)| run.env.as_str()).unwrap_or_default();
         let env = app.registry.env(env).map_err(|error| {
             Refusal::bad(format!("the dataset does not say in which environment it was recorded: {error}"))

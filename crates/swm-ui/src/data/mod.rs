@@ -40,7 +40,7 @@ pub(crate) async fn blocking(work: impl FnOnce() -> Answer + Send + 'static) -> 
 async fn with(app: Arc<App>, id: String, work: impl FnOnce(&Opened) -> Answer + Send + 'static) -> Answer {
     blocking(move || {
         let path = app.roots.resolve(&id)?;
-        work(app.store.open(&path)?.as_ref())
+        work(app.store.open(&app.roots, &path)?.as_ref())
     })
     .await
 }

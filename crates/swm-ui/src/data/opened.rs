@@ -11,6 +11,7 @@ use swm_data::{Dataset, DatasetInfo, Rendered};
 
 use super::query::Summaries;
 use crate::error::Refusal;
+use crate::roots::Roots;
 
 /// Datasets that stay open; the one that was asked for longest ago goes first.
 const MAX_OPEN: usize = 12;
@@ -44,8 +45,8 @@ impl Store {
     ///
     /// # Errors
     ///
-    /// What is there is no dataset, or is damaged.
-    pub(crate) fn open(&self, path: &Path) -> Result<Arc<Opened>, Refusal> {
+    /// What is there is no dataset, is damaged, or has links out of the roots.
+    pub(crate) fn open(&self, roots: &Roots, path: &Path) -> Result<Arc<Opened>, Refusal> {
         let known = self.list().iter().find(|opened| opened.path == path).cloned();
         if let Some(opened) = known
             && opened.is_current()
@@ -53,6 +54,7 @@ impl Store {
             return Ok(opened);
         }
         let stamp = stamp(path);
+        roots.check_links(path)?;
         let dataset = swm_data::open_in(&self.registry, path)?;
         let opened = Arc::new(Opened {
             path: path.to_owned(),

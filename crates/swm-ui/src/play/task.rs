@@ -10,7 +10,6 @@ use swm_tasks::evaluation::{Candidate, Receipt, Reference};
 
 use super::message::{Pair, Run};
 use crate::error::Refusal;
-use crate::roots::read_result;
 use crate::server::App;
 
 /// A pair of a manifest, judged as the manifest says.
@@ -32,7 +31,7 @@ impl Task {
     ///
     /// There is no such file, run or pair; a policy whose files are outside of the given paths.
     pub(super) fn read(app: &App, pair: &Pair) -> Result<Self, Refusal> {
-        let (manifest, policy, references) = stored(read_result(&app.roots.resolve(&pair.id)?)?)?;
+        let (manifest, policy, references) = stored(app.roots.read_result(&app.roots.resolve(&pair.id)?)?)?;
         manifest.check()?;
         let candidate = match pair.run {
             Run::Policy => policy,

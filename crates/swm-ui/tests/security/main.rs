@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 mod commands;
+mod links;
 mod server;
 
 use std::fs;

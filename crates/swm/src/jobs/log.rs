@@ -1,6 +1,6 @@
 //! The log of a shard: a line per attempt, and what the command printed.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
@@ -41,7 +41,7 @@ impl Attempt {
 
 /// Opens a log to append to it, on a new line: an attempt that was killed may have ended in the middle of one.
 pub(crate) fn open(log: &Path) -> std::io::Result<File> {
-    let mut file = OpenOptions::new().create(true).read(true).append(true).open(log)?;
+    let mut file = swm_data::files::append_own(log)?;
     if file.metadata()?.len() > 0 {
         let mut last = [0];
         file.seek(SeekFrom::End(-1))?;
