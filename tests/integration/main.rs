@@ -24,6 +24,7 @@ mod interop;
 mod jobs;
 mod merging;
 mod newcomer;
+mod no_locks;
 mod planning;
 mod preload;
 mod quality;

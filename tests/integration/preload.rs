@@ -98,4 +98,10 @@ impl Preload {
         command.env("LD_PRELOAD", &self.library).env("SWM_TEST_FULL", folder);
         command
     }
+
+    /// A command for which locks fail with the error `number`.
+    pub(crate) fn without_locks(&self, mut command: Command, number: i32) -> Command {
+        command.env("LD_PRELOAD", &self.library).env("SWM_TEST_FLOCK", number.to_string());
+        command
+    }
 }

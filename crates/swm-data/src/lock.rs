@@ -1,12 +1,19 @@
 //! One writer at a time: a lock file beside the dataset, locked through the operating system, which frees it when
 //! the process ends in any way. The file says who holds it, for the message to the next; one that is left behind by a kill
 //! does no harm. Readers need no lock.
+//!
+//! Some file systems of clusters have no such locks. There the file itself is the lock: it is made exclusively, its owner renews its time
+//! while it lives ([`Heartbeat`]), and one that nobody has renewed for a while is taken over.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread;
+use std::time::Duration;
 
 use crate::error::DataError;
+use crate::files;
 use crate::formats::disk;
 
 /// A lock file above this size is not ours.
@@ -20,6 +27,8 @@ const MAX_TRIES: usize = 1000;
 pub struct WriterLock {
     path: PathBuf,
     file: File,
+    /// Where the file system has no locks.
+    heartbeat: Option<Heartbeat>,
 }
 
 impl WriterLock {
@@ -67,27 +76,23 @@ impl WriterLock {
                 }
                 opened => opened.map_err(failed)?,
             };
-            let mut is_locked = false;
             match file.try_lock() {
-                Ok(()) => is_locked = true,
+                Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(busy(Holder::read(&file))),
-                // Some network file systems have no locks: there only what the file says protects, and only from
-                // processes of this machine, for whether others still live cannot be found out.
-                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {
-                    if let Some(holder) = Holder::read(&file).filter(Holder::lives_here) {
-                        return Err(busy(Some(holder)));
-                    }
+                Err(TryLockError::Error(error)) if has_no_locks(&error) => {
+                    drop(file);
+                    return match by_file(&path).map_err(failed)? {
+                        Ok((file, heartbeat)) => Ok(Self { path, file, heartbeat: Some(heartbeat) }),
+                        Err(holder) => Err(busy(holder)),
+                    };
                 }
                 Err(TryLockError::Error(error)) => return Err(failed(error)),
             }
             // The former owner may have removed the file between our open and our lock: then take the new one.
             if is_at(&file, &path) {
-                let named = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
-                // On a full disk the lock of the system is one without a name.
-                if !is_locked {
-                    named.map_err(failed)?;
-                }
-                return Ok(Self { path, file });
+                // On a full disk it is a lock without a name.
+                let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
+                return Ok(Self { path, file, heartbeat: None });
             }
         }
     }
@@ -102,11 +107,119 @@ impl WriterLock {
 
 impl Drop for WriterLock {
     fn drop(&mut self) {
+        // Where there are no locks, somebody may have taken it over while this process was stopped for long.
+        if self.heartbeat.take().is_some() && !is_at(&self.file, &self.path) {
+            return;
+        }
         // The lock is still held here, so this removes no other writer's file. If it fails, the file does no harm.
         let _ = fs::remove_file(&self.path);
         // Closing is not enough while a child process that is being started still has a copy of the handle.
         let _ = self.file.unlock();
     }
+}
+
+/// Whether a lock failed because the file system has none: Lustre, NFS or FUSE, as they are mounted on some clusters.
+pub(crate) fn has_no_locks(error: &io::Error) -> bool {
+    // ENOLCK, ENOSYS and EOPNOTSUPP of Linux; macOS has other numbers for two of them.
+    let numbers: &[i32] = if cfg!(target_os = "linux") { &[37, 38, 95] } else { &[77, 78, 102] };
+    error.kind() == io::ErrorKind::Unsupported
+        || error.raw_os_error().is_some_and(|number| cfg!(unix) && numbers.contains(&number))
+}
+
+/// Whether the file system on which `path` lies, or will lie, has no locks.
+pub(crate) fn lacks_locks(path: &Path) -> bool {
+    let locks = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::Error(error)) if has_no_locks(&error));
+    File::open(path).or_else(|_| File::open(beside(path, ".lock"))).is_ok_and(locks)
+}
+
+/// Between two signs of life of an owner.
+const BEAT: Duration = Duration::from_secs(10);
+/// An owner without a sign for so long has ended: several beats, as file servers can be slow.
+const SILENCE: Duration = Duration::from_secs(120);
+
+/// Renews the time of a lock's file until it is dropped.
+#[derive(Debug)]
+struct Heartbeat {
+    /// Its end stops the thread.
+    _stop: Sender<()>,
+}
+
+impl Heartbeat {
+    fn start(file: File) -> io::Result<Self> {
+        let (stop, stopped) = channel();
+        let beat = move || {
+            while stopped.recv_timeout(BEAT) == Err(RecvTimeoutError::Timeout) {
+                // The time is the file server's, and not this machine's. A beat that fails is made up for by the next.
+                let _ = renew(&file);
+            }
+        };
+        thread::Builder::new().name("lock".to_owned()).spawn(beat)?;
+        Ok(Self { _stop: stop })
+    }
+}
+
+/// Writes the file's content again, so that the file server gives it its present time.
+fn renew(mut file: &File) -> io::Result<()> {
+    file.seek(SeekFrom::Start(0))?;
+    writeln!(file, "{}", Holder::this())?;
+    file.sync_all()
+}
+
+/// Makes the file at `path` exclusively as a lock; else who holds it, as far as that is known. One whose owner has ended is taken over.
+fn by_file(path: &Path) -> io::Result<Result<(File, Heartbeat), Option<Holder>>> {
+    for _ in 0..MAX_TRIES {
+        // The file server's present time is that of a file that is written now.
+        let mine = files::draft(path);
+        let mut file = disk::new_file(&mine)?;
+        writeln!(file, "{}", Holder::this())?;
+        file.sync_all()?;
+        // A second name is given to one process alone, also by file servers for which exclusive creation is none.
+        let taken = fs::hard_link(&mine, path);
+        let now = file.metadata()?.modified()?;
+        match taken {
+            Ok(()) => {
+                fs::remove_file(&mine)?;
+                let heartbeat = Heartbeat::start(file.try_clone()?)?;
+                return Ok(Ok((file, heartbeat)));
+            }
+            Err(error) => {
+                drop(file);
+                fs::remove_file(&mine)?;
+                if error.kind() != io::ErrorKind::AlreadyExists {
+                    return Err(error);
+                }
+            }
+        }
+        let there = match disk::open_own(path, false) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            there => there?,
+        };
+        let holder = Holder::read(&there);
+        // The file of an owner has its name from the beginning.
+        let is_empty = there.metadata()?.len() == 0;
+        let silent = now.duration_since(there.metadata()?.modified()?).unwrap_or_default();
+        let has_ended = match &holder {
+            Some(holder) if holder.host == host() => !holder.lives_here(),
+            _ => is_empty || silent > SILENCE,
+        };
+        if !has_ended {
+            return Ok(Err(holder));
+        }
+        // Of those who take it over, one moves the file that was looked at; who moved another one puts it back.
+        if !is_at(&there, path) {
+            continue;
+        }
+        let aside = files::draft(path);
+        match fs::rename(path, &aside) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            renamed => renamed?,
+        }
+        if !is_at(&there, &aside) {
+            let _ = fs::hard_link(&aside, path);
+        }
+        fs::remove_file(&aside)?;
+    }
+    Ok(Err(None))
 }
 
 /// Who holds a lock: `process 123 on host`.
@@ -200,6 +313,41 @@ mod tests {
     fn a_folder_in_which_nothing_can_be_made_is_an_error() {
         let message = WriterLock::take(Path::new("/proc/a.h5")).unwrap_err().to_string();
         assert!(message.contains("/proc/a.h5"), "{message}");
+    }
+
+    #[test]
+    fn a_lock_that_is_a_file_has_one_owner() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.h5.lock");
+        // As it is found where the locks of the system were tried first.
+        fs::write(&path, "").unwrap();
+        let (file, heartbeat) = by_file(&path).unwrap().unwrap();
+        assert_eq!(by_file(&path).unwrap().unwrap_err(), Some(Holder::this()));
+        drop((file, heartbeat));
+        if cfg!(target_os = "linux") {
+            // One of a process of this machine that has ended is free at once, one of another machine after a while.
+            fs::write(&path, format!("{}\n", Holder { process: 4_194_305, ..Holder::this() })).unwrap();
+            by_file(&path).unwrap().unwrap();
+        }
+        let elsewhere = Holder { host: "elsewhere".to_owned(), ..Holder::this() };
+        fs::write(&path, format!("{elsewhere}\n")).unwrap();
+        assert_eq!(by_file(&path).unwrap().unwrap_err(), Some(elsewhere));
+        let long_ago = std::time::SystemTime::UNIX_EPOCH;
+        File::options().write(true).open(&path).unwrap().set_modified(long_ago).unwrap();
+        let (file, _heartbeat) = by_file(&path).unwrap().unwrap();
+        assert!(is_at(&file, &path));
+        // The present time of the file is that of its last beat.
+        file.set_modified(long_ago).unwrap();
+        renew(&file).unwrap();
+        assert!(file.metadata().unwrap().modified().unwrap() > long_ago);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no draft is left");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn file_systems_without_locks_are_known_by_their_errors() {
+        let of = |number| has_no_locks(&io::Error::from_raw_os_error(number));
+        assert_eq!([37, 38, 95, 2, 28].map(of), [true, true, true, false, false]);
     }
 
     #[test]

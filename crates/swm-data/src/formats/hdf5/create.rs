@@ -18,7 +18,7 @@ use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::{DataError, Result};
 use crate::formats::disk;
-use crate::lock::beside;
+use crate::lock::{beside, lacks_locks};
 
 /// Level of the LZ4 compression, as the reference has it.
 const COMPRESSION_LEVEL: u8 = 5;
@@ -39,11 +39,11 @@ pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Resu
 }
 
 fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles> {
-    let mut builder = options();
-    // Without times of creation: equal content makes equal files.
-    builder.fcpl().obj_track_times(false);
     // A link of that name is not followed.
     drop(disk::new_file(draft)?);
+    let mut builder = options(draft);
+    // Without times of creation: equal content makes equal files.
+    builder.fcpl().obj_track_times(false);
     let file = builder.create(draft).map_err(library_error)?;
     Handles::new(file, fields, new_column)?.prepared(|Handles { file, .. }| {
         attributes::write(file, fields, metadata)?;
@@ -80,7 +80,7 @@ fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Re
         copied.map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
         superblock::repair(&draft, chunks_end)?;
         let apply = || -> Result<()> {
-            let file = options().open_rw(&draft).map_err(library_error)?;
+            let file = options(&draft).open_rw(&draft).map_err(library_error)?;
             change.apply(&file)?;
             file.close().map_err(library_error)
         };
@@ -103,7 +103,7 @@ pub(super) struct EndOfData {
 }
 
 fn reopen_repaired(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles> {
-    let file = options().open_rw(path).map_err(library_error)?;
+    let file = options(path).open_rw(path).map_err(library_error)?;
     let handles = Handles::new(file, fields, |file, field| file.dataset(&field.name))?;
     handles.prepared(|Handles { file, columns, ep_idx, ep_len, ep_offset }| {
         let cut_all = || -> h5::Result<()> {
@@ -138,13 +138,17 @@ fn cut(dataset: &h5::Dataset, rows: usize) -> h5::Result<()> {
 const CACHED_CHUNKS: usize = 1;
 
 /// The file format of HDF5 1.10, the first with SWMR: later ones would lock out readers with older libraries.
-fn options() -> h5::FileBuilder {
+fn options(path: &Path) -> h5::FileBuilder {
     let mut builder = h5::File::with_options();
     builder
         .fapl()
         .libver_bounds(LibraryVersion::V110, LibraryVersion::V110)
         .fclose_degree(FileCloseDegree::Strong)
         .chunk_cache(CACHED_CHUNKS, MAX_CHUNK_BYTES, 1.0);
+    // Where the file system has no locks, the library would refuse the file. The writer's own lock keeps others from it.
+    if lacks_locks(path) {
+        builder.fapl().file_locking(false);
+    }
     builder
 }
 

@@ -12,6 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::error::DataError;
+use crate::lock::has_no_locks;
 
 const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 /// With 8-byte addresses, the only size that the library writes on 64-bit systems.
@@ -137,6 +138,13 @@ pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
             }
             Err(TryLockError::WouldBlock) => {
                 return Err(DataError::Busy { path: path.to_owned(), holder: "another process".to_owned() });
+            }
+            // There the library takes no lock either: a writer that lives leaves this state in milliseconds.
+            Err(TryLockError::Error(error)) if has_no_locks(&error) => {
+                if start.elapsed() >= PATIENCE {
+                    repair(path, 0)?;
+                }
+                thread::sleep(Duration::from_millis(10));
             }
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
