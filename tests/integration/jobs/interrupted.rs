@@ -174,3 +174,22 @@ fn a_lost_receipt_is_made_again() {
     swm_ok(&["task", &job, "--finish"]);
     assert!(before.is_array() && before == episodes(&receipt), "{before}");
 }
+
+#[test]
+fn files_that_a_loss_of_power_emptied_count_as_absent() {
+    let cluster = Cluster::new();
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "3", &collect("6")));
+    swm_ok(&["task", &job, "--all"]);
+    fs::write(cluster.path("job/done/0001.json"), "").unwrap();
+    assert!(swm_ok(&["jobs", &job]).contains("2 done"));
+    assert!(swm_fails(1, &["task", &job, "--finish"]).contains("1 of 3 shards"));
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::read(cluster.path("job/result.h5")).unwrap() == whole(&cluster.folder, "6"));
+    fs::write(cluster.path("job/finished.json"), "").unwrap();
+    swm_ok(&["jobs", &job]);
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    assert!(fs::metadata(cluster.path("job/finished.json")).unwrap().len() > 0);
+}

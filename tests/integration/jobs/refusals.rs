@@ -79,3 +79,53 @@ fn a_disk_that_is_too_small_is_found_out_before() {
     ok(&cluster.submit(&["--on", "script", "--pilot", "4", "--force"], "4", &long));
     assert!(!Path::new(&cluster.path("job/pilot.h5")).exists());
 }
+
+#[test]
+fn a_changed_copy_of_the_program_is_refused_by_tasks_and_by_the_join() {
+    let cluster = Cluster::new();
+    let job = cluster.path("job");
+    let submit = ["submit", "--job", &job, "--shards", "2", "--on", "script", "--"];
+    ok(&cluster.swm(&[&submit[..], &collect("4")].concat()).output().unwrap());
+    let copy = cluster.path("job/swm");
+    let run = |more: &str| std::process::Command::new(&copy).args(["task", &job, more]).output().unwrap();
+    ok(&run("--all"));
+    let sound = fs::read(&copy).unwrap();
+    fs::write(&copy, [&sound[..], b"x"].concat()).unwrap();
+    for more in ["--all", "--finish"] {
+        let message = fails(2, &run(more));
+        let fix = "has changed since the job was submitted; copy ";
+        assert!(message.contains(&copy) && message.contains(fix), "{more}: {message}");
+    }
+    fs::write(&copy, sound).unwrap();
+    ok(&run("--finish"));
+}
+
+#[test]
+fn a_task_does_not_write_its_log_through_a_link() {
+    let cluster = Cluster::new();
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "2", &collect("4")));
+    let other = cluster.path("other");
+    fs::write(&other, "of others").unwrap();
+    std::os::unix::fs::symlink(&other, cluster.path("job/logs/0001.log")).unwrap();
+    let message = swm_fails(1, &["task", &job, "--index", "1"]);
+    assert!(message.contains("0001.log") && message.contains("symbolic link"), "{message}");
+    assert_eq!(fs::read_to_string(&other).unwrap(), "of others");
+    assert!(Path::new(&cluster.path("job/done/0001.failed")).exists());
+}
+
+#[test]
+fn a_result_elsewhere_is_no_result_of_the_job() {
+    let cluster = Cluster::new();
+    let job = cluster.path("job");
+    ok(&cluster.submit(&["--on", "script"], "1", &collect("4")));
+    swm_ok(&["task", &job, "--all"]);
+    swm_ok(&["task", &job, "--finish"]);
+    let finished = cluster.path("job/finished.json");
+    let text = fs::read_to_string(&finished).unwrap();
+    fs::write(&finished, text.replace("result.h5", "../other.h5")).unwrap();
+    for command in [&["jobs", &*job][..], &["task", &job, "--finish"]] {
+        let message = swm_fails(1, command);
+        assert!(message.contains("finished.json names the result `../other.h5`"), "{message}");
+    }
+}

@@ -111,7 +111,8 @@ impl<'a> Status<'a> {
     }
 
     fn episodes(&self) -> u64 {
-        self.done.values().map(|done| done.episodes).sum::<u64>() + self.begun.values().sum::<u64>()
+        let done = self.done.values().map(|done| done.episodes);
+        done.chain(self.begun.values().copied()).fold(0, u64::saturating_add)
     }
 
     fn running(&self) -> usize {

@@ -15,7 +15,7 @@ use super::work::{self, Kind};
 use super::{Failure, Output, interrupt, usage, version};
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
-use crate::jobs::files::{bytes, cannot, node, ranges, write_json};
+use crate::jobs::files::{bytes, cannot, is_written, node, ranges, write_json};
 use crate::jobs::log::{self, Attempt, attempts};
 use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
 
@@ -135,7 +135,9 @@ impl Task {
                 }
             }
         }
-        if let Some(join) = Progress::of(&folder)?.join_command(&folder).filter(|_| self.all) {
+        if self.all
+            && let Some(join) = Progress::of(&folder)?.join_command(&folder)
+        {
             output.note(format!("all shards are done; to join them to the result: {join}"));
         }
         failed.map_or(Ok(()), Err)
@@ -186,7 +188,7 @@ impl Run<'_> {
         // A part that was lost is made again, unless the result is there.
         let has_result =
             || Ok::<_, Failure>(Finished::of(folder)?.is_some_and(|made| made.lost(folder).is_none()));
-        if done.is_file() && (folder.written(shard).exists() || has_result()?) {
+        if is_written(&done) && (folder.written(shard).exists() || has_result()?) {
             output.note(format!("shard {shard} of {of} was done already"));
             return Ok(());
         }
@@ -227,11 +229,7 @@ impl Run<'_> {
             Err(failure) => {
                 let (status, message) = (failure.exit_code(), failure.to_string());
                 let Attempt { number: attempt, node, .. } = attempt;
-                // On a full disk this fails, too, but a file without content needs no space. The error that counts is the first one.
-                let failed = folder.failed(shard);
-                if write_json(&failed, &Failed { status, message, attempt, node }).is_err() {
-                    let _ = std::fs::File::create(&failed);
-                }
+                Failed { status, message, attempt, node }.write(&folder.failed(shard));
                 Err(failure)
             }
             Ok(()) => {

@@ -38,6 +38,11 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, B
     }
 }
 
+/// Whether a file that [`write_json`] writes is there, and not emptied by a loss of power.
+pub(crate) fn is_written(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|there| there.is_file() && there.len() > 0)
+}
+
 /// `cannot read FILE: …`, with the system's error as the cause.
 #[expect(clippy::needless_pass_by_value, reason = "it stands where closures map errors")]
 pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {

@@ -17,6 +17,11 @@ use crate::evaluation::file_hash;
 /// The version of [`Job`] that is written.
 const JOB_VERSION: u32 = 1;
 
+/// Schedulers have arrays of thousands of tasks; each shard is a file, too.
+const MAX_SHARDS: u64 = 1_000_000;
+/// Beyond this, episodes times shards is no number of this program.
+const MAX_EPISODES: u64 = 1_000_000_000_000;
+
 /// What is asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -107,6 +112,24 @@ impl Job {
         Ok(Self { version: JOB_VERSION, hash, command, each, shards, episodes, program, inputs, folder })
     }
 
+    /// Checks what its numbers are: others may have changed them.
+    fn check(&self) -> Result<(), String> {
+        let Self { shards, episodes, .. } = *self;
+        let is_divided = !matches!(self.command.first().map(String::as_str), Some("train"));
+        match () {
+            () if !(1..=MAX_SHARDS).contains(&shards) => {
+                Err(format!("`shards` is {shards}; a job has 1 to {MAX_SHARDS}"))
+            }
+            () if episodes > MAX_EPISODES => {
+                Err(format!("`episodes` is {episodes}; a job has up to {MAX_EPISODES}"))
+            }
+            () if is_divided && shards > episodes => {
+                Err(format!("`shards` is {shards}, of {episodes} episodes"))
+            }
+            () => Ok(()),
+        }
+    }
+
     /// The episodes of a shard, counted from 1; none of training runs.
     pub(crate) fn range(&self, shard: u64) -> Range<u64> {
         parts::range(shard, self.shards, self.episodes)
@@ -178,6 +201,7 @@ impl JobFolder {
             let (dir, version) = (dir.display(), job.version);
             return Err(format!("{dir} is a job of a newer version ({version}); use a newer `swm`").into());
         }
+        job.check().map_err(|reason| format!("{}: {reason}", dir.join("job.json").display()))?;
         Ok(Some(Self { dir, job }))
     }
 
@@ -227,7 +251,7 @@ impl JobFolder {
     ///
     /// One of them differs.
     pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), BoxError> {
-        self.job.program.check(&self.dir, about, fully)?;
+        self.job.program.check(&self.dir, about)?;
         self.job.inputs.iter().try_for_each(|input| input.check(fully))
     }
 

@@ -98,13 +98,12 @@ impl Program {
         std::iter::once(program.into_os_string()).chain(arguments).collect()
     }
 
-    /// Checks that this process is the program of the job in `dir`: `about` describes it. A copy that the job's folder holds is
-    /// hashed if `fully`, anything else always.
+    /// Checks that this process is the program of the job in `dir`, by its hash: `about` describes it.
     ///
     /// # Errors
     ///
     /// It is another one.
-    pub(crate) fn check(&self, dir: &Path, about: &str, fully: bool) -> Result<(), BoxError> {
+    pub(crate) fn check(&self, dir: &Path, about: &str) -> Result<(), BoxError> {
         match (&self.package, LAUNCHER.get()) {
             (Some(package), Some(launcher)) => self.check_package(package, launcher, dir)?,
             (None, None) => {
@@ -113,8 +112,8 @@ impl Program {
                     (Ok(this), Ok(copy)) => this == copy,
                     _ => false,
                 };
-                if (fully || !is_copy) && file_hash(&this)? != self.sha256 {
-                    return Err(self.is_not(&this, dir));
+                if file_hash(&this)? != self.sha256 {
+                    return Err(if is_copy { self.has_changed(dir) } else { self.is_not(&this, dir) });
                 }
             }
             _ => return Err(self.is_not(&std::env::current_exe()?, dir)),
@@ -148,6 +147,20 @@ impl Program {
             then.install
         )
         .into())
+    }
+
+    /// Of the copy in the folder of the job.
+    fn has_changed(&self, dir: &Path) -> BoxError {
+        let (copy, from) = (copy_in(dir), &self.path);
+        let fix = match file_hash(from) {
+            Ok(hash) if hash == self.sha256 => format!("copy {} there again", from.display()),
+            _ => "submit another job".to_owned(),
+        };
+        format!(
+            "{}, the job's copy of the program, has changed since the job was submitted; {fix}",
+            copy.display()
+        )
+        .into()
     }
 
     fn is_not(&self, this: &Path, dir: &Path) -> BoxError {
@@ -189,7 +202,7 @@ mod tests {
 
     #[test]
     fn a_program_that_is_no_package_does_not_run_its_tasks() {
-        let message = packaged("a").check(Path::new("/job"), "swm", false).unwrap_err().to_string();
+        let message = packaged("a").check(Path::new("/job"), "swm").unwrap_err().to_string();
         assert!(message.contains("run the tasks with /venv/bin/python -m stable_worldmodel_rs"), "{message}");
     }
 

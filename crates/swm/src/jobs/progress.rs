@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
 
+use swm_data::files::is_plain_name;
+
 use super::JobFolder;
-use super::files::{cannot, read_json};
+use super::files::{cannot, is_written, read_json, write_json};
 
 /// `done/0003.json`: a shard is done.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -39,6 +41,13 @@ pub(crate) struct Failed {
 }
 
 impl Failed {
+    /// Writes it. On a full disk that fails, but a file without content needs no space. The error that counts is the shard's.
+    pub(crate) fn write(&self, path: &Path) {
+        if write_json(path, self).is_err() {
+            let _ = fs::File::create(path);
+        }
+    }
+
     /// What an empty file stands for.
     pub(crate) fn without_space() -> Self {
         let message = "error: it failed, and there was no space to write why".to_owned();
@@ -63,7 +72,18 @@ impl Finished {
     ///
     /// The file cannot be read.
     pub(crate) fn of(folder: &JobFolder) -> Result<Option<Self>, BoxError> {
-        read_json(&folder.finished())
+        let path = folder.finished();
+        let finished: Option<Self> = read_json(&path)?;
+        if let Some(elsewhere) =
+            finished.as_ref().map(|made| &made.result).filter(|name| !is_plain_name(name))
+        {
+            let path = path.display();
+            return Err(format!(
+                "{path} names the result `{elsewhere}`, which is no file of the job; remove {path}"
+            )
+            .into());
+        }
+        Ok(finished)
     }
 
     /// What of the result is not there any more: its file, or the first folder of a training run.
@@ -112,14 +132,15 @@ impl Progress {
             entries => entries.map_err(|error| cannot("read the folder", &dir, error))?,
         };
         for entry in entries {
-            let name = entry.map_err(|error| cannot("read the folder", &dir, error))?.file_name();
+            let entry = entry.map_err(|error| cannot("read the folder", &dir, error))?;
+            let name = entry.file_name();
             let Some((shard, kind)) = name.to_str().and_then(|name| name.split_once('.')) else { continue };
             let Some(shard) = shard.parse().ok().filter(|shard| (1..=folder.job.shards).contains(shard))
             else {
                 continue;
             };
             match kind {
-                "json" => progress.done.insert(shard),
+                "json" => is_written(&entry.path()) && progress.done.insert(shard),
                 "failed" => progress.failed.insert(shard),
                 _ => false,
             };
