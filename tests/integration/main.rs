@@ -18,6 +18,7 @@ mod engines;
 mod evaluation;
 mod experts;
 mod factor_bounds;
+mod hostile_json;
 mod hyperqueue;
 mod images;
 mod interop;

@@ -248,6 +248,11 @@ impl Manifest {
         if self.pairs.is_empty() {
             return wrong("holds no pairs".to_owned());
         }
+        if let Some(phase) =
+            self.pairs.iter().filter_map(|pair| pair.phase).find(|&phase| phase >= self.pairs.len())
+        {
+            return wrong(format!("has a pair of phase {phase}, and only {} pairs", self.pairs.len()));
+        }
         if self.budget == 0 {
             return wrong("allows 0 actions; use 1 or more".to_owned());
         }
@@ -259,7 +264,9 @@ impl Manifest {
 
     /// How many phases its stream has; 1 if it is none.
     pub fn phases(&self) -> usize {
-        self.pairs.iter().filter_map(|pair| pair.phase).max().map_or(1, |last| last + 1)
+        let last = self.pairs.iter().filter_map(|pair| pair.phase).max();
+        // Each has a pair, whatever a file says.
+        last.map_or(1, |last| last.saturating_add(1)).min(self.pairs.len().max(1))
     }
 }
 

@@ -1,5 +1,7 @@
 //! The charts of a report, as SVG that follows the page's colors.
 
+use std::collections::BTreeSet;
+
 use crate::evaluation::{Cell, Scope, Sweep};
 use crate::svg::{Anchor, Entry, Frame, Grid, Mark, Svg, ticks, whole_ticks};
 
@@ -51,7 +53,10 @@ pub(super) fn curves(curves: &[Curve<'_>], budget: u64) -> String {
         Frame { at: [48.0, 8.0], size: [416.0, 190.0], x: [0.0, budget.max(1) as f64], y: [0.0, 100.0] };
     frame.axes(svg, &whole_ticks(frame.x, 8), &ticks(frame.y, 5));
     for (curve, &(class, style)) in curves.iter().zip(&looks) {
-        let points = (0..=budget).flat_map(|step| {
+        // Between successes the share stays, however large the budget is.
+        let firsts = curve.steps.iter().copied().filter(|&step| step <= budget);
+        let steps: BTreeSet<u64> = firsts.chain([0, budget]).collect();
+        let points = steps.into_iter().flat_map(|step| {
             let before = curve.share(step.saturating_sub(1));
             [frame.place(step as f64, before), frame.place(step as f64, curve.share(step))]
         });

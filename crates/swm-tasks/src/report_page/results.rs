@@ -23,7 +23,7 @@ pub(super) fn groups(receipts: &[(&Receipt, &Label)]) -> Vec<Value> {
 fn group_context(group: &[(&Receipt, &Label)]) -> Value {
     let manifest = &group[0].0.manifest;
     let rows = rows(group);
-    let marks: Vec<u64> = (0..=4).map(|quarter| manifest.budget * quarter / 4).collect();
+    let marks: Vec<u64> = (0..=4).map(|quarter| (u128::from(manifest.budget) * quarter / 4) as u64).collect();
     let chart: Vec<Curve> = rows
         .iter()
         .map(|row| Curve {
