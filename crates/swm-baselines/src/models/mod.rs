@@ -3,6 +3,7 @@
 //! A new one is a folder with a settings struct and a `make` function, and one line in [`table::BASELINES`].
 
 mod auxiliary;
+pub(crate) mod bounds;
 pub(crate) mod conv_jepa;
 pub(crate) mod dino_wm;
 #[cfg(test)]

@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 use swm_core::error::nearest;
 
+use super::bounds::check_bounds;
 use super::settings::with_changes;
 use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
@@ -130,7 +131,7 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
         dims: options.dims,
         seed: options.seed,
     };
-    (entry.make)(model_config, &options.device.device()?)
+    made(entry, model_config, options.device)
 }
 
 /// The model of a config, with its initial weights.
@@ -139,7 +140,19 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 ///
 /// No such baseline, or settings that it does not take.
 pub fn restore(model_config: &ModelConfig, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
-    (find(&model_config.baseline)?.make)(model_config.clone(), &device.device()?)
+    made(find(&model_config.baseline)?, model_config.clone(), device)
+}
+
+fn made(
+    entry: &BaselineEntry,
+    model_config: ModelConfig,
+    device: Device,
+) -> Result<Box<dyn Baseline>, BaselineError> {
+    let DataDims { action_dim, proprio_dim } = model_config.dims;
+    let dims = [("action_dim", action_dim), ("proprio_dim", proprio_dim)];
+    check_bounds(&model_config.settings, &dims)
+        .map_err(|reason| BaselineError::Settings { baseline: entry.name, reason })?;
+    (entry.make)(model_config, &device.device()?)
 }
 
 fn learner<N: Network>(

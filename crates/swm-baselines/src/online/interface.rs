@@ -7,7 +7,7 @@ use swm_core::env::PIXELS;
 use swm_core::{Batch, Dtype, Field, Row, Schema, Slice, SliceMut, Space, World};
 use swm_solvers::{ActionMap, ActionScale};
 
-use super::agent::Observation;
+use super::agent::{AgentConfig, Observation};
 use crate::error::BaselineError;
 use crate::images::Images;
 use crate::train::Scale;
@@ -103,6 +103,28 @@ impl Interface {
         let dim = |name: &String| schema.index(name).map_or(0, |index| schema.dim(index));
         let observation_dim = columns.iter().map(dim).sum();
         Ok(Self { columns, observation_dim, image, scale: None, low: low.clone(), high: high.clone() })
+    }
+
+    /// What is wrong within it for an agent of this config, if anything is.
+    pub(super) fn check(&self, agent: &AgentConfig) -> Result<(), String> {
+        let Self { observation_dim, image, scale, low, high, .. } = self;
+        let dims = |name: &str, ours: usize, theirs: usize| match ours == theirs {
+            true => Ok(()),
+            false => Err(format!("`interface.{name}` has {ours} values, and the agent takes {theirs}")),
+        };
+        dims("observation_dim", *observation_dim, agent.observation_dim)?;
+        dims("low", low.len(), agent.action_dim)?;
+        dims("high", high.len(), agent.action_dim)?;
+        if let Some(scale) = scale {
+            dims("scale", scale.mean.len(), *observation_dim)?;
+        }
+        if *image != agent.image {
+            return Err("`interface.image` is not the agent's `image`".to_owned());
+        }
+        if low.iter().zip(high).any(|(low, high)| !(low < high && (high - low).is_finite())) {
+            return Err("`interface.low` and `interface.high` are no bounds".to_owned());
+        }
+        Ok(())
     }
 
     /// The observed columns, the image first: what [`Interface::new`] was given, or what it chose.

@@ -50,10 +50,14 @@ impl OnlineConfig {
             );
         }
         let config: Self = run.config()?;
-        match config.version {
-            RUN_VERSION => Ok(config),
-            version => Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}"))),
+        if config.version != RUN_VERSION {
+            let version = config.version;
+            return Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}")));
         }
+        let checked = config.fit.check().map_err(|error| error.to_string());
+        let checked = checked.and_then(|()| config.interface.check(&config.agent));
+        checked.map_err(|reason| run.damaged(&run.config_file(), &reason))?;
+        Ok(config)
     }
 }
 

@@ -9,6 +9,7 @@ use super::agent::{AgentConfig, OnlineAgent, Task};
 use super::{sac, tdmpc2};
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::models::bounds::check_bounds;
 use crate::models::settings::with_changes;
 
 /// A line of the table.
@@ -115,6 +116,13 @@ pub fn restore_agent(
     if !options.is_empty() {
         config.settings = with_changes(entry.name, &config.settings, &json!({ "plan": options }))?;
     }
+    let dims = [
+        ("observation_dim", config.observation_dim),
+        ("action_dim", config.action_dim),
+        ("image", config.image.unwrap_or(0)),
+    ];
+    check_bounds(&config.settings, &dims)
+        .map_err(|reason| BaselineError::Settings { baseline: entry.name, reason })?;
     (entry.make)(config, device)
 }
 

@@ -78,7 +78,7 @@ pub fn fit(
     let settings = &FitSettings { batch: batch_of(settings, model), ..settings.clone() };
     let totals = totals(data, settings, model);
     model.set_precision(settings.precision);
-    let state = begin(run, model)?;
+    let state = begin(run, model, totals.len())?;
     let encoded = latents::encoded(data, model)?;
     let data = encoded.as_ref().unwrap_or(data);
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
@@ -103,9 +103,17 @@ pub(super) fn totals(data: &TrainData, settings: &FitSettings, model: &dyn Basel
 }
 
 /// Where the run stands: at its last checkpoint, which the model takes up, or at its beginning.
-fn begin(run: &RunFolder, model: &mut dyn Baseline) -> Result<State, BaselineError> {
+fn begin(run: &RunFolder, model: &mut dyn Baseline, phases: usize) -> Result<State, BaselineError> {
     let Some(&step) = run.steps()?.last() else { return Ok(State::new()) };
     let checkpoint: Checkpoint<State> = run.checkpoint(step)?;
+    let State { phase, step: stood, done, .. } = checkpoint.state;
+    if stood != step || done > step || phase >= phases {
+        let reason =
+            format!("it describes step {stood} ({done} of phase {phase}) of a training of {phases} phases");
+        return Err(run.wrong(format!(
+            "the checkpoint at step {step} is damaged: {reason}; remove it, or make a new run"
+        )));
+    }
     model.load_weights(&run.checked_weights(&checkpoint)?)?;
     model.load_training(&run.checked_training(&checkpoint)?)?;
     Ok(checkpoint.state)

@@ -170,7 +170,7 @@ impl RunFolder {
     }
 
     /// About a file that others have damaged: by itself a run has whole ones only.
-    pub(super) fn damaged(&self, path: &Path, reason: &str) -> BaselineError {
+    pub(crate) fn damaged(&self, path: &Path, reason: &str) -> BaselineError {
         let fix =
             "bring back a copy of it, plan with an earlier checkpoint (`checkpoint=STEP`), or make a new run";
         self.wrong(format!("{}: {reason}; {fix}", path.display()))

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoints::Checkpoint;
-use super::data::DataConfig;
+use super::data::{ACTION, DataConfig, PROPRIO};
 use super::fit::State;
 use super::folder::RunFolder;
 use super::settings::FitSettings;
@@ -46,10 +46,49 @@ impl RunConfig {
             return Err(run.wrong(format!("it trained an agent, not a model; use it as `{agent}:RUN`")));
         }
         let config: Self = run.config()?;
-        match config.version {
-            RUN_VERSION => Ok(config),
-            version => Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}"))),
+        if config.version != RUN_VERSION {
+            let version = config.version;
+            return Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}")));
         }
+        config.check().map_err(|reason| run.damaged(&run.config_file(), &reason))?;
+        Ok(config)
+    }
+
+    /// What is wrong within it, if anything is.
+    fn check(&self) -> Result<(), String> {
+        let Self { model_config: ModelConfig { dims, .. }, data, fit, .. } = self;
+        fit.check().map_err(|error| error.to_string())?;
+        if data.action != dims.action_dim {
+            return Err(format!(
+                "`data.action` is {}, and the model takes {} values",
+                data.action, dims.action_dim
+            ));
+        }
+        if !data.scales.contains_key(ACTION) {
+            return Err(format!("`data.scales` has no `{ACTION}`"));
+        }
+        for (name, dim) in [(ACTION, dims.action_dim), (PROPRIO, dims.proprio_dim)] {
+            if let Some(len) = data.scales.get(name).map(|scale| scale.mean.len()).filter(|len| *len != dim) {
+                return Err(format!("`data.scales.{name}` has {len} values, and the model takes {dim}"));
+            }
+        }
+        if data.frame_skip == Some(0) {
+            return Err("`data.frame_skip` is 0; it must be at least 1".to_owned());
+        }
+        Ok(())
+    }
+
+    /// Whether `model`, which was made from it, fits what it says of the data.
+    pub(super) fn check_model(&self, run: &RunFolder, model: &dyn Baseline) -> Result<(), BaselineError> {
+        let (input, data) = (model.input_spec(), &self.data);
+        let reason = if input.image != data.image {
+            format!("`data.image` is {}, and the model takes images of {}", data.image, input.image)
+        } else if input.proprio && !data.scales.contains_key(PROPRIO) {
+            format!("`data.scales` has no `{PROPRIO}`, which the model takes")
+        } else {
+            return Ok(());
+        };
+        Err(run.damaged(&run.config_file(), &reason))
     }
 }
 
@@ -102,6 +141,7 @@ impl TrainedModel {
         let config = RunConfig::read(&run)?;
         let checkpoint: Checkpoint<State> = run.checkpoint(find(&run, which)?)?;
         let mut baseline = restore(&config.model_config, device)?;
+        config.check_model(&run, baseline.as_ref())?;
         baseline.load_weights(&run.checked_weights(&checkpoint)?)?;
         Ok(Self { baseline, config, step: checkpoint.step, weights: checkpoint.weights })
     }

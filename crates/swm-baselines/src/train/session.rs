@@ -165,6 +165,7 @@ impl Training {
             ))
         })?;
         let model = restore(&config.model_config, device)?;
+        known.check_model(&run, model.as_ref())?;
         let name = model.name();
         let dataset = with_images(dataset.as_ref(), registry, name, model.input_spec().image)?;
         let data = TrainData::new(

@@ -153,7 +153,7 @@ fn a_run_is_not_resumed_on_other_images() {
     bench.collect("--seed 1 --image-size 64x64 --set background.color=black", "black.h5");
     bench.collect("--seed 1 --image-size 64x64", "again.h5");
     bench.train("gcbc --preset small", "white.h5", "run").unwrap();
-    let agent = "tdmpc2 --preset small --observe pixels --set batch=4 --set horizon=2";
+    let agent = "tdmpc2 --preset small --observe pixels --set image.size=64 --set batch=4 --set horizon=2";
     bench.train(agent, "white.h5", "agent").unwrap();
     for run in ["run", "agent"] {
         let resume = |data: Option<&str>, steps: u64| {
@@ -258,5 +258,76 @@ fn a_job_whose_model_would_see_no_images_is_not_submitted() {
         let eval = format!("eval --manifest {task} --policy mpc:{} --reference none", at("run"));
         run(format!("submit --on script --shards 1 --no-copy --job {job} -- {eval}"));
         assert_eq!(bench.path(&format!("job-{size}")).exists(), is_submitted, "{size}");
+    }
+}
+
+/// Every value of a JSON document, by its pointer.
+fn leaves(json: &Json, at: &str, found: &mut Vec<String>) {
+    match json {
+        Json::Object(fields) => {
+            fields.iter().for_each(|(name, value)| leaves(value, &format!("{at}/{name}"), found))
+        }
+        Json::Array(items) => {
+            items
+                .iter()
+                .enumerate()
+                .for_each(|(index, value)| leaves(value, &format!("{at}/{index}"), found));
+            found.push(at.to_owned());
+        }
+        _ => found.push(at.to_owned()),
+    }
+}
+
+#[test]
+fn files_of_a_run_with_other_values_are_refused_or_used() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    bench.train("gcbc --preset small", "a.h5", "gcbc").unwrap();
+    bench.train("lewm --preset small", "a.h5", "lewm").unwrap();
+    let agent =
+        "tdmpc2 --preset small --set batch=4 --set horizon=2 --set plan.samples=14 --set plan.elites=2";
+    bench.train(agent, "a.h5", "tdmpc2").unwrap();
+    let run = |words: String| {
+        let words = words.split_whitespace().map(OsString::from);
+        // An error is an answer; a panic fails this test, and too much memory ends it.
+        let _ = crate::cli::run(&bench.registry, words);
+    };
+    for (name, policy) in [("gcbc", "gcbc"), ("lewm", "mpc"), ("tdmpc2", "tdmpc2")] {
+        let path = bench.path(name);
+        for file in ["config.json", "checkpoints/step-00000001.json"] {
+            let file = path.join(file);
+            let whole = std::fs::read(&file).unwrap();
+            let json: Json = serde_json::from_slice(&whole).unwrap();
+            let mut all = Vec::new();
+            leaves(&json, "", &mut all);
+            assert!(all.len() > 5, "{all:?}");
+            for leaf in all {
+                let old = json.pointer(&leaf).unwrap();
+                let values = match old {
+                    Json::Number(_) => {
+                        vec![json!(0), json!(3), json!(1_u64 << 32), json!(u64::MAX), json!(-1)]
+                    }
+                    Json::Array(_) => vec![json!([]), json!([0, 0]), json!([u64::MAX, u64::MAX, 5])],
+                    Json::String(_) => vec![json!(""), json!("../x")],
+                    _ => vec![json!(u64::MAX)],
+                };
+                for value in values {
+                    let mut changed = json.clone();
+                    *changed.pointer_mut(&leaf).unwrap() = value;
+                    std::fs::write(&file, serde_json::to_vec(&changed).unwrap()).unwrap();
+                    let path = path.display();
+                    let steps = json.pointer("/step").map_or(1, |step| step.as_u64().unwrap());
+                    run(format!("swm -q train --resume {path} --steps {steps}"));
+                    let how = if policy == "mpc" {
+                        ",samples=4,elites=2,iterations=1,horizon=1,receding_horizon=1"
+                    } else {
+                        ""
+                    };
+                    let env = "eval swm/TwoRoom-v2 --episodes 1 --budget 1 --num-envs 1";
+                    run(format!("swm -q {env} --image-size 64x64 --policy {policy}:{path}{how}"));
+                }
+            }
+            std::fs::write(&file, &whole).unwrap();
+        }
     }
 }
