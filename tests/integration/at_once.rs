@@ -10,17 +10,23 @@ use crate::support::{Folder, PUSHT, record, swm};
 /// The files below a folder, or a file, with their content; without what differs from run to run: times and names of processes.
 fn content(path: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     if path.is_file() {
-        return vec![(PathBuf::new(), fs::read(path).unwrap())];
+        return vec![(PathBuf::new(), fs::read(path).expect("the folder is ours"))];
     }
     let mut all = Vec::new();
     let mut folders = vec![path.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        for entry in fs::read_dir(folder)
+            .expect("the folder is ours")
+            .map(|entry| entry.expect("the folder is ours").path())
+        {
             match entry.is_dir() {
                 true => folders.push(entry),
                 false => {
-                    let text = fs::read(&entry).unwrap();
-                    all.push((entry.strip_prefix(path).unwrap().to_owned(), without_times(text)));
+                    let text = fs::read(&entry).expect("the folder is ours");
+                    all.push((
+                        entry.strip_prefix(path).expect("the folder is ours").to_owned(),
+                        without_times(text),
+                    ));
                 }
             }
         }

@@ -75,22 +75,23 @@ fn run(line: &str) -> Result<(), String> {
 
 /// Changes each value of the file, and runs the commands on each change.
 fn change_each(file: &str, commands: &[String], failures: &mut Vec<String>) {
-    let whole = fs::read(file).unwrap();
-    let json: Json = serde_json::from_slice(&whole).unwrap();
+    let whole = fs::read(file).expect("it was written by the command");
+    let json: Json = serde_json::from_slice(&whole).expect("it was written by the command");
     let mut all = Vec::new();
     leaves(&json, "", &mut all);
     for leaf in all {
-        for value in others(json.pointer(&leaf).unwrap()) {
+        for value in others(json.pointer(&leaf).expect("it was written by the command")) {
             let mut changed = json.clone();
-            *changed.pointer_mut(&leaf).unwrap() = value.clone();
-            fs::write(file, serde_json::to_vec(&changed).unwrap()).unwrap();
+            *changed.pointer_mut(&leaf).expect("it was written by the command") = value.clone();
+            fs::write(file, serde_json::to_vec(&changed).expect("it was written by the command"))
+                .expect("it was written by the command");
             for command in commands {
                 failures
                     .extend(run(command).err().map(|how| format!("{leaf} = {value}: swm {command}: {how}")));
             }
         }
     }
-    fs::write(file, whole).unwrap();
+    fs::write(file, whole).expect("it was written by the command");
 }
 
 #[test]

@@ -265,7 +265,7 @@ fn a_job_whose_model_would_see_no_images_is_not_submitted() {
 fn leaves(json: &Json, at: &str, found: &mut Vec<String>) {
     match json {
         Json::Object(fields) => {
-            fields.iter().for_each(|(name, value)| leaves(value, &format!("{at}/{name}"), found))
+            fields.iter().for_each(|(name, value)| leaves(value, &format!("{at}/{name}"), found));
         }
         Json::Array(items) => {
             items
