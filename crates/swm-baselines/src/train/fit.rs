@@ -108,10 +108,8 @@ fn begin(run: &RunFolder, model: &mut dyn Baseline, phases: usize) -> Result<Sta
     let checkpoint: Checkpoint<State> = run.checkpoint(step)?;
     let State { phase, step: stood, done, .. } = checkpoint.state;
     if stood != step || done > step || phase >= phases {
-        let reason =
-            format!("it describes step {stood} ({done} of phase {phase}) of a training of {phases} phases");
         return Err(run.wrong(format!(
-            "the checkpoint at step {step} is damaged: {reason}; remove it, or make a new run"
+            "the checkpoint at step {step} is damaged: it describes step {stood} in phase {phase} of {phases}; remove it, or make a new run"
         )));
     }
     model.load_weights(&run.checked_weights(&checkpoint)?)?;
