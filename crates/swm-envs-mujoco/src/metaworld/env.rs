@@ -215,7 +215,7 @@ impl Env for MetaWorldEnv {
         }
         self.show_goal();
         let Self { robot, task_state, .. } = self;
-        task_state.worth = worth(robot, &task_state.origin, &task_state.frames[0], 0.0);
+        task_state.worth = worth(robot, &task_state.origin, &robot.look(), 0.0);
         if let Some(row) = &episode.options.start {
             self.recall_observation(row);
         }

@@ -81,7 +81,6 @@ fn light(task: &Task, full: &Model, scale: f64) -> Result<Model, MujocoError> {
     spec.shrink_meshes();
     let mut model = spec.compile()?;
     model.copy_mesh_places(full);
-    model.search_trees_for_meshes_only();
     model.set_extent_m(full.extent_m());
     finish(&mut model)?;
     Ok(model)
