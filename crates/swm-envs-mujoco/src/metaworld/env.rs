@@ -182,7 +182,7 @@ impl MetaWorldEnv {
         let [object, goal] = placed(self.task, &self.fov);
         let origin = self.robot.begin(values(&self.fov, HAND), object, goal)?;
         let frame = self.robot.look();
-        let Self { robot, task_state, .. } = self;
+        let task_state = &mut self.task_state;
         *task_state = TaskState {
             steps: 0,
             origin,
@@ -191,8 +191,7 @@ impl MetaWorldEnv {
             goal_qpos: std::mem::take(&mut task_state.goal_qpos),
             is_goal_recorded: false,
         };
-        // Some tasks observe what is a physics step old. Images and the rest of the row show the state as it is.
-        robot.sim.kinematics()
+        Ok(())
     }
 }
 
@@ -215,6 +214,8 @@ impl Env for MetaWorldEnv {
         }
         self.show_goal();
         let Self { robot, task_state, .. } = self;
+        // Some tasks observe what is a physics step old. Images and the rest of the row show the state as it is.
+        robot.sim.kinematics().map_err(|error| error.at_reset(id))?;
         task_state.worth = worth(robot, &task_state.origin, &robot.look(), 0.0);
         if let Some(row) = &episode.options.start {
             self.recall_observation(row);
