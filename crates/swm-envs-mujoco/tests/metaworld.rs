@@ -148,7 +148,7 @@ fn evaluate(
     episodes: u64,
     (seed, options): (u64, ResetOptions),
 ) -> Evaluation {
-    let mut world = World::new(entry, WorldOptions::new(2).max_episode_steps(500)).expect("it was set up");
+    let mut world = World::new(entry, WorldOptions::new(2).max_episode_steps(350)).expect("it was set up");
     world.set_policy(Registry::new().policy(policy, &world).expect("one"));
     let rollout = Rollout::new(0..episodes).seed(seed).options(options);
     let evaluation = world.evaluate(&rollout).expect("it runs");
@@ -162,5 +162,73 @@ fn experts_solve_every_task() {
     for (entry, _) in tasks() {
         let rate = evaluate(entry, "expert", 50, (7, ResetOptions::default())).success_rate;
         assert!(rate >= 98.0, "{}: {rate}", entry.id);
+    }
+}
+
+#[test]
+fn experts_hold_at_the_ends_of_every_factor_that_physics_feel() {
+    let is_felt = |name: &str| {
+        !["color", "texture", "light", "camera", "transparent", "position"]
+            .iter()
+            .any(|part| name.contains(part))
+    };
+    let mut failures = Vec::new();
+    for (entry, _) in tasks() {
+        let factors = Bench::new(entry, &json!({})).env.spec().factors.clone();
+        for factor in
+            factors.iter().filter(|factor| is_felt(&factor.name) || factor.name.starts_with("agent.start"))
+        {
+            let (low, high) = factor.space.bounds();
+            for end in [low, high] {
+                let values = ResetOptions::default().fix(&factor.name, Value::vector(&end));
+                let rate = evaluate(entry, "expert", 10, (3, values)).success_rate;
+                if rate < 90.0 {
+                    failures.push(format!("{} {} = {end:?}: {rate} %", entry.id, factor.name));
+                }
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn settings_and_goals_do_what_they_name() {
+    let entry = &swm_envs_mujoco::metaworld::DRAWER_CLOSE;
+    let mut bench = Bench::new(entry, &json!({"time_limit": 3, "goal_observable": false}));
+    bench.reset(1, &ResetOptions::default());
+    assert_eq!(bench.values("observation")[36..], [0.0; 3]);
+    let steps = (0..9).take_while(|_| {
+        bench.step([0.0; 4]);
+        !bench.env.is_truncated()
+    });
+    assert_eq!(steps.count() + 1, 3);
+    // Where it is now is reached at once.
+    let mut bench = Bench::new(entry, &json!({"terminate_on_success": true}));
+    bench.reset(1, &ResetOptions::default());
+    assert!(!bench.step([0.0; 4]).terminated);
+    let row = |name: &str, values: &[f64]| Some([(name.to_owned(), Value::vector(values))].into());
+    let goal = row("achieved_goal", &bench.values("achieved_goal"));
+    bench.reset(1, &ResetOptions { goal: goal.clone(), ..ResetOptions::default() });
+    assert_eq!(
+        Some(bench.values("desired_goal")),
+        goal.map(|goal| goal["achieved_goal"].to_f64s("goal").unwrap())
+    );
+    let outcome = bench.step([0.0; 4]);
+    assert!(outcome.terminated && outcome.reward == 10.0, "{outcome:?}");
+    let mut refused = |words: &str, options: ResetOptions| {
+        let message = bench.env.reset(&Episode::new(EpisodeSeed::new(3), &options)).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    };
+    let none = ResetOptions::default;
+    refused("`qvel` is no goal", ResetOptions { goal: row("qvel", &[0.0; 10]), ..none() });
+    refused("needs the column `achieved_goal`", ResetOptions { goal: row("qpos", &[0.0; 10]), ..none() });
+    refused("needs the column `qpos`", ResetOptions { start: row("qvel", &[0.0; 10]), ..none() });
+}
+
+#[test]
+fn experts_bear_noise() {
+    for (entry, _) in tasks() {
+        let rate = evaluate(entry, "noisy-expert:0.1", 10, (5, ResetOptions::default())).success_rate;
+        assert!(rate >= 80.0, "{}: {rate}", entry.id);
     }
 }

@@ -129,9 +129,9 @@ pub(super) const DOOR_OPEN: Task = Task {
     script: Script::Rules {
         offset: [-0.05, 0.0, 0.0],
         rules: &[
-            Rule(When::Far(0.12), To::Object([0.06, 0.02, 0.2]), 10.0),
-            Rule(When::High(0.04), To::Object([0.06, 0.02, 0.0]), 10.0),
-            Rule(When::Always, To::Object([-0.05, -0.05, 0.0]), 10.0),
+            Rule(When::Far(0.12), To::Object([0.06, 0.02, 0.2]), 25.0),
+            Rule(When::High(0.04), To::Object([0.06, 0.02, 0.0]), 25.0),
+            Rule(When::Always, To::Object([-0.05, -0.05, 0.0]), 25.0),
         ],
         grip: Grip::Constant(1.0),
     },
