@@ -92,25 +92,22 @@ impl MetaWorldEnv {
             goal_qpos: sim.qpos().to_vec(),
             is_goal_recorded: false,
         };
-        let (fov, robot) = (space.defaults(), Robot::new(task, sim)?);
         // The button has its goal marked on its box.
         let marker = model.id(Object::Site, "goal").ok();
-        let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
-        let scaled = None;
         let mut env = Self {
+            fov: space.defaults(),
+            robot: Robot::new(task, sim)?,
+            goal_image: (vec![0; image.map_or(0, |size| size.shape().iter().product())], true),
+            scaled: None,
             task,
             spec,
-            robot,
             task_state,
             settings,
             controls,
             space,
-            fov,
             shared,
-            scaled,
             marker,
             images,
-            goal_image,
         };
         env.set_model()?;
         env.robot.sim.reset();

@@ -5,8 +5,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::robot::{Frame, JOINT, Origin, Robot, minus, norm};
-use super::task::{LONG, Reward};
-use crate::suite::{Falloff, tolerance};
+use super::task::Reward;
+use crate::suite::{Falloff, GAUSSIAN, tolerance};
+
+/// The long tail by which most rewards fall off.
+const LONG: Falloff = Falloff::LongTail(0.1);
 
 /// What a state and an action are worth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -111,7 +114,9 @@ pub(super) fn worth(robot: &Robot, origin: &Origin, frame: &Frame, closing: f32)
         Reward::Door => state.door(),
         Reward::DrawerOpen => state.drawer_open(),
         Reward::Press => state.press(),
-        Reward::Slide { .. } => state.slide(),
+        Reward::CloseDrawer => state.slide((0.005, GAUSSIAN), true, [0.05 + 0.015, 0.01]),
+        Reward::OpenWindow => state.slide((0.02, LONG), false, [0.05; 2]),
+        Reward::CloseWindow => state.slide((0.02, GAUSSIAN), false, [0.05; 2]),
     }
 }
 
@@ -274,17 +279,13 @@ impl State<'_> {
         told(reward, left <= 0.024, [self.away <= 0.05, self.gripper > 0.0], near, [pressed, left])
     }
 
-    fn slide(&self) -> Worth {
-        let Reward::Slide { near: (near, falloff), grips, reached, touched, from_handle, .. } =
-            self.robot.task.reward
-        else {
-            return Worth::default();
-        };
+    /// Near × placed, for what slides. `grips`: whether the closing fingers count, and the whole distance (else that along x).
+    fn slide(&self, (near, falloff): (f64, Falloff), grips: bool, [reached, touched]: [f64; 2]) -> Worth {
         let Origin { achieved: handle, target, tips, placed, .. } = *self.origin;
         let distance =
             |from: [f64; 3]| if grips { norm(minus(from, target)) } else { (from[0] - target[0]).abs() };
         let left = distance(self.object);
-        let whole = distance(if from_handle { handle } else { placed });
+        let whole = distance(if self.robot.task.reward == Reward::OpenWindow { placed } else { handle });
         let in_place = up_to(left, 0.05, (whole - 0.05).abs(), LONG);
         let mut reached_for: Number =
             up_to(self.away, near, (norm(minus(handle, tips)) - near).abs(), falloff).into();

@@ -8,6 +8,7 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 use super::env::MetaWorldEnv;
 use super::reward::{PARTS, Worth};
 use super::robot::{Frame, Origin};
+use crate::error::MujocoError;
 use crate::given::{check_goal, needed, recall, recorded};
 
 /// The episode as it stands, beside the simulation.
@@ -34,7 +35,7 @@ pub(super) const EPISODE: usize = STEP + PARTS.len();
 
 /// The columns that a start may name.
 pub(super) const START: &[&str] =
-    &["qpos", "qvel", "time", "qacc_warmstart", "mocap_pos", "mocap_quat", "ctrl", "desired_goal"];
+    &["qpos", "qvel", "time", "qacc_warmstart", "mocap_pos", "ctrl", "desired_goal"];
 /// What a start takes besides: what was observed, and what it was worth.
 pub(super) const START_EXTRAS: &[&str] = &["observation", PARTS[0], PARTS[1], PARTS[2], PARTS[3], PARTS[4]];
 
@@ -95,43 +96,23 @@ impl MetaWorldEnv {
     /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
     pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
         let id = self.task.id;
+        let (nq, nv) = (self.robot.sim.model().nq(), self.robot.sim.model().nv());
+        let (qpos, qvel) = (needed(id, row, "start", "qpos", nq)?, needed(id, row, "start", "qvel", nv)?);
+        let warmstart = recorded(id, row, "qacc_warmstart", nv)?.unwrap_or_else(|| vec![0.0; nv]);
+        let at_reset = |error: MujocoError| error.at_reset(id);
         let sim = &mut self.robot.sim;
-        let (nq, nv) = (sim.model().nq(), sim.model().nv());
-        let qpos = needed(id, row, "start", "qpos", nq)?;
-        let qvel = needed(id, row, "start", "qvel", nv)?;
-        sim.reset();
         sim.qpos_mut().copy_from_slice(&qpos);
         sim.qvel_mut().copy_from_slice(&qvel);
         sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
-        let warmstart = recorded(id, row, "qacc_warmstart", nv)?;
-        for (name, target) in [("mocap_quat", 4), ("ctrl", 2)] {
-            if let Some(values) = recorded(id, row, name, target)? {
-                if target == 4 { sim.mocap_quat_mut() } else { sim.ctrl_mut() }.copy_from_slice(&values);
-            } else if target == 4 {
-                sim.mocap_quat_mut().copy_from_slice(&[1.0, 0.0, 1.0, 0.0]);
-            }
-        }
-        let place = recorded(id, row, "mocap_pos", 3)?;
-        let compute = |sim: &mut crate::ffi::Simulation, warmstart: &Option<Vec<f64>>| {
-            if let Some(warmstart) = warmstart {
-                sim.qacc_warmstart_mut().copy_from_slice(warmstart);
-            }
-            sim.forward().map_err(|error| error.at_reset(id))?;
-            if let Some(warmstart) = warmstart {
-                sim.qacc_warmstart_mut().copy_from_slice(warmstart);
-            }
-            Ok::<_, EnvError>(())
-        };
-        match place {
-            Some(place) => sim.mocap_pos_mut().copy_from_slice(&place),
-            // The hand is pulled to where it is.
-            None => {
-                compute(sim, &None)?;
-                let hand = self.robot.look();
-                self.robot.sim.mocap_pos_mut().copy_from_slice(&hand[..3]);
-            }
-        }
-        compute(&mut self.robot.sim, &warmstart)?;
+        recall(row, "ctrl", sim.ctrl_mut());
+        sim.forward().map_err(at_reset)?;
+        // Where it is not recorded, the hand is pulled to where it is.
+        let hand = self.robot.look()[..3].to_vec();
+        let sim = &mut self.robot.sim;
+        sim.mocap_pos_mut().copy_from_slice(&recorded(id, row, "mocap_pos", 3)?.unwrap_or(hand));
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        sim.forward().map_err(at_reset)?;
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
         if let Some(goal) = recorded(id, row, "desired_goal", 3)? {
             self.task_state.origin.target = [goal[0], goal[1], goal[2]];
         }

@@ -1,9 +1,8 @@
 //! The ten tasks: constants of metaworld 3.1.1, one row each.
 
 use super::task::{
-    Done, Grip, LONG, Paint, Physics, Point, Reward, Rule, Script, Start, Target, Task, To, Turn, When,
+    Done, Grip, Paint, Physics, Point, Reward, Rule, Script, Start, Target, Task, To, Turn, When,
 };
-use crate::suite::GAUSSIAN;
 
 /// Where the hand starts, m. Some files of the package have it in single precision.
 const AHEAD: [f64; 3] = [0.0, 0.6, 0.2];
@@ -171,14 +170,7 @@ pub(super) const DRAWER_CLOSE: Task = Task {
     turn: Turn::None,
     achieved: Point::Body("drawer_link", [0.0, -0.16, 0.05]),
     target: Target::FromObject([0.0, -0.16, 0.09]),
-    reward: Reward::Slide {
-        near: (0.005, GAUSSIAN),
-        grips: true,
-        reached: 0.05 + 0.015,
-        touched: 0.01,
-        shift: 0.0,
-        from_handle: true,
-    },
+    reward: Reward::CloseDrawer,
     done: Done::Joint(0.0),
     script: Script::Rules {
         offset: [0.0, 0.0, -0.02],
@@ -255,14 +247,7 @@ pub(super) const WINDOW_OPEN: Task = Task {
     turn: Turn::None,
     achieved: Point::Site("handleOpenStart"),
     target: Target::FromObject([0.2, 0.0, 0.0]),
-    reward: Reward::Slide {
-        near: (0.02, LONG),
-        grips: false,
-        reached: 0.05,
-        touched: 0.05,
-        shift: 0.0,
-        from_handle: false,
-    },
+    reward: Reward::OpenWindow,
     done: Done::Joint(0.2),
     paint: FRAME,
     physics: jointed([0.5, 20.0, 2.0]),
@@ -285,14 +270,7 @@ pub(super) const WINDOW_CLOSE: Task = Task {
     seen: Point::Site("handleCloseStart"),
     achieved: Point::Site("handleCloseStart"),
     target: Target::FromObject(ORIGIN),
-    reward: Reward::Slide {
-        near: (0.02, GAUSSIAN),
-        grips: false,
-        reached: 0.05,
-        touched: 0.05,
-        shift: 0.2,
-        from_handle: true,
-    },
+    reward: Reward::CloseWindow,
     done: Done::Joint(0.0),
     script: Script::Rules {
         offset: [0.03, -0.03, -0.08],

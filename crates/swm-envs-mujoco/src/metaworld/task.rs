@@ -1,9 +1,5 @@
 //! What a task is: one row of [`super::table`]. Facts: metaworld 3.1.1.
 
-use crate::suite::Falloff;
-
-/// The long tail and the bell by which rewards fall off.
-pub(super) const LONG: Falloff = Falloff::LongTail(0.1);
 /// Where the body that pulls the hand may be, m.
 pub(super) const REACH: [[f64; 3]; 2] = [[-0.5, 0.4, 0.05], [0.5, 1.0, 0.5]];
 /// How far an action of 1 moves that body, m.
@@ -99,7 +95,7 @@ pub(super) enum Target {
 }
 
 /// The shape of the reward.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Reward {
     Reach,
     Push,
@@ -108,21 +104,9 @@ pub(super) enum Reward {
     Door,
     DrawerOpen,
     Press,
-    /// Near × placed, for what slides.
-    Slide {
-        /// How near the fingers should come, m, and how the reward falls off.
-        near: (f64, Falloff),
-        /// Whether the closing fingers count, and the whole distance (else that along x).
-        grips: bool,
-        /// The distance that is success, m.
-        reached: f64,
-        /// How near the fingers have to be to count as near, m.
-        touched: f64,
-        /// How far the handle is moved along x at the start, m.
-        shift: f64,
-        /// Whether distances count from where the handle was, or from where the fixture was put.
-        from_handle: bool,
-    },
+    CloseDrawer,
+    OpenWindow,
+    CloseWindow,
 }
 
 /// What the image of a goal shows.
