@@ -220,6 +220,7 @@ fn the_planner_of_the_rocket_lands_it() {
 fn the_planners_of_small_tasks_reach_their_goals() {
     for (id, budget) in [
         ("swm/FetchReach-v3", "15"),
+        ("swm/MetaWorldReach-v0", "60"),
         ("swm/Piecewise-v0", "100"),
         ("swm/SimplePointMaze-v0", "100"),
         ("swm/SimpleNavigation-v0", "40"),

@@ -1,4 +1,5 @@
-//! Environments on MuJoCo: the DeepMind Control Suite, OGBench's manipulation environments and mazes, and Fetch.
+//! Environments on MuJoCo: the DeepMind Control Suite, OGBench's manipulation environments and mazes, Fetch, and
+//! Meta-World.
 //!
 //! * [`ffi`]: the C library, loaded at run time, behind safe owners;
 //! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
@@ -6,7 +7,8 @@
 //! * one file per domain, and one line in [`ENVS`];
 //! * `ogbench`: the arm at its tables;
 //! * `locomaze`: OGBench's mazes;
-//! * `fetch`: an arm that reaches, pushes, slides, and picks and places.
+//! * `fetch`: an arm that reaches, pushes, slides, and picks and places;
+//! * `metaworld`: an arm and ten tasks.
 //!
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! fixes it.
@@ -28,6 +30,7 @@ mod hopper;
 mod humanoid;
 mod locomaze;
 mod manipulator;
+pub mod metaworld;
 mod ogbench;
 mod pendulum;
 mod quadruped;
@@ -94,4 +97,14 @@ pub const ENVS: &[EnvEntry] = &[
     FETCH_PICK_AND_PLACE,
     FETCH_PICK_AND_PLACE_DENSE,
     FETCH_PICK_AND_PLACE_DICT,
+    metaworld::REACH,
+    metaworld::PUSH,
+    metaworld::PICK_PLACE,
+    metaworld::DOOR_OPEN,
+    metaworld::DRAWER_OPEN,
+    metaworld::DRAWER_CLOSE,
+    metaworld::BUTTON_PRESS_TOPDOWN,
+    metaworld::PEG_INSERT_SIDE,
+    metaworld::WINDOW_OPEN,
+    metaworld::WINDOW_CLOSE,
 ];

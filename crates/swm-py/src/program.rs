@@ -54,10 +54,15 @@ fn set_files(
 }
 
 /// Where the package looks for MuJoCo's library and for models: (library, folder), None where nothing says so; and the
-/// versions of MuJoCo, dm_control and OGBench that it takes.
+/// versions of MuJoCo, dm_control, OGBench and Meta-World that it takes.
 #[pyfunction]
-fn files() -> (Option<PathBuf>, Option<PathBuf>, [&'static str; 3]) {
-    let versions = [assets::MUJOCO_VERSION, assets::DM_CONTROL_VERSION, assets::OGBENCH_VERSION];
+fn files() -> (Option<PathBuf>, Option<PathBuf>, [&'static str; 4]) {
+    let versions = [
+        assets::MUJOCO_VERSION,
+        assets::DM_CONTROL_VERSION,
+        assets::OGBENCH_VERSION,
+        assets::METAWORLD_VERSION,
+    ];
     (assets::library_path().ok(), assets::data_folder(), versions)
 }
 

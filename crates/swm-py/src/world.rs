@@ -386,6 +386,13 @@ fn env_ids() -> Vec<(&'static str, &'static str)> {
     registry().all::<EnvEntry>().map(|entry| (entry.id, entry.summary)).collect()
 }
 
+/// Further names of environments, and their ids.
+#[pyfunction]
+fn env_aliases() -> Vec<(&'static str, &'static str)> {
+    let entries = registry().all::<EnvEntry>();
+    entries.flat_map(|entry| entry.aliases.iter().map(|alias| (*alias, entry.id))).collect()
+}
+
 /// The seed of episode `index` of the run with seed `run`, as it stands in the column `seed`.
 #[pyfunction]
 fn episode_seed(run: u64, index: u64) -> i64 {
@@ -395,6 +402,7 @@ fn episode_seed(run: u64, index: u64) -> i64 {
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(env_ids, m)?)?;
+    m.add_function(wrap_pyfunction!(env_aliases, m)?)?;
     m.add_function(wrap_pyfunction!(episode_seed, m)?)?;
     m.add_class::<PyWorld>()?;
     m.add_class::<Table>()

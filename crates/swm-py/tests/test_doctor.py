@@ -38,7 +38,7 @@ def installed(site: Path, folder: Path, version: str) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the data folder is found by XDG_DATA_HOME")
 def test_models_of_an_installed_ogbench_work(tmp_path: Path, ogbench: None) -> None:
-    _, folder, (_, _, version) = _swm.files()
+    _, folder, (_, _, version, _) = _swm.files()
     assert folder is not None
     home = tmp_path / "share" / "stable-worldmodel"
     home.mkdir(parents=True)

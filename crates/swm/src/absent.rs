@@ -167,6 +167,16 @@ pub(crate) const NAMES: &[Absent] = &[
     env("swm/FetchPickAndPlace-v3", MUJOCO),
     env("swm/FetchPickAndPlaceDense-v3", MUJOCO),
     env("swm/FetchPickAndPlaceDict-v3", MUJOCO),
+    env("swm/MetaWorldReach-v0", MUJOCO),
+    env("swm/MetaWorldPush-v0", MUJOCO),
+    env("swm/MetaWorldPickPlace-v0", MUJOCO),
+    env("swm/MetaWorldDoorOpen-v0", MUJOCO),
+    env("swm/MetaWorldDrawerOpen-v0", MUJOCO),
+    env("swm/MetaWorldDrawerClose-v0", MUJOCO),
+    env("swm/MetaWorldButtonPressTopdown-v0", MUJOCO),
+    env("swm/MetaWorldPegInsertSide-v0", MUJOCO),
+    env("swm/MetaWorldWindowOpen-v0", MUJOCO),
+    env("swm/MetaWorldWindowClose-v0", MUJOCO),
 ];
 
 #[cfg(test)]

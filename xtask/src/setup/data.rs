@@ -14,7 +14,7 @@ use super::folder;
 use super::wheel::{self, ANY, Keep, Package, Wheel};
 
 /// One line per thing to fetch: what it is, what it is for, where it goes below the data folder.
-pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL, &OGBENCH, &GYMNASIUM_ROBOTICS];
+pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL, &OGBENCH, &GYMNASIUM_ROBOTICS, &METAWORLD];
 
 /// The physics engine, loaded at run time; Apache-2.0. There are no wheels for Intel Macs and musl.
 pub(crate) const MUJOCO: Package = Package {
@@ -101,6 +101,56 @@ const GYMNASIUM_ROBOTICS: Package = Package {
         Keep { from: &["gymnasium_robotics/envs/assets/textures/block.png"], to: "textures" },
         Keep { from: &["gymnasium_robotics/envs/assets/LICENSE.md"], to: "" },
         Keep { from: &["gymnasium_robotics-1.4.2.dist-info/licenses/*"], to: "" },
+    ],
+};
+
+/// The Sawyer robot and the scenes of Meta-World's ten tasks; MIT. Meshes and textures carry no license of their own, so they are fetched and never
+/// passed on.
+const METAWORLD: Package = Package {
+    name: "metaworld",
+    version: "3.1.1",
+    wheels: &[Wheel {
+        platforms: &[ANY],
+        tag: ANY,
+        sha256: "99e25d9baf97f2f1a19ca89c0d2ca9c6a2b396d9a9be81729de64eedc683f0d3",
+    }],
+    keep: &[
+        Keep { from: &["metaworld/assets/scene/basic_scene.xml"], to: "scene" },
+        Keep {
+            from: &[
+                "metaworld/assets/sawyer_xyz/sawyer_reach_v3.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_push_v3.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_pick_place_v3.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_door_pull.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_drawer.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_button_press_topdown.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_peg_insertion_side.xml",
+                "metaworld/assets/sawyer_xyz/sawyer_window_horizontal.xml",
+            ],
+            to: "sawyer_xyz",
+        },
+        Keep { from: &["metaworld/assets/objects/assets/*.xml"], to: "objects/assets" },
+        Keep { from: &["metaworld/assets/objects/meshes/xyz_base/*"], to: "objects/meshes/xyz_base" },
+        Keep { from: &["metaworld/assets/objects/meshes/table/*"], to: "objects/meshes/table" },
+        Keep { from: &["metaworld/assets/objects/meshes/block/*"], to: "objects/meshes/block" },
+        Keep { from: &["metaworld/assets/objects/meshes/doorlock/*"], to: "objects/meshes/doorlock" },
+        Keep { from: &["metaworld/assets/objects/meshes/drawer/*"], to: "objects/meshes/drawer" },
+        Keep { from: &["metaworld/assets/objects/meshes/buttonbox/*"], to: "objects/meshes/buttonbox" },
+        Keep { from: &["metaworld/assets/objects/meshes/peg_block/*"], to: "objects/meshes/peg_block" },
+        Keep { from: &["metaworld/assets/objects/meshes/window/*"], to: "objects/meshes/window" },
+        Keep {
+            from: &[
+                "metaworld/assets/textures/floor2.png",
+                "metaworld/assets/textures/metal.png",
+                "metaworld/assets/textures/metal1.png",
+                "metaworld/assets/textures/metal2.png",
+                "metaworld/assets/textures/wood1.png",
+                "metaworld/assets/textures/wood2.png",
+                "metaworld/assets/textures/wood4.png",
+            ],
+            to: "textures",
+        },
+        Keep { from: &["metaworld-3.1.1.dist-info/licenses/*"], to: "" },
     ],
 };
 

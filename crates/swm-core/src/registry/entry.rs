@@ -59,6 +59,8 @@ impl EnvTask {
 pub struct EnvEntry {
     /// The registered name: `swm/PushT-v1`.
     pub id: &'static str,
+    /// Further names that it is found by.
+    pub aliases: &'static [&'static str],
     /// What it is, in one line.
     pub summary: &'static str,
     /// What it belongs to, as the heading of a list: `Classic control`. Empty: nothing.
@@ -81,7 +83,14 @@ impl EnvEntry {
     /// An environment without settings, policies and a planner.
     pub const fn new(id: &'static str, summary: &'static str, make: MakeEnv) -> Self {
         let (settings, tasks, policies, planner) = (&[], &[], &[], None);
-        Self { id, summary, family: "", success: "", settings, tasks, policies, planner, make }
+        Self { id, aliases: &[], summary, family: "", success: "", settings, tasks, policies, planner, make }
+    }
+
+    /// Further names that it is found by.
+    #[must_use]
+    pub const fn aliases(mut self, aliases: &'static [&'static str]) -> Self {
+        self.aliases = aliases;
+        self
     }
 
     /// What it belongs to: see [`EnvEntry::family`].
@@ -142,5 +151,9 @@ impl Entry for EnvEntry {
 
     fn name(&self) -> &'static str {
         self.id
+    }
+
+    fn aliases(&self) -> &'static [&'static str] {
+        self.aliases
     }
 }

@@ -6,6 +6,7 @@
 //! <data>/ogbench/1.2.2/manipspace/*.xml, and folders of meshes
 //! <data>/ogbench/1.2.2/locomaze/*.xml
 //! <data>/gymnasium_robotics/1.4.2/fetch/*.xml, stls/fetch/*.stl, textures/block.png
+//! <data>/metaworld/3.1.1/sawyer_xyz/*.xml, and folders of parts, meshes and textures
 //! ```
 //!
 //! `<data>` is [`data_folder`]. Its files must be those that were published (`published`). A program that brings its own files
@@ -20,7 +21,7 @@ use std::sync::{PoisonError, RwLock};
 
 use self::published::LIBRARY_SHA256;
 pub(crate) use self::published::{
-    FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, SUITE, library_sha256, made_from,
+    FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, METAWORLD, SUITE, library_sha256, made_from,
 };
 use crate::error::MujocoError;
 
@@ -32,6 +33,8 @@ pub const DM_CONTROL_VERSION: &str = "1.0.50";
 pub const OGBENCH_VERSION: &str = "1.2.2";
 /// The pinned version of `gymnasium_robotics`, whose robot and tables the Fetch environments use.
 pub const GYMNASIUM_ROBOTICS_VERSION: &str = "1.4.2";
+/// The pinned version of `metaworld`, whose robot and scenes the Meta-World environments use.
+pub const METAWORLD_VERSION: &str = "3.1.1";
 /// The folder with everything, instead of the user's data folder.
 pub const HOME_VARIABLE: &str = "SWM_HOME";
 /// A MuJoCo library, instead of the one of the data folder.
@@ -197,6 +200,15 @@ pub fn fetch_model(name: &str) -> Result<PathBuf, MujocoError> {
     model(FETCH, &format!("gymnasium_robotics/{GYMNASIUM_ROBOTICS_VERSION}/fetch/{name}"))
 }
 
+/// A scene of the Meta-World environments: `sawyer_drawer.xml`.
+///
+/// # Errors
+///
+/// As of [`suite_model`].
+pub fn metaworld_model(name: &str) -> Result<PathBuf, MujocoError> {
+    model(METAWORLD, &format!("metaworld/{METAWORLD_VERSION}/sawyer_xyz/{name}"))
+}
+
 /// A file of a set, once all of the set were compared.
 fn model(files: FileSet, name: &str) -> Result<PathBuf, MujocoError> {
     let home = known_data_folder()?;
@@ -248,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_missing_model_names_its_path_and_the_command() {
-        for find in [suite_model, manipulation_model, maze_model, fetch_model] {
+        for find in [suite_model, manipulation_model, maze_model, fetch_model, metaworld_model] {
             let message = find("no_such.xml").unwrap_err().to_string();
             assert!(message.contains("no_such.xml") && message.contains("cargo xtask setup"), "{message}");
         }

@@ -35,6 +35,10 @@ pub(crate) const HUMANOID_MAZE: FileSet =
 pub(crate) const FETCH: FileSet =
     FileSet { name: "gymnasium_robotics 1.4.2, fetch", list: include_str!("fetch.sha256") };
 
+/// The robot and the scenes of Meta-World's ten tasks.
+pub(crate) const METAWORLD: FileSet =
+    FileSet { name: "metaworld 3.1.1, ten tasks", list: include_str!("metaworld.sha256") };
+
 /// The library as it was published for this platform; none where nobody publishes it.
 pub(super) const LIBRARY_SHA256: Option<&str> = if cfg!(all(target_os = "linux", target_arch = "x86_64")) {
     Some("23496b023ee80fb61ab71167e94bc649f9941710fde96b18bb8204fb332523ad")
@@ -129,7 +133,9 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::assets::{DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, OGBENCH_VERSION, data_folder};
+    use crate::assets::{
+        DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, METAWORLD_VERSION, OGBENCH_VERSION, data_folder,
+    };
 
     #[test]
     fn the_lists_are_of_the_pinned_versions() {
@@ -139,6 +145,7 @@ mod tests {
             (MAZES, 2, format!("ogbench/{OGBENCH_VERSION}/locomaze/")),
             (HUMANOID_MAZE, 1, format!("ogbench/{OGBENCH_VERSION}/locomaze/")),
             (FETCH, 25, format!("gymnasium_robotics/{GYMNASIUM_ROBOTICS_VERSION}/")),
+            (METAWORLD, 72, format!("metaworld/{METAWORLD_VERSION}/")),
         ] {
             assert_eq!(set.list.lines().count(), files, "{}", set.name);
             for line in set.list.lines() {

@@ -103,6 +103,8 @@ impl Model {
         geom_size / geom_size_mut: f64 [ngeom, 3];
         /// Sliding, torsional and rolling friction, `[ngeom, 3]`.
         geom_friction / geom_friction_mut: f64 [ngeom, 3];
+        /// Priorities of geoms, `[ngeom]`: that of the higher one decides about friction and softness of a contact.
+        geom_priority / geom_priority_mut: i32 [ngeom, 1];
         /// Geom colors, `[ngeom, 4]`, 0..1; (.5, .5, .5, 1) means the material's.
         geom_rgba / geom_rgba_mut: f32 [ngeom, 4];
         /// Site positions in their bodies, `[nsite, 3]`, m.
@@ -121,6 +123,8 @@ impl Model {
         site_rgba / site_rgba_mut: f32 [nsite, 4];
         /// Material colors, `[nmat, 4]`, 0..1.
         mat_rgba / mat_rgba_mut: f32 [nmat, 4];
+        /// Textures of materials by their role, `[nmat, 10]`; -1: none.
+        mat_texid / mat_texid_mut: i32 [nmat, 10];
         /// Diffuse colors of lights, `[nlight, 3]`, 0..1.
         light_diffuse / light_diffuse_mut: f32 [nlight, 3];
         /// Gains of actuators, `[nu, 10]`.

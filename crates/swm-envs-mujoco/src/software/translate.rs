@@ -115,7 +115,16 @@ const MOST_FACETS: f64 = 198.0;
 fn mapping(slot: Slot, geom: &mjvGeom) -> Mapping {
     let uniform = geom.texuniform != 0;
     match slot {
-        Slot::Cube(texture) => Mapping::Cube { texture, scale: if uniform { geom.size } else { [1.0; 3] } },
+        Slot::Cube(texture) => {
+            // Meshes are drawn in meters; other shapes of size 1, which is then scaled.
+            let is_mesh = geom.type_ == mjGEOM_MESH as i32 || geom.type_ == mjGEOM_HFIELD as i32;
+            let scale = match (uniform, is_mesh) {
+                (true, _) => geom.size,
+                (false, true) => [1.0; 3],
+                (false, false) => geom.size.map(|size| if size > 0.0 { 1.0 / size } else { 1.0 }),
+            };
+            Mapping::Cube { texture, scale }
+        }
         Slot::Flat(texture) => {
             let repeat = [0, 1].map(|k| {
                 let repeat = if geom.texrepeat[k] > 0.0 { geom.texrepeat[k] } else { 1.0 };

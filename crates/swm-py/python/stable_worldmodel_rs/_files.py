@@ -1,7 +1,8 @@
 """Where MuJoCo's library and the models are: in the wheel, in an installed ``ogbench``, or in the data folder.
 
 A wheel carries the library and the models of the control suite in ``_lib``, laid out as the data folder of the command.
-Models of OGBench come with the package ``ogbench``; part of them has no license, so that no wheel may carry them.
+Models of OGBench come with the package ``ogbench``, those of Meta-World with ``metaworld``; part of them has no license, so that no
+wheel may carry them.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ logger = logging.getLogger("stable_worldmodel_rs")
 _LIB = Path(__file__).parent / "_lib"
 _FIX = (
     "reinstall the package from a wheel (`pip install --force-reinstall stable-worldmodel-rs`); models of OGBench need "
-    "`pip install stable-worldmodel-rs[ogbench]`; those of Fetch are in no package: let SWM_HOME name a folder that "
+    "`pip install stable-worldmodel-rs[ogbench]`, those of Meta-World `[metaworld]`; those of Fetch are in no package: let SWM_HOME name a folder that "
     "`cargo xtask setup` filled"
 )
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).
@@ -29,6 +30,8 @@ _OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (
     ("manipspace/descriptions", "manipspace", None),
     ("locomaze/assets", "locomaze", ("ant.xml", "humanoid.xml", "point.xml")),
 )
+# The same of metaworld; the core compares its files.
+_METAWORLD_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (("assets", "", None),)
 _OGBENCH_SHA256 = "4f36c4a9b018d914867ce78bc4b023bfb8f21e11d5a90b0e195058926c3062c8"
 
 
@@ -39,7 +42,7 @@ _home: Path | None = None
 def choose() -> None:
     """Tell the core where the files of the wheel are, unless an environment variable says otherwise."""
     global _home
-    _, _home, (mujoco, _, _) = _swm.files()
+    _, _home, (mujoco, *_) = _swm.files()
     library = next((_LIB / "mujoco" / mujoco).glob("*mujoco*"), None)
     chosen = os.environ.get("SWM_HOME")
     if library is not None and not chosen and not os.environ.get("SWM_MUJOCO_LIB"):
@@ -56,50 +59,66 @@ def offer_ogbench() -> None:
     installed ``ogbench``. The folder that joins them with what else is there lies in the user's cache and is made
     of links, or of copies where the system allows no links.
     """
-    _, folder, (_, _, ogbench) = _swm.files()
-    if folder is None or (folder / "ogbench" / ogbench).is_dir():
+    _, _, (_, _, ogbench, _) = _swm.files()
+    _offer("ogbench", ogbench, _OGBENCH_PARTS)
+
+
+def offer_metaworld() -> None:
+    """As `offer_ogbench`, of Meta-World."""
+    _, _, (_, _, _, metaworld) = _swm.files()
+    _offer("metaworld", metaworld, _METAWORLD_PARTS)
+
+
+def _offer(name: str, wanted: str, parts: tuple[tuple[str, str, tuple[str, ...] | None], ...]) -> None:
+    _, folder, (_, _, ogbench, _) = _swm.files()
+    if folder is None or (folder / name / wanted).is_dir():
         return
-    own = None if _home is None else _home / "ogbench" / ogbench
+    own = None if _home is None else _home / name / wanted
     if own is not None and own.is_dir():
-        sources = {place: own / place for _, place, _ in _OGBENCH_PARTS}
+        sources = {place: own / place for _, place, _ in parts}
     else:
-        package = _package(ogbench)
+        package = _package(wanted, name)
         if package is None:
             return
-        sources = {place: package / source for source, place, _ in _OGBENCH_PARTS}
+        sources = {place: package / source for source, place, _ in parts}
     home = _cache() / f"models-{ogbench}"
     for place, source in sources.items():
-        _link(source, home / "ogbench" / ogbench / place)
-    for package in folder.iterdir() if folder.is_dir() else ():
-        if package.name != "ogbench" and package.is_dir():
+        _link(source, home / name / wanted / place)
+    for package in folder.iterdir() if folder.is_dir() and folder != home else ():
+        if package.name != name and package.is_dir():
             for version_of in filter(Path.is_dir, package.iterdir()):
                 _link(version_of, home / package.name / version_of.name)
     _swm.set_files(folder=str(home))
-    logger.debug("the models of OGBench are those of %s", home)
+    logger.debug("the models of %s are those of %s", name, home)
 
 
 def offer_if_fits() -> None:
     """As `offer_ogbench`, where it is not known whether the models are needed: why they cannot be taken stands in the error of who does."""
-    try:
-        offer_ogbench()
-    except _swm.EnvError as error:
-        _swm.set_files(fix=f"{_FIX} ({error})")
+    reasons: list[str] = []
+    for offer in (offer_ogbench, offer_metaworld):
+        try:
+            offer()
+        except _swm.EnvError as error:
+            reasons.append(f" ({error})")
+    if reasons:
+        _swm.set_files(fix=_FIX + "".join(reasons))
 
 
-def _package(wanted: str) -> Path | None:
-    """The folder of the installed ``ogbench``, checked; None if there is none."""
+def _package(wanted: str, name: str = "ogbench") -> Path | None:
+    """The folder of the installed package, checked; None if there is none."""
     try:
-        installed = version("ogbench")
+        installed = version(name)
     except PackageNotFoundError:
         return None
-    spec = find_spec("ogbench")
+    spec = find_spec(name)
     if installed != wanted or spec is None or not spec.submodule_search_locations:
         raise _swm.EnvError(
-            f"ogbench {installed} is installed, and its models differ from those of {wanted}; "
-            f"run `pip install ogbench=={wanted}`"
+            f"{name} {installed} is installed, and its models differ from those of {wanted}; "
+            f"run `pip install {name}=={wanted}`"
         )
     package = Path(next(iter(spec.submodule_search_locations)))
-    _check(package)
+    if name == "ogbench":
+        _check(package)
     return package
 
 

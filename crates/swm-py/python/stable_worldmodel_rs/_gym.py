@@ -24,11 +24,11 @@ def gym_ids() -> dict[str, str]:
     ``swm/…`` are the reference's names, ``swm_rs/…`` this package's own. A name whose version this package numbers
     otherwise is left out of ``swm/…``: gymnasium would call the other version outdated.
     """
-    from .world.ids import RENAMED, env_ids
+    from .world.ids import RENAMED, aliases, env_ids
 
     names = {f"swm_rs/{name.removeprefix('swm/')}": name for name in env_ids()}
     renamed = RENAMED.values()
-    return names | {name: RENAMED.get(name, name) for name in env_ids() if name not in renamed}
+    return names | {name: RENAMED.get(name, name) for name in env_ids() if name not in renamed} | aliases()
 
 
 def register_all() -> None:

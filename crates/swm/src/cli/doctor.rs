@@ -172,7 +172,7 @@ fn environments(registry: &Registry, output: &Output) -> Check {
 #[cfg(feature = "mujoco")]
 fn is_extra(env: &str) -> bool {
     swm_envs_mujoco::assets::chosen_fix().is_some()
-        && ["swm/OGB", "swm/Fetch"].iter().any(|family| env.starts_with(family))
+        && ["swm/OGB", "swm/Fetch", "swm/MetaWorld"].iter().any(|family| env.starts_with(family))
 }
 
 #[cfg(not(feature = "mujoco"))]
@@ -188,7 +188,8 @@ mod mujoco {
 
     use swm_envs_mujoco::MujocoError;
     use swm_envs_mujoco::assets::{
-        self, DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION,
+        self, DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, HOME_VARIABLE, METAWORLD_VERSION,
+        MUJOCO_VERSION, OGBENCH_VERSION,
     };
     use swm_envs_mujoco::ffi::{Library, gl::GlContext};
 
@@ -218,7 +219,9 @@ mod mujoco {
     }
 
     pub(super) fn checks() -> impl Iterator<Item = Check> {
-        [folder as fn() -> Check, library, suite, ogbench, fetch, gl].into_iter().map(|look| look())
+        [folder as fn() -> Check, library, suite, ogbench, fetch, metaworld, gl]
+            .into_iter()
+            .map(|look| look())
     }
 
     fn folder() -> Check {
@@ -285,6 +288,12 @@ mod mujoco {
         const NAME: &str = "models of Fetch";
         let version = format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}");
         extra(models(NAME, assets::fetch_model("push.xml"), &version))
+    }
+
+    fn metaworld() -> Check {
+        const NAME: &str = "models of Meta-World";
+        let found = assets::metaworld_model("sawyer_drawer.xml");
+        extra(models(NAME, found, &format!("metaworld {METAWORLD_VERSION}")))
     }
 
     /// Our own renderer draws without it.

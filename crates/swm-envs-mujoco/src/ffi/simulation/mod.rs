@@ -128,6 +128,8 @@ impl Simulation {
         xipos [nbody, 3];
         /// The position of a geom, m.
         geom_xpos [ngeom, 3];
+        /// The orientation of a geom, row-major.
+        geom_xmat [ngeom, 9];
         /// The position of a site, m.
         site_xpos [nsite, 3];
         /// The orientation of a site, row-major.
@@ -239,6 +241,19 @@ impl Simulation {
     /// Contacts found.
     pub fn contacts(&self) -> usize {
         self.header().ncon as usize
+    }
+
+    /// The force with which two geoms press on each other: the sum over their contacts, N.
+    pub fn pressure(&self, a: usize, b: usize) -> f64 {
+        let header = self.header();
+        // SAFETY: MuJoCo has filled `ncon` contacts and `nefc` forces in its arena, which stay while the data is lent; the slices
+        // check every index. Contacts that are not solved have the address -1.
+        let (contacts, forces) = unsafe {
+            (slice(header.contact, header.ncon.into(), 1), slice(header.efc_force, header.nefc.into(), 1))
+        };
+        let is_theirs = |pair: [i32; 2]| [[a, b], [b, a]].contains(&pair.map(|geom| geom as usize));
+        let theirs = contacts.iter().filter(|contact| is_theirs([contact.geom1, contact.geom2]));
+        theirs.filter_map(|contact| forces.get(usize::try_from(contact.efc_address).ok()?)).sum()
     }
 
     /// The values of one sensor, by its index in the model.
