@@ -234,6 +234,14 @@ impl<N: Network> Baseline for Learner<N> {
         Ok(())
     }
 
+    fn load_for_use(&mut self, path: &Path, without_encoder: bool) -> Result<Vec<String>, BaselineError> {
+        let encoder = without_encoder.then_some(N::ENCODER);
+        let dispensable: Vec<&str> = N::DISPENSABLE.iter().copied().chain(encoder).collect();
+        let (network, lacks) = weights::load_for_use(self.network(), path, &dispensable)?;
+        (self.network, self.average) = (Some(network), None);
+        Ok(lacks)
+    }
+
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError> {
         self.network = Some(weights::load_below(self.network(), path, N::ENCODER)?);
         self.average = None;

@@ -41,7 +41,7 @@ mod weights;
 pub use baseline::{
     Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
 };
-pub use data::{ClipBatch, DataDims, Images, Observations, PlanningBatch, Vectors};
+pub use data::{ClipBatch, DataDims, Images, Normalization, Observations, PlanningBatch, Vectors};
 pub use device::Device;
 pub use error::BaselineError;
 pub use losses::SigregConfig;
