@@ -33,6 +33,9 @@ pub trait Baseline: Send {
     /// Number of trainable parameters.
     fn parameters(&self) -> usize;
 
+    /// Names and shapes of its tensors, as its weights have them.
+    fn tensors(&self) -> Vec<(String, Vec<usize>)>;
+
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 

@@ -170,6 +170,10 @@ impl<N: Network> Baseline for Learner<N> {
             .sum()
     }
 
+    fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+        params::specs(self.network()).into_iter().map(|spec| (spec.name, spec.shape)).collect()
+    }
+
     fn has_frozen_encoder(&self) -> bool {
         let is_trained = |spec: &params::Spec| self.phases.iter().any(|phase| spec.is_below(phase.trains));
         let specs = params::specs(self.network());

@@ -18,6 +18,7 @@ mod device;
 mod dynamics;
 mod error;
 mod images;
+pub mod import;
 mod init;
 mod kernels;
 mod learner;
