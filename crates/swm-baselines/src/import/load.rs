@@ -5,13 +5,14 @@ use std::fs::File;
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
+use swm_core::Registry;
 use swm_core::evaluate::sha256_of;
-use swm_core::{EnvConfig, Registry};
 use swm_tasks::request::{Fix, Message, TaskError};
 
 use super::config::{Model, Node};
+use super::place::Place;
 use super::recipe::{Given, Recipe, lay_over, nested};
-use super::scales::{self, Known, Scales};
+use super::scales::{self, Scales};
 use super::shapes::Shapes;
 use super::source::{self, Source, give};
 use super::{Description, Import, failed, joint, tdmpc2, tokens};
@@ -116,7 +117,7 @@ pub(super) fn load(
     };
     let parts = Parts { request, recipe, place, scales, imported, action, frameskip, set };
     let loaded = match parts.recipe.name {
-        "tdmpc2" => parts.agent(registry, &path, &mut description)?,
+        "tdmpc2" => parts.agent(&path, &mut description)?,
         _ => parts.model(&path, &mut description)?,
     };
     Ok((description, Some(loaded)))
@@ -257,67 +258,6 @@ fn noted_scales(source: &Source, columns: &[&str], scales: &mut Scales) {
     }
 }
 
-/// Where a model acts.
-struct Place {
-    env: Option<String>,
-    env_settings: Option<Map<String, Json>>,
-    frame_skip: Option<u32>,
-    /// Values of an action, where they are known.
-    action: Option<usize>,
-}
-
-impl Place {
-    fn find(
-        request: &Import,
-        registry: &Registry,
-        source: &Source,
-        dataset: Option<&Known>,
-        scales: &Scales,
-    ) -> Result<Self, TaskError> {
-        let noted = |name: &str| source.notes.as_ref().and_then(|notes| notes.get(name));
-        let env = request.env.clone().or_else(|| dataset?.env.clone());
-        let env = env.or_else(|| Some(noted("env")?.as_str()?.to_owned()));
-        let mut settings = dataset.and_then(|dataset| dataset.env_settings.clone());
-        settings = settings.or_else(|| noted("env_settings")?.as_object().cloned());
-        if !request.env_option.is_empty() {
-            settings.get_or_insert_default().extend(request.env_option.clone());
-        }
-        let mut action = None;
-        if let Some(env) = &env {
-            let entry = registry.env(env).map_err(|error| Message::new(error.to_string()))?;
-            let config = EnvConfig { image: None, settings: settings.clone().unwrap_or_default() };
-            let made = entry.make(&config).map_err(|error| Message::new(format!("{env}: {error}")))?;
-            action = Some(made.spec().action.dim());
-        }
-        let action = action.or_else(|| dataset.map(|dataset| dataset.action).filter(|dim| *dim > 0));
-        let action = action.or_else(|| scales.of.get(ACTION).map(|(scale, _)| scale.mean.len()));
-        let env_settings = settings.or_else(|| env.as_ref().map(|_| Map::new()));
-        Ok(Self { env, env_settings, frame_skip: dataset.and_then(|dataset| dataset.frame_skip), action })
-    }
-
-    /// F: how many actions of the environment a block of the model holds.
-    fn frameskip(&self, recipe: &Recipe) -> Result<Option<usize>, TaskError> {
-        let Some(action) = self.action else { return Ok(recipe.frameskip) };
-        let env = self.env.as_deref().unwrap_or("the dataset");
-        let fits = action > 0
-            && recipe.block.is_multiple_of(action)
-            && recipe.frameskip.is_none_or(|frameskip| frameskip * action == recipe.block);
-        if fits {
-            return Ok(Some(recipe.block / action));
-        }
-        let meant = if recipe.block.is_multiple_of(5) && recipe.block / 5 == 5 {
-            ": was it trained in swm/OGBCube-v0 (5)?"
-        } else {
-            ""
-        };
-        let text = format!(
-            "the model takes {} numbers a block, and actions of {env} have {action}{meant}",
-            recipe.block
-        );
-        Err(Message::new(text).fix(Fix::Change("env")).into())
-    }
-}
-
 /// Settings of a model, whole.
 fn settings(recipe: &Recipe, frameskip: usize, set: &Json) -> Json {
     let mut settings = recipe.settings.clone();
@@ -396,12 +336,7 @@ impl Parts<'_> {
         Ok(Loaded::Model(Box::new(TrainedModel { baseline, config, step: 0, weights })))
     }
 
-    fn agent(
-        self,
-        registry: &Registry,
-        path: &Path,
-        description: &mut Description,
-    ) -> Result<Loaded, TaskError> {
+    fn agent(self, path: &Path, description: &mut Description) -> Result<Loaded, TaskError> {
         let Self { request, recipe, place, scales, imported, action, set, .. } = self;
         let env = place.env.clone().unwrap_or_default();
         let has_vector = recipe.vector > 0;
@@ -416,7 +351,6 @@ impl Parts<'_> {
             action_dim: action,
             seed: 0,
         };
-        let _ = registry;
         let mut agent = crate::online::restore_agent(&config, &Map::new(), Device::Cpu).map_err(failed)?;
         agent.load_weights(path).map_err(failed)?;
         description.settings = config.settings.clone();

@@ -58,7 +58,7 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
         return Err(message.fix(Fix::set("encoder", "dinov2_vits14_pretrain.pth")).into());
     }
     let encoder = config.as_ref().and_then(|config| config.get("encoder"));
-    let (encoder, patch, _) = frozen(given, encoder.as_ref(), at_encoder, "encoder")?;
+    let (encoder, patch) = frozen(given, encoder.as_ref(), at_encoder, "encoder")?;
     let tokens = of(predictor, "num_patches")?.map(|patches| patches * history);
     let tokens = tokens.or_else(|| shapes.dim("predictor.pos_embedding", 1)).unwrap_or(256 * history);
     let image = image(given, tokens, history, patch)?;
@@ -155,7 +155,7 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
         true => shapes.vit("encoder.")?,
         false => given.encoder.vit("")?.or(given.encoder.vit("encoder.")?),
     };
-    let (encoder, patch, _) = frozen(given, encoder.as_ref(), found, "model.encoder")?;
+    let (encoder, patch) = frozen(given, encoder.as_ref(), found, "model.encoder")?;
     let tokens = of(sizes, "num_patches")?.map(|patches| patches * history);
     let tokens = tokens.or_else(|| shapes.dim("action_predictor.pos_embedding", 1)).unwrap_or(256 * history);
     let image = image(given, tokens, history, patch)?;
@@ -203,13 +203,13 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
     })
 }
 
-/// Settings of a frozen encoder, the side of its patches, and its heads.
+/// Settings of a frozen encoder, and the side of its patches.
 fn frozen(
     given: &Given<'_>,
     node: Option<&Node<'_>>,
     found: Option<VitShape>,
     place: &str,
-) -> Result<(Json, usize, usize), TaskError> {
+) -> Result<(Json, usize), TaskError> {
     let named = node.map_or(Ok(None), |node| node.text("name"))?;
     let published = named.and_then(published);
     if let (Some(node), Some(name), None) = (node, named, &published)
@@ -244,7 +244,7 @@ fn frozen(
     let beside = || given.folder.zip(named).and_then(|(folder, name)| heads_beside(folder, name));
     let heads = set.map(|heads| heads as usize).or_else(beside).or_else(|| shape.usual_heads());
     let heads = heads.ok_or_else(|| unsaid_heads(place, "the encoder"))?;
-    Ok((shape.settings(heads), shape.patch, heads))
+    Ok((shape.settings(heads), shape.patch))
 }
 
 /// The sizes of a published DINOv2.

@@ -30,10 +30,8 @@ fn block(lines: &[(usize, usize, &str)], at: &mut usize, depth: usize) -> Result
     }
     if first.starts_with("- ") || first == "-" {
         let mut items = Vec::new();
-        while let Some(&(_, here, line)) =
-            lines.get(*at).filter(|(_, here, line)| *here == indent && line.starts_with('-'))
-        {
-            let _ = here;
+        let is_item = |(_, here, line): &&(usize, usize, &str)| *here == indent && line.starts_with('-');
+        while let Some((.., line)) = lines.get(*at).filter(is_item) {
             items.push(scalar(line[1..].trim()));
             *at += 1;
         }

@@ -41,8 +41,8 @@ const PARTS: &[(&str, &str)] = &[
     (".layernorm_after.", ".norm2."),
 ];
 
-/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images.
-const IDLE: [&str; 3] = ["num_batches_tracked", "mask_token", "causal_mask"];
+/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images, rates of averages.
+const IDLE: [&str; 4] = ["num_batches_tracked", "mask_token", "causal_mask", "ema_coefficient"];
 
 /// All tensors under the names that they have here, without the idle ones.
 pub(crate) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
