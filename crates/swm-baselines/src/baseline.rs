@@ -33,6 +33,9 @@ pub trait Baseline: Send {
     /// Number of trainable parameters.
     fn parameters(&self) -> usize;
 
+    /// Names and shapes of its tensors, as its weights have them.
+    fn tensors(&self) -> Vec<(String, Vec<usize>)>;
+
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 
@@ -108,6 +111,16 @@ pub trait Baseline: Send {
     /// The file cannot be read, lacks a weight or holds one of another shape.
     fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError>;
 
+    /// As [`Baseline::load_weights`], where the file may lack what neither plans nor actions need, and the encoder if its weights are
+    /// taken from another file (`without_encoder`). What it lacks stays as it is; the names of that.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Baseline::load_weights`].
+    fn load_for_use(&mut self, path: &Path, _without_encoder: bool) -> Result<Vec<String>, BaselineError> {
+        self.load_weights(path).map(|()| Vec::new())
+    }
+
     /// Takes the weights of the encoder alone, from a file of that network: a published DINOv2.
     ///
     /// # Errors
@@ -171,6 +184,13 @@ pub trait PlanModel: Send {
     ///
     /// The network fails.
     fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
+
+    /// Fills `states`, `[B, S, H, Z]`, with the latents that follow the prepared observations under candidates, `[B, S, H, D]`.
+    ///
+    /// # Errors
+    ///
+    /// The candidates are not for the prepared problems, or `states` is of another length.
+    fn rollout(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), BaselineError>;
 
     /// Once per plan: takes the planning batch of B problems.
     ///

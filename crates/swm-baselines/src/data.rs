@@ -4,7 +4,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::error::BaselineError;
 use crate::images;
-pub use crate::images::Images;
+pub use crate::images::{Images, Normalization};
 
 /// Dimensions of the data that a model is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -82,6 +82,8 @@ pub(crate) struct Form {
     pub(crate) action: usize,
     /// Values of `proprio`; 0: not used.
     pub(crate) proprio: usize,
+    /// How the values of images are standardized.
+    pub(crate) normalization: Normalization,
 }
 
 /// A batch on the device.
@@ -115,7 +117,7 @@ impl Inputs {
         let is_goal = is_goal(batch);
         Ok(Self {
             pixels: match latents {
-                None => images::to_tensor("pixels", pixels, form.image, device)?,
+                None => images::to_tensor("pixels", pixels, (form.image, form.normalization), device)?,
                 Some(_) => Tensor::zeros([0; 5], device),
             },
             latents: latents.map(|latents| latents.to_tensor(device)),
@@ -168,7 +170,7 @@ impl Start {
             None
         };
         Ok(Self {
-            pixels: images::to_tensor("pixels", pixels, form.image, device)?,
+            pixels: images::to_tensor("pixels", pixels, (form.image, form.normalization), device)?,
             action,
             proprio: form.state("proprio", proprio.as_ref(), rows, device)?,
             goal_pixels: goal_to_tensor(goal_pixels, rows, form, device)?,
@@ -199,10 +201,15 @@ fn goal_to_tensor(
             format!("[{}, {}] images for {rows} samples; one of each is wanted", goal.rows, goal.steps);
         return Err(BaselineError::data("goal_pixels", reason));
     }
-    images::to_tensor("goal_pixels", goal, form.image, device)
+    images::to_tensor("goal_pixels", goal, (form.image, form.normalization), device)
 }
 
 impl Form {
+    /// For images that are standardized by ImageNet's moments.
+    pub(crate) const fn new(image: usize, action: usize, proprio: usize) -> Self {
+        Self { image, action, proprio, normalization: Normalization::Imagenet }
+    }
+
     pub(crate) fn state(
         &self,
         column: &'static str,

@@ -37,6 +37,9 @@ pub(crate) trait LatentDynamics: Module + Sync {
     /// `[C]`: costs of candidates `[C, H, D]` of one problem; [`aggregate`] makes them of distances from the goal.
     fn costs(&self, problem: &Self::Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1>;
 
+    /// `[C, H, Z]`: the latents that candidates `[C, H, D]` of one problem lead to.
+    fn states(&self, problem: &Self::Problem, plans: Tensor<3>) -> Tensor<3>;
+
     /// Z: values of a latent.
     fn latent_dim(&self) -> usize;
 
@@ -104,7 +107,7 @@ pub(crate) fn encode<M: LatentDynamics>(
 ) -> Result<(), BaselineError> {
     let (form, count) = (model.form(), seen.pixels.rows);
     check(latents.len(), count, model.latent_dim())?;
-    let pixels = images::to_tensor("pixels", &seen.pixels, form.image, device)?;
+    let pixels = images::to_tensor("pixels", &seen.pixels, (form.image, form.normalization), device)?;
     let proprio = form.state("proprio", seen.proprio.as_ref(), count, device)?;
     let dim = model.latent_dim().max(1);
     // One by one on a CPU: the bits of a latent must not depend on the others.

@@ -65,10 +65,13 @@ pub enum BaselineError {
         reason: String,
     },
     /// Weights of another model.
-    #[error("weights in `{}` are not those of this model: {}", path.display(), mismatch(missing, unused, wrong))]
+    #[error("weights in `{}` are not those of this model: {} of {} tensors fit; {}", path.display(), fits[0], fits[1],
+        mismatch(missing, unused, wrong))]
     Mismatch {
         /// The file.
         path: PathBuf,
+        /// How many of the model's tensors it has in their shapes, and how many the model has.
+        fits: [usize; 2],
         /// What the model has and the file lacks.
         missing: Vec<String>,
         /// What the file has and the model lacks.
@@ -242,6 +245,7 @@ mod tests {
         let missing = (0..10).map(|i| format!("layer.{i}")).collect();
         let error = BaselineError::Mismatch {
             path: "a.pt".into(),
+            fits: [3, 13],
             missing,
             unused: vec!["head".to_owned()],
             wrong: Vec::new(),

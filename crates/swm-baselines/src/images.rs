@@ -3,6 +3,7 @@
 
 use burn::tensor::{DType, Device, Int, Tensor, TensorData};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
 use crate::placement::Placement;
@@ -24,15 +25,33 @@ pub struct Images<'a> {
     pub channels_last: bool,
 }
 
-/// ImageNet's mean and std of red, green and blue.
-const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
-const STD: [f32; 3] = [0.229, 0.224, 0.225];
+/// How the values of images, in [0, 1], are standardized.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum Normalization {
+    /// By ImageNet's mean and std of red, green and blue.
+    #[default]
+    Imagenet,
+    /// To [-1, 1], as the authors' DINO-WM.
+    Half,
+}
+
+impl Normalization {
+    /// Mean and std of red, green and blue.
+    fn moments(self) -> [[f32; 3]; 2] {
+        match self {
+            Self::Imagenet => [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]],
+            Self::Half => [[0.5; 3]; 2],
+        }
+    }
+}
 
 /// `[B, T, 3, size, size]`.
 pub(crate) fn to_tensor(
     column: &'static str,
     images: &Images<'_>,
-    size: usize,
+    (size, normalization): (usize, Normalization),
     device: &Device,
 ) -> Result<Tensor<5>, BaselineError> {
     let &Images { values, rows, steps, height, width, .. } = images;
@@ -48,7 +67,7 @@ pub(crate) fn to_tensor(
     }
     let weights = (height != size).then(|| Resampling::new(height, size));
     if Placement::of(device) == Placement::Device {
-        return Ok(on_device(images, weights.as_ref(), device));
+        return Ok(on_device(images, weights.as_ref(), normalization, device));
     }
     let mut floats = vec![0.0; rows * steps * 3 * size * size];
     let of_one = 3 * size * size;
@@ -56,10 +75,10 @@ pub(crate) fn to_tensor(
         |(out, image)| {
             for (channel, out) in out.chunks_exact_mut(size * size).enumerate() {
                 match &weights {
-                    None => plane(image, images.channels_last, channel, out),
+                    None => plane(image, images.channels_last, channel, normalization, out),
                     Some(weights) => {
                         let mut stored = vec![0.0; height * width];
-                        plane(image, images.channels_last, channel, &mut stored);
+                        plane(image, images.channels_last, channel, normalization, &mut stored);
                         weights.apply(&stored, out);
                     }
                 }
@@ -70,15 +89,21 @@ pub(crate) fn to_tensor(
 }
 
 /// The same by operations of the device, which gets bytes: a quarter of the transfer.
-fn on_device(images: &Images<'_>, weights: Option<&Resampling>, device: &Device) -> Tensor<5> {
+fn on_device(
+    images: &Images<'_>,
+    weights: Option<&Resampling>,
+    normalization: Normalization,
+    device: &Device,
+) -> Tensor<5> {
     let &Images { values, rows, steps, height, width, channels_last } = images;
     let shape =
         if channels_last { [rows * steps, height, width, 3] } else { [rows * steps, 3, height, width] };
     let bytes = TensorData::new(values.to_vec(), shape);
     let pixels = Tensor::<4, Int>::from_data(bytes, (device, DType::U8)).float();
     let pixels = if channels_last { pixels.permute([0, 3, 1, 2]) } else { pixels };
+    let [mean, std] = normalization.moments();
     let of_color = |values: [f32; 3]| Tensor::<1>::from_data(values, device).reshape([1, 3, 1, 1]);
-    let pixels = (pixels / 255.0 - of_color(MEAN)) / of_color(STD);
+    let pixels = (pixels / 255.0 - of_color(mean)) / of_color(std);
     let pixels = match weights {
         None => pixels,
         Some(weights) => {
@@ -92,10 +117,10 @@ fn on_device(images: &Images<'_>, weights: Option<&Resampling>, device: &Device)
 }
 
 /// One color of an image, normalized: `[H, W]`.
-fn plane(image: &[u8], channels_last: bool, channel: usize, out: &mut [f32]) {
+fn plane(image: &[u8], channels_last: bool, channel: usize, normalization: Normalization, out: &mut [f32]) {
     let (first, stride) = if channels_last { (channel, 3) } else { (channel * out.len(), 1) };
-    let table: [f32; 256] =
-        std::array::from_fn(|value| (value as f32 / 255.0 - MEAN[channel]) / STD[channel]);
+    let [mean, std] = normalization.moments().map(|of_colors| of_colors[channel]);
+    let table: [f32; 256] = std::array::from_fn(|value| (value as f32 / 255.0 - mean) / std);
     for (value, byte) in out.iter_mut().zip(image[first..].iter().step_by(stride)) {
         *value = table[usize::from(*byte)];
     }
@@ -165,8 +190,12 @@ mod tests {
         let last: Vec<u8> = (0..12).collect();
         let first: Vec<u8> = (0..12).map(|i| last[i % 4 * 3 + i / 4]).collect();
         let device = Device::flex();
-        let [a, b] = [(&last, true), (&first, false)]
-            .map(|(values, order)| host(to_tensor("pixels", &images(values, 2, order), 2, &device).unwrap()));
+        let [a, b] = [(&last, true), (&first, false)].map(|(values, order)| {
+            host(
+                to_tensor("pixels", &images(values, 2, order), (2, Normalization::Imagenet), &device)
+                    .unwrap(),
+            )
+        });
         assert_eq!(a, b);
         assert!((a[0] - (0.0 - 0.485) / 0.229).abs() < 1e-6);
     }
@@ -178,7 +207,7 @@ mod tests {
             (0..2 * 3 * 9 * 9).map(|i: usize| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
         for (size, channels_last) in [(9, true), (9, false), (6, true), (14, false)] {
             let images = Images { values: &values, rows: 1, steps: 2, height: 9, width: 9, channels_last };
-            let make = || to_tensor("pixels", &images, size, &device).unwrap();
+            let make = || to_tensor("pixels", &images, (size, Normalization::Imagenet), &device).unwrap();
             let (host_made, device_made) = (make(), as_on_a_device(make));
             assert_eq!(host_made.dims(), device_made.dims());
             for (a, b) in host(host_made).iter().zip(host(device_made)) {
@@ -190,12 +219,16 @@ mod tests {
     #[test]
     fn resizing_keeps_even_images_and_refuses_oblong_ones() {
         let even = vec![128; 3 * 7 * 7];
-        let tensor = to_tensor("pixels", &images(&even, 7, true), 4, &Device::flex()).unwrap();
+        let tensor =
+            to_tensor("pixels", &images(&even, 7, true), (4, Normalization::Imagenet), &Device::flex())
+                .unwrap();
         assert_eq!(tensor.dims(), [1, 1, 3, 4, 4]);
         let red = (128.0 / 255.0 - 0.485) / 0.229;
         assert!(host(tensor)[..16].iter().all(|value| (value - red).abs() < 1e-5));
         let oblong = Images { height: 3, width: 1, ..images(&even[..9], 1, true) };
-        let error = to_tensor("pixels", &oblong, 4, &Device::flex()).unwrap_err().to_string();
+        let error = to_tensor("pixels", &oblong, (4, Normalization::Imagenet), &Device::flex())
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("`pixels`: 3 × 1 pixels"), "{error}");
     }
 }

@@ -170,6 +170,10 @@ impl<N: Network> Baseline for Learner<N> {
             .sum()
     }
 
+    fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+        params::specs(self.network()).into_iter().map(|spec| (spec.name, spec.shape)).collect()
+    }
+
     fn has_frozen_encoder(&self) -> bool {
         let is_trained = |spec: &params::Spec| self.phases.iter().any(|phase| spec.is_below(phase.trains));
         let specs = params::specs(self.network());
@@ -232,6 +236,14 @@ impl<N: Network> Baseline for Learner<N> {
         self.network = Some(weights::load_network(self.network(), path)?);
         self.average = None;
         Ok(())
+    }
+
+    fn load_for_use(&mut self, path: &Path, without_encoder: bool) -> Result<Vec<String>, BaselineError> {
+        let encoder = without_encoder.then_some(N::ENCODER);
+        let dispensable: Vec<&str> = N::DISPENSABLE.iter().copied().chain(encoder).collect();
+        let (network, lacks) = weights::load_for_use(self.network(), path, &dispensable)?;
+        (self.network, self.average) = (Some(network), None);
+        Ok(lacks)
     }
 
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError> {

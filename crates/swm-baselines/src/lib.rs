@@ -18,6 +18,7 @@ mod device;
 mod dynamics;
 mod error;
 mod images;
+pub mod import;
 mod init;
 mod kernels;
 mod learner;
@@ -41,7 +42,7 @@ mod weights;
 pub use baseline::{
     Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
 };
-pub use data::{ClipBatch, DataDims, Images, Observations, PlanningBatch, Vectors};
+pub use data::{ClipBatch, DataDims, Images, Normalization, Observations, PlanningBatch, Vectors};
 pub use device::Device;
 pub use error::BaselineError;
 pub use losses::SigregConfig;

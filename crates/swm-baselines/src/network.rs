@@ -17,6 +17,9 @@ pub(crate) trait Network: Module + 'static {
     /// What the names of the encoder's tensors begin with.
     const ENCODER: &'static str = "encoder";
 
+    /// What the names of tensors begin with that neither plans nor actions need: files of others may lack them.
+    const DISPENSABLE: &'static [&'static str] = &[];
+
     /// Whether the loss can be had from the latents of a frozen encoder: of [`Inputs::latents`] as of [`Inputs::pixels`].
     const TRAINS_ON_LATENTS: bool = false;
 

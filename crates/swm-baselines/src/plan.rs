@@ -78,6 +78,38 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
         dynamics::predict(&self.model, latents, actions, &self.device)
     }
 
+    fn rollout(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), BaselineError> {
+        self.groups(candidates)?;
+        let &Candidates { actions, samples, horizon, dim, .. } = candidates;
+        let size = GroupSize::of::<M>(&self.device);
+        let (most, values) = (size.most(samples), self.latent_dim());
+        if states.len() * dim != actions.len() * values {
+            let reason =
+                format!("room for {} values of {} actions' states of {values}", states.len(), actions.len());
+            return Err(BaselineError::data("states", reason));
+        }
+        let problems =
+            states.chunks_mut(samples * horizon * values).zip(actions.chunks(samples * horizon * dim));
+        let groups = problems.enumerate().flat_map(|(row, (states, plans))| {
+            let parts = states.chunks_mut(most * horizon * values).zip(plans.chunks(most * horizon * dim));
+            parts.map(move |(states, plans)| (row, states, plans))
+        });
+        for_each_group(
+            &self.device,
+            groups.collect(),
+            |(row, states, plans): (usize, &mut [f32], &[f32])| {
+                let count = size.filled(plans.len() / (horizon * dim));
+                let mut plans = plans.to_vec();
+                plans.resize(count * horizon * dim, 0.0);
+                let plans =
+                    Tensor::<3>::from_data(TensorData::new(plans, [count, horizon, dim]), &self.device);
+                let found = host(self.model.states(&self.problems[row], plans));
+                states.copy_from_slice(&found[..states.len()]);
+            },
+        );
+        Ok(())
+    }
+
     fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError> {
         let start = Start::new(batch, self.model.form(), &self.device)?;
         // One by one: the bits of an encoded problem must not depend on the others.

@@ -14,7 +14,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-solvers", &["swm-core"]),
     ("swm-data", &["swm-core", "swm-media", "swm-render"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
-    ("swm-baselines", &["swm-core", "swm-solvers", "swm-data"]),
+    ("swm-baselines", &["swm-core", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data"]),
     ("swm-ui", &["swm-core", "swm-media", "swm-solvers", "swm-data", "swm-tasks"]),

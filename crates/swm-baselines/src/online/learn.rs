@@ -43,6 +43,23 @@ pub struct OnlineState {
     pub end: Option<End>,
 }
 
+impl OnlineState {
+    /// That of weights that were trained elsewhere.
+    pub(crate) fn imported() -> Self {
+        Self {
+            step: 0,
+            collected: 0,
+            episodes: 0,
+            losses: Sums::default(),
+            ended: Sums::default(),
+            train: Vec::new(),
+            evaluation: Vec::new(),
+            best: None,
+            end: Some(End::Complete),
+        }
+    }
+}
+
 /// What is learned from.
 pub(super) enum Source<'a> {
     /// Episodes that the agent collects in `world`; it is evaluated in `stage`.

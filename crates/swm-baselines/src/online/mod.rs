@@ -41,5 +41,5 @@ pub(crate) use run::online_agent;
 pub use run::{OnlineConfig, TrainedAgent, is_online};
 pub use session::{NewOnlineRun, OnlineTraining};
 pub use settings::{CollectConfig, OnlineSettings};
-pub(crate) use table::find as find_agent;
 pub use table::{AGENTS, AgentEntry, restore_agent};
+pub(crate) use table::{agent_of, find as find_agent};

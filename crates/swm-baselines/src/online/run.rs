@@ -13,7 +13,7 @@ use super::settings::OnlineSettings;
 use super::table::restore_agent;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::train::{Checkpoint, RUN_VERSION, RunFolder, Which, step_of};
+use crate::train::{Checkpoint, Imported, RUN_VERSION, RunFolder, Which, step_of};
 
 /// An agent's run, but for its weights and episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +35,9 @@ pub struct OnlineConfig {
     pub interface: Interface,
     /// How long, and how often it is looked at.
     pub fit: OnlineSettings,
+    /// Where it is from, if it is a checkpoint of others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported: Option<Imported>,
 }
 
 impl OnlineConfig {

@@ -128,6 +128,11 @@ impl OnlineTraining {
         let run = RunFolder::open(folder)?;
         let lock = run.lock()?;
         let known = OnlineConfig::read(&run)?;
+        if known.imported.is_some() {
+            return Err(
+                run.wrong("it was imported, and what its optimizers remember is not known; make a new run")
+            );
+        }
         let mut config = known.clone();
         change(&mut config.fit);
         config.fit.check()?;
@@ -284,6 +289,7 @@ impl NewOnlineRun<'_> {
             data: None,
             interface,
             fit: self.fit.clone(),
+            imported: None,
         }
     }
 }

@@ -6,6 +6,7 @@ use swm_core::env::PIXELS;
 use swm_core::error::nearest;
 
 use super::agent::{AgentConfig, OnlineAgent, Task};
+use super::settings::OnlineSettings;
 use super::{sac, tdmpc2};
 use crate::device::Device;
 use crate::error::BaselineError;
@@ -124,6 +125,13 @@ pub fn restore_agent(
     check_bounds(&config.settings, &dims)
         .map_err(|reason| BaselineError::Settings { baseline: entry.name, reason })?;
     (entry.make)(config, device)
+}
+
+/// All settings of an agent of this name, from the paper's for datasets and `changes`.
+pub(crate) fn agent_of(name: &str, env: &str, changes: &Json) -> Result<Json, BaselineError> {
+    let task = Task { from_dataset: true, ..Task::online(env, OnlineSettings::default().max_episode_steps) };
+    let entry = find(name)?;
+    entry.settings(entry.presets[0], changes, &task)
 }
 
 pub(crate) fn find(name: &str) -> Result<&'static AgentEntry, BaselineError> {

@@ -68,7 +68,7 @@ impl Fixture {
     }
 
     fn tensor<const D: usize>(&self, name: &str) -> Tensor<D> {
-        let weights::Stored { shape, values } = &self.tensors[name];
+        let weights::Stored { shape, values, .. } = &self.tensors[name];
         Tensor::from_data(TensorData::new(values.clone(), shape.clone()), &self.device)
     }
 

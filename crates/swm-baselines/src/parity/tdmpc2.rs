@@ -23,7 +23,7 @@ fn config() -> Tdmpc2Config {
     Tdmpc2Config {
         latent_dim: 8,
         encoder_dim: 7,
-        image: Tdmpc2Image { size: SIDE, channels: 3 },
+        image: Tdmpc2Image { size: SIDE, channels: 3, latent_dim: None },
         mlp_dim: 6,
         simnorm_dim: 4,
         num_q: 3,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use swm_core::evaluate::sha256;
+use swm_core::evaluate::sha256_of;
 use swm_data::files::DRAFT;
 
 use super::folder::{RunFolder, json};
@@ -148,8 +148,8 @@ impl RunFolder {
     }
 
     fn checked(&self, path: PathBuf, hash: &str) -> Result<PathBuf, BaselineError> {
-        let bytes = fs::read(&path).map_err(|error| self.damaged(&path, &error.to_string()))?;
-        match sha256(&bytes) == hash {
+        let found = fs::File::open(&path).and_then(sha256_of);
+        match found.map_err(|error| self.damaged(&path, &error.to_string()))? == hash {
             true => Ok(path),
             false => Err(self.damaged(&path, "not what was written, its hash is another")),
         }

@@ -118,6 +118,11 @@ fn begin(run: &RunFolder, model: &mut dyn Baseline, phases: usize) -> Result<Sta
 }
 
 impl State {
+    /// That of weights that were trained elsewhere.
+    pub(crate) fn imported() -> Self {
+        Self { end: Some(End::Complete), ..Self::new() }
+    }
+
     fn new() -> Self {
         Self {
             phase: 0,

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use swm_core::evaluate::sha256;
+use swm_core::evaluate::sha256_of;
 use swm_data::files;
 use swm_data::recording::WriterLock;
 
@@ -135,7 +135,7 @@ impl RunFolder {
         let draft = files::draft(path);
         save(&draft)?;
         let settle = || {
-            let hash = sha256(&fs::read(&draft)?);
+            let hash = sha256_of(File::open(&draft)?)?;
             File::open(&draft)?.sync_all()?;
             files::settle(&draft, path)?;
             Ok(hash)

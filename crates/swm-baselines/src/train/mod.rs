@@ -39,7 +39,7 @@ pub use fit::{End, State, fit};
 pub use folder::{RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::step_of;
-pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
+pub use run::{Imported, RUN_VERSION, RunConfig, TrainedModel, Which};
 pub use scale::Scale;
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;

@@ -13,6 +13,7 @@ use super::settings::FitSettings;
 use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::import::is_foreign;
 use crate::models::table::restore;
 use crate::online::online_agent;
 
@@ -31,8 +32,34 @@ pub struct RunConfig {
     pub model_config: ModelConfig,
     /// What it learns from.
     pub data: DataConfig,
-    /// How long, and how often it is looked at.
+    /// How long, and how often it is looked at; of a checkpoint of others, nobody knows.
+    #[serde(default)]
     pub fit: FitSettings,
+    /// Where it is from, if it is a checkpoint of others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported: Option<Imported>,
+}
+
+/// Where a checkpoint of others is from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Imported {
+    /// What was named: a folder, a file, a repository.
+    pub source: String,
+    /// The file of weights.
+    pub file: PathBuf,
+    /// SHA-256 of it.
+    pub sha256: String,
+    /// Its container: `zip`, `legacy`, `tar`, `pickle`, `safetensors`.
+    pub format: String,
+    /// Whose names the encoder's tensors had.
+    pub names: String,
+    /// SHA-256 of its config, where it has one.
+    pub config_sha256: Option<String>,
+    /// Where the scale of actions is from.
+    pub action_scale: Option<String>,
+    /// Tensors that it lacks, which neither plans nor actions need: they are random.
+    pub lacks: Vec<String>,
 }
 
 impl RunConfig {
@@ -44,6 +71,12 @@ impl RunConfig {
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
         if let Some(agent) = online_agent(run)? {
             return Err(run.wrong(format!("it trained an agent, not a model; use it as `{agent}:RUN`")));
+        }
+        if is_foreign(run.path()) {
+            let (shown, fix) = (run.path().display(), "import it first: `swm import");
+            return Err(run.wrong(format!(
+                "it is a checkpoint of others, not a run of this program; {fix} {shown} --out RUN`"
+            )));
         }
         let config: Self = run.config()?;
         if config.version != RUN_VERSION {

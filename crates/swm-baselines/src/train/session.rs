@@ -89,7 +89,8 @@ impl PreparedRun {
             fit.batch = model.input_spec().batch;
         }
         let model_config = model.model_config().clone();
-        let config = RunConfig { version: RUN_VERSION, model_config, data: data.config.clone(), fit };
+        let config =
+            RunConfig { version: RUN_VERSION, model_config, data: data.config.clone(), fit, imported: None };
         Ok(Self { model, data, config })
     }
 
@@ -147,6 +148,11 @@ impl Training {
         let run = RunFolder::open(folder)?;
         let lock = run.lock()?;
         let known = RunConfig::read(&run)?;
+        if known.imported.is_some() {
+            return Err(
+                run.wrong("it was imported, and what its optimizers remember is not known; make a new run")
+            );
+        }
         let mut config = known.clone();
         change(&mut config.fit);
         config.fit.check()?;

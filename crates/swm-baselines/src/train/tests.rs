@@ -95,6 +95,10 @@ impl Baseline for Toy {
     fn phases(&self) -> &[Phase] {
         &self.phases
     }
+    fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+        Vec::new()
+    }
+
     fn parameters(&self) -> usize {
         2
     }

@@ -1,109 +1,193 @@
 //! Reading and writing files of named tensors. All become 32-bit floats.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use pytorch_reader::{DType as TorchType, PytorchReader};
-use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensors};
+use safetensors::Dtype;
+use safetensors::tensor::View;
 
+use super::{refusal, torch};
 use crate::error::BaselineError;
 
 /// A tensor of a file.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Stored {
     /// Its shape.
     pub(crate) shape: Vec<usize>,
-    /// Its values, row-major.
+    /// Its values, row-major; none where only shapes were asked for.
     pub(crate) values: Vec<f32>,
+    /// Whether the file holds whole numbers.
+    pub(crate) is_whole: bool,
 }
+
+/// What is in a file.
+#[derive(Debug, Default)]
+pub(crate) struct Contents {
+    /// Its tensors, by their names in the file.
+    pub(crate) tensors: BTreeMap<String, Stored>,
+    /// `safetensors`, or the container of PyTorch: `zip`, `legacy`, `tar`, `pickle`.
+    pub(crate) format: &'static str,
+    /// Functions that Python would call if it loaded the file.
+    pub(crate) calls: Vec<String>,
+    /// Classes of objects that were passed over, such as optimizers.
+    pub(crate) passed_over: Vec<String>,
+}
+
+/// What is read of tensors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Of {
+    /// Shapes alone.
+    Shapes,
+    /// Shapes and values.
+    Values,
+}
+
+/// The largest file, in bytes; the most tensors, and values of all together; the longest name, in bytes.
+const MOST_BYTES: u64 = 16 << 30;
+const MOST_TENSORS: usize = 100_000;
+const MOST_VALUES: usize = 4_000_000_000;
+const LONGEST_NAME: usize = 512;
 
 /// All tensors of a `.safetensors` file or of one that PyTorch wrote; its content decides, not its name.
 pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
-    let mut start = [0; 9];
-    let length = {
-        use std::io::Read as _;
-        let mut file =
-            fs::File::open(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
-        file.read(&mut start).map_err(|error| BaselineError::weights(path, error.to_string()))?
-    };
+    Ok(contents(path, Of::Values)?.tensors)
+}
+
+/// What is in a file of weights.
+pub(crate) fn contents(path: &Path, of: Of) -> Result<Contents, BaselineError> {
+    let wrong = |reason: String| BaselineError::weights(path, reason);
+    let mut file = File::open(path).map_err(|error| wrong(error.to_string()))?;
+    let len = file.metadata().map_err(|error| wrong(error.to_string()))?.len();
+    let mut start = Vec::with_capacity(refusal::START);
+    (&mut file)
+        .take(refusal::START as u64)
+        .read_to_end(&mut start)
+        .map_err(|error| wrong(error.to_string()))?;
+    if let Some(reason) = refusal::of(&start, len, &mut file) {
+        return Err(wrong(reason));
+    }
+    if len > MOST_BYTES {
+        return Err(wrong(format!("is {} bytes, more than the {MOST_BYTES} that are read", spaced(len))));
+    }
     // Eight bytes of length, then the brace of a JSON object.
-    if length == start.len() && start[8] == b'{' { read_safetensors(path) } else { read_pytorch(path) }
+    if start.get(8) == Some(&b'{') { read_safetensors(path, &mut file, of) } else { torch::read(path, of) }
 }
 
-fn read_safetensors(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
-    let bytes = fs::read(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
-    let file =
-        SafeTensors::deserialize(&bytes).map_err(|error| BaselineError::weights(path, error.to_string()))?;
-    let mut tensors = BTreeMap::new();
-    for (name, view) in file.iter() {
-        let values = match view.dtype() {
-            Dtype::F32 => floats(view.data(), f32::from_le_bytes),
-            Dtype::F64 => floats(view.data(), |bytes| f64::from_le_bytes(bytes) as f32),
-            Dtype::F16 => floats(view.data(), half),
-            Dtype::BF16 => floats(view.data(), brain),
-            Dtype::I64 => floats(view.data(), |bytes| i64::from_le_bytes(bytes) as f32),
-            Dtype::BOOL | Dtype::U8 => floats(view.data(), |[byte]: [u8; 1]| byte.into()),
-            other => return Err(kind(path, name, &format!("{other:?}"))),
+/// Refuses a file of too many tensors, or with such names.
+pub(super) fn check_sizes<'a>(
+    path: &Path,
+    tensors: impl Iterator<Item = (&'a str, &'a [usize])>,
+) -> Result<(), BaselineError> {
+    let (mut count, mut values) = (0, 0_usize);
+    for (name, shape) in tensors {
+        count += 1;
+        let size = shape.iter().try_fold(1_usize, |size, &dim| size.checked_mul(dim));
+        let size = size.filter(|&size| size <= MOST_VALUES);
+        let Some(size) = size else {
+            let reason = format!("`{name}` of shape {shape:?} is larger than any tensor that is read");
+            return Err(BaselineError::weights(path, reason));
         };
-        tensors.insert(name.to_owned(), Stored { shape: view.shape().to_vec(), values });
+        values = values.saturating_add(size);
+        if count > MOST_TENSORS || values > MOST_VALUES {
+            let reason =
+                format!("holds more than the {MOST_TENSORS} tensors or {MOST_VALUES} values that are read");
+            return Err(BaselineError::weights(path, reason));
+        }
+        if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
+            let start: String = name.chars().filter(|letter| !letter.is_control()).take(32).collect();
+            let reason =
+                format!("a tensor's name, `{start}…`, is longer than {LONGEST_NAME} bytes or not plain text");
+            return Err(BaselineError::weights(path, reason));
+        }
     }
-    Ok(tensors)
+    match count {
+        0 => Err(BaselineError::weights(path, "holds no tensors")),
+        _ => Ok(()),
+    }
 }
 
-/// Keys under which trainers store the weights of a model.
-const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
+/// A number with a comma between thousands.
+pub(super) fn spaced(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
 
-fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
-    let reason = "is neither safetensors nor a file of torch.save, or it is cut off";
-    let broken = |error: &dyn std::fmt::Display| BaselineError::weights(path, format!("{reason}: {error}"));
-    let reader = PytorchReader::new(path).map_err(|error| broken(&error))?;
-    let names = reader.keys();
-    let nested = NESTED.iter().find(|key| {
-        let prefix = format!("{key}.");
-        names.iter().any(|name| name.starts_with(&prefix))
-    });
-    let inside = nested.and_then(|key| PytorchReader::with_top_level_key(path, key).ok());
-    let reader = inside.unwrap_or(reader);
+fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, BaselineError> {
+    let wrong = |error: &dyn std::fmt::Display| BaselineError::weights(path, error.to_string());
+    let len = file.metadata().map_err(|error| wrong(&error))?.len();
+    let mut read_at = |at: u64, count: u64| -> Result<Vec<u8>, BaselineError> {
+        if at.checked_add(count).is_none_or(|end| end > len) {
+            let reason =
+                format!("is cut off: {} bytes, and its header names more; fetch it again", spaced(len));
+            return Err(BaselineError::weights(path, reason));
+        }
+        let mut bytes = vec![0; count as usize];
+        file.seek(SeekFrom::Start(at))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(|error| wrong(&error))?;
+        Ok(bytes)
+    };
+    let head = read_at(0, 8)?;
+    let header = u64::from_le_bytes(head.try_into().expect("eight bytes"));
+    let header = read_at(8, header)?;
+    let data = 8 + header.len() as u64;
+    let metadata: safetensors::tensor::Metadata =
+        serde_json::from_slice(&header).map_err(|error| wrong(&error))?;
     let mut tensors = BTreeMap::new();
-    for (name, tensor) in reader.tensors() {
-        let bytes = tensor.read().map_err(|error| broken(&error))?;
-        // The reader gives bytes in the order of this machine.
-        let values = match tensor.dtype() {
-            TorchType::F32 => floats(&bytes, f32::from_ne_bytes),
-            TorchType::F64 => floats(&bytes, |bytes| f64::from_ne_bytes(bytes) as f32),
-            TorchType::F16 => floats(&bytes, |bytes: [u8; 2]| half(u16::from_ne_bytes(bytes).to_le_bytes())),
-            TorchType::BF16 => {
-                floats(&bytes, |bytes: [u8; 2]| brain(u16::from_ne_bytes(bytes).to_le_bytes()))
-            }
-            TorchType::I64 => floats(&bytes, |bytes| i64::from_ne_bytes(bytes) as f32),
-            TorchType::Bool | TorchType::U8 => floats(&bytes, |[byte]: [u8; 1]| byte.into()),
-            other => return Err(kind(path, name, &format!("{other:?}"))),
+    let infos = metadata.tensors();
+    check_sizes(path, infos.iter().map(|(name, info)| (name.as_str(), &info.shape[..])))?;
+    for (name, info) in infos {
+        let (start, end) = info.data_offsets;
+        let bytes = match of {
+            Of::Values => read_at((start as u64).saturating_add(data), end.saturating_sub(start) as u64)?,
+            Of::Shapes => Vec::new(),
         };
-        tensors.insert(name.clone(), Stored { shape: tensor.shape().to_vec(), values });
+        let values = match info.dtype {
+            Dtype::F32 => floats(&bytes, f32::from_le_bytes),
+            Dtype::F64 => floats(&bytes, |bytes| f64::from_le_bytes(bytes) as f32),
+            Dtype::F16 => floats(&bytes, half),
+            Dtype::BF16 => floats(&bytes, brain),
+            Dtype::I64 => floats(&bytes, |bytes| i64::from_le_bytes(bytes) as f32),
+            Dtype::I32 => floats(&bytes, |bytes| i32::from_le_bytes(bytes) as f32),
+            Dtype::BOOL | Dtype::U8 => floats(&bytes, |[byte]: [u8; 1]| byte.into()),
+            other => return Err(kind(path, &name, &format!("{other:?}"))),
+        };
+        if of == Of::Values && values.len() != info.shape.iter().product::<usize>() {
+            let reason =
+                format!("is damaged: `{name}` of shape {:?} has {} values", info.shape, values.len());
+            return Err(BaselineError::weights(path, reason));
+        }
+        let is_whole = matches!(info.dtype, Dtype::I64 | Dtype::I32 | Dtype::BOOL | Dtype::U8);
+        tensors.insert(name, Stored { shape: info.shape.clone(), values, is_whole });
     }
-    if tensors.is_empty() {
-        return Err(BaselineError::weights(path, "holds no tensors"));
-    }
-    Ok(tensors)
+    Ok(Contents { tensors, format: "safetensors", ..Contents::default() })
 }
 
-fn kind(path: &Path, name: &str, kind: &str) -> BaselineError {
+pub(super) fn kind(path: &Path, name: &str, kind: &str) -> BaselineError {
     BaselineError::weights(path, format!("`{name}` is of type {kind}; store weights as 32- or 16-bit floats"))
 }
 
-fn floats<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+pub(super) fn floats<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
     let (chunks, _) = bytes.as_chunks::<N>();
     chunks.iter().map(|chunk| convert(*chunk)).collect()
 }
 
-fn brain(bytes: [u8; 2]) -> f32 {
+pub(super) fn brain(bytes: [u8; 2]) -> f32 {
     f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16)
 }
 
 /// IEEE 754 binary16.
-fn half(bytes: [u8; 2]) -> f32 {
+pub(super) fn half(bytes: [u8; 2]) -> f32 {
     let bits = u16::from_le_bytes(bytes);
     let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f32::from(bits & 0x3ff));
     let size = match exponent {
@@ -115,26 +199,46 @@ fn half(bytes: [u8; 2]) -> f32 {
     if bits >> 15 == 1 { -size } else { size }
 }
 
+/// A tensor to write: its bytes are made when they are written.
+struct Written {
+    shape: Vec<usize>,
+    values: Vec<f32>,
+}
+
+impl View for Written {
+    fn dtype(&self) -> Dtype {
+        Dtype::F32
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        self.values.iter().flat_map(|value| value.to_le_bytes()).collect()
+    }
+
+    fn data_len(&self) -> usize {
+        self.values.len() * size_of::<f32>()
+    }
+}
+
 /// Writes safetensors: name, shape, values. The file appears whole or not at all.
 pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<(), BaselineError> {
-    let failed = |error: &dyn std::fmt::Display| BaselineError::weights(path, error.to_string());
-    let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
-        .into_iter()
-        .map(|(name, shape, values)| {
-            (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect())
-        })
-        .collect();
-    let mut views = Vec::with_capacity(bytes.len());
-    for (name, shape, data) in &bytes {
-        views.push((
-            name.as_str(),
-            TensorView::new(Dtype::F32, shape.clone(), data).map_err(|error| failed(&error))?,
-        ));
-    }
-    let file = safetensors::serialize(views, None).map_err(|error| failed(&error))?;
+    let views = tensors.into_iter().map(|(name, shape, values)| (name, Written { shape, values }));
     let part = path.with_extension("part");
-    let io = |source| BaselineError::Io { action: "write", path: path.to_owned(), source };
-    fs::write(&part, file).and_then(|()| fs::rename(&part, path)).map_err(io)
+    let written = safetensors::serialize_to_file(views, None, &part);
+    written.map_err(|error| match error {
+        safetensors::SafeTensorError::IoError(source) => {
+            BaselineError::Io { action: "write", path: path.to_owned(), source }
+        }
+        error => BaselineError::weights(path, error.to_string()),
+    })?;
+    fs::rename(&part, path).map_err(|source| BaselineError::Io {
+        action: "write",
+        path: path.to_owned(),
+        source,
+    })
 }
 
 #[cfg(test)]
@@ -162,7 +266,7 @@ mod tests {
         let path = folder.path().join("a.safetensors");
         write(&path, vec![("a.b".to_owned(), vec![2, 1], vec![1.5, -2.0])]).unwrap();
         let stored = read(&path).unwrap();
-        assert_eq!(stored["a.b"], Stored { shape: vec![2, 1], values: vec![1.5, -2.0] });
+        assert_eq!(stored["a.b"], Stored { shape: vec![2, 1], values: vec![1.5, -2.0], is_whole: false });
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..bytes.len() - 3]).unwrap();
         assert!(matches!(read(&path), Err(BaselineError::Weights { .. })));

@@ -4,9 +4,15 @@
 //! A network takes all tensors of a file or none: what is missing, left over, or of another shape is an error that
 //! lists it.
 
+mod archive;
+mod facebook;
 mod file;
+mod pickle;
+mod refusal;
 mod rename;
+mod torch;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use burn::module::Module;
@@ -14,11 +20,10 @@ use burn::module::Module;
 use crate::error::BaselineError;
 use crate::params;
 
-#[cfg(test)]
-pub(crate) use file::Stored;
-pub(crate) use file::{read, write};
+pub(crate) use file::{Contents, Of, Stored, contents, read, write};
 #[cfg(test)]
 pub(crate) use rename::ours;
+pub(crate) use rename::{to_ours, vector_keys};
 
 /// Writes all tensors of a network.
 pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), BaselineError> {
@@ -37,17 +42,39 @@ pub(crate) fn load_network<M: Module>(network: &M, path: &Path) -> Result<M, Bas
 /// As [`load_network`], for the tensors below a prefix (`encoder`), which their names in the file lack; or from the weights of a
 /// whole model, whose other tensors are left alone.
 pub(crate) fn load_below<M: Module>(network: &M, path: &Path, prefix: &str) -> Result<M, BaselineError> {
-    let mut stored = rename::to_ours(read(path)?);
+    let mut stored = to_ours(read(path)?);
     let part_of_model = |name: &str| name.strip_prefix(prefix)?.strip_prefix('.').map(str::to_owned);
     if stored.keys().any(|name| part_of_model(name).is_some()) {
         stored =
             stored.into_iter().filter_map(|(name, tensor)| Some((part_of_model(&name)?, tensor))).collect();
     }
-    let (mut missing, mut wrong) = (Vec::new(), Vec::new());
+    Ok(take(network, path, stored, prefix, &[])?.0)
+}
+
+/// As [`load_network`], where what is below `dispensable` may be missing, and then stays as it is; and the names of that.
+pub(crate) fn load_for_use<M: Module>(
+    network: &M,
+    path: &Path,
+    dispensable: &[&str],
+) -> Result<(M, Vec<String>), BaselineError> {
+    take(network, path, to_ours(read(path)?), "", dispensable)
+}
+
+/// A copy of the network whose tensors below `prefix` are those of a file, which lacks nothing but what is `dispensable`; and the names
+/// of what it lacks.
+fn take<M: Module>(
+    network: &M,
+    path: &Path,
+    mut stored: BTreeMap<String, Stored>,
+    prefix: &str,
+    dispensable: &[&str],
+) -> Result<(M, Vec<String>), BaselineError> {
+    let (mut missing, mut wrong, mut lacks) = (Vec::new(), Vec::new(), Vec::new());
     let specs: Vec<_> = params::specs(network).into_iter().filter(|spec| spec.is_below(&[prefix])).collect();
     for spec in &specs {
         let name = below(&spec.name, prefix);
         match stored.get(name) {
+            None if spec.is_below(dispensable) => lacks.push(name.to_owned()),
             None => missing.push(name.to_owned()),
             Some(tensor) if tensor.shape != spec.shape => {
                 wrong.push(format!("{name} ({:?} in the file, {:?} in the model)", tensor.shape, spec.shape));
@@ -60,15 +87,36 @@ pub(crate) fn load_below<M: Module>(network: &M, path: &Path, prefix: &str) -> R
         stored.keys().filter(|name| !names.contains(&name.as_str())).cloned().collect();
     unused.sort_unstable();
     if !(missing.is_empty() && unused.is_empty() && wrong.is_empty()) {
-        return Err(BaselineError::Mismatch { path: path.to_owned(), missing, unused, wrong });
+        let fit = specs.len() - missing.len() - wrong.len() - lacks.len();
+        let fits = [fit, specs.len()];
+        return Err(BaselineError::Mismatch { path: path.to_owned(), fits, missing, unused, wrong });
     }
-    Ok(params::map(network.clone(), |spec, tensor| {
+    check_values(path, &stored)?;
+    let network = params::map(network.clone(), |spec, tensor| {
         let stored = spec.is_below(&[prefix]).then(|| stored.remove(below(&spec.name, prefix))).flatten();
         match stored {
             Some(stored) => params::from_host(spec, stored.values, &tensor),
             None => tensor,
         }
-    }))
+    });
+    Ok((network, lacks))
+}
+
+/// Refuses values that no training leaves behind.
+fn check_values(path: &Path, stored: &BTreeMap<String, Stored>) -> Result<(), BaselineError> {
+    for (name, Stored { values, is_whole, .. }) in stored {
+        let reason = if values.iter().any(|value| !value.is_finite()) {
+            "holds values that are not finite; the file is of no use"
+        } else if name.ends_with("running_var") && values.iter().any(|value| *value < 0.0) {
+            "holds a variance below 0; the file is of no use"
+        } else if *is_whole {
+            "holds whole numbers where weights belong; store them as 32- or 16-bit floats"
+        } else {
+            continue;
+        };
+        return Err(BaselineError::weights(path, format!("`{name}` {reason}")));
+    }
+    Ok(())
 }
 
 /// A name without a prefix and its dot.

@@ -5,10 +5,26 @@
 
 use std::collections::BTreeMap;
 
+use super::facebook;
 use super::file::Stored;
 
 /// What is put before all names by Lightning and by compiled or distributed modules.
 const PREFIXES: [&str; 4] = ["model.", "_orig_mod.", "module.", "state_dict."];
+
+/// What the names of a trainer's own tensors begin with, beside those of the model below `model.`: losses and metrics.
+const BESIDE: [&str; 6] = ["sigreg.", "criterion", "val_", "train_", "_metrics", "callbacks_"];
+/// Beside those, a part of the model (PLDM's).
+const INVERSE: &str = "idm.";
+
+/// What the names of tensors begin with that no model has here: the state of optimizers, and decoders for people to look at.
+const DROPPED: [&str; 6] =
+    ["predictor_optimizer.", "decoder.", "decoder_optimizer.", "opt.", "optimizer.", "scaler."];
+
+/// Modules of others' archives, and where the model has them.
+const MODULES: &[(&str, &str)] = &[
+    ("action_encoder.patch_embed.", "extra_encoders.action.patch_embed."),
+    ("proprio_encoder.patch_embed.", "extra_encoders.proprio.patch_embed."),
+];
 
 /// Parts of names in files, and what they are here. Tried in this order, each once.
 const PARTS: &[(&str, &str)] = &[
@@ -25,19 +41,104 @@ const PARTS: &[(&str, &str)] = &[
     (".layernorm_after.", ".norm2."),
 ];
 
-/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images.
-const IDLE: [&str; 3] = ["num_batches_tracked", "mask_token", "causal_mask"];
+/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images, rates of averages.
+const IDLE: [&str; 4] = ["num_batches_tracked", "mask_token", "causal_mask", "ema_coefficient"];
 
 /// All tensors under the names that they have here, without the idle ones.
-pub(super) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
-    let common = |prefix: &str| stored.keys().all(|name| name.starts_with(prefix));
-    let prefix = PREFIXES.iter().find(|prefix| common(prefix)).copied().unwrap_or("");
-    let rename = |(name, tensor): (String, Stored)| {
-        let name = &name[prefix.len()..];
-        let is_idle = IDLE.iter().any(|end| name.ends_with(end)) || is_mask(name, &tensor);
-        (!is_idle).then(|| (ours(name), tensor))
+pub(crate) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    let stored = without_prefixes(stored);
+    let has = |prefix: &str| stored.keys().any(|name| name.starts_with(prefix));
+    // LeWM has an encoder of actions, too, with more layers.
+    let is_archive = has("predictor.") && has("action_encoder.patch_embed.") && !has("action_encoder.embed.");
+    let stored = if is_archive {
+        stored
+            .into_iter()
+            .filter(|(name, _)| !DROPPED.iter().any(|dropped| name.starts_with(dropped)))
+            .map(|(name, tensor)| (of_archive(name), tensor))
+            .collect()
+    } else {
+        stored
     };
-    stored.into_iter().filter_map(rename).collect()
+    let stored = facebook::renamed(of_one_key(stored));
+    let renamed = stored.into_iter().filter_map(|(name, tensor)| {
+        let is_idle = IDLE.iter().any(|end| name.ends_with(end)) || is_mask(&name, &tensor);
+        (!is_idle).then(|| (ours(&name), tensor))
+    });
+    without_wrappers(renamed.collect())
+}
+
+/// Names without what frameworks put before them, once or several times; and without what stands beside the model.
+fn without_prefixes(mut stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    loop {
+        let common = |prefix: &&&str| stored.keys().all(|name| name.starts_with(**prefix));
+        let prefix = match PREFIXES.iter().find(common) {
+            _ if stored.is_empty() => return stored,
+            Some(prefix) => *prefix,
+            None if is_beside_a_model(&stored) => "model.",
+            None => return stored,
+        };
+        stored = stored
+            .into_iter()
+            .filter_map(|(name, tensor)| match name.strip_prefix(prefix) {
+                Some(name) => Some((name.to_owned(), tensor)),
+                None => name.starts_with(INVERSE).then_some((name, tensor)),
+            })
+            .collect();
+    }
+}
+
+/// Whether the model is below `model.`, and all else is a trainer's.
+fn is_beside_a_model(stored: &BTreeMap<String, Stored>) -> bool {
+    let is_known = |name: &String| {
+        name.starts_with("model.")
+            || name.starts_with(INVERSE)
+            || BESIDE.iter().any(|beside| name.starts_with(beside))
+    };
+    stored.keys().any(|name| name.starts_with("model.")) && stored.keys().all(is_known)
+}
+
+/// The name of a tensor of an archive of modules: encoders of actions and of proprioception have names of their own there.
+fn of_archive(name: String) -> String {
+    match MODULES.iter().find_map(|(theirs, ours)| Some((ours, name.strip_prefix(theirs)?))) {
+        Some((ours, rest)) => format!("{ours}{rest}"),
+        None => name,
+    }
+}
+
+/// TD-MPC2's encoder of vectors, of which there is one here, whatever the column is called.
+fn of_one_key(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    let keys: Vec<String> = vector_keys(stored.keys());
+    let [key] = &keys[..] else { return stored };
+    let prefix = format!("extra_encoders.{key}.");
+    let rename = |(name, tensor): (String, Stored)| match name.strip_prefix(&prefix) {
+        Some(rest) => (format!("extra_encoders.observation.{rest}"), tensor),
+        None => (name, tensor),
+    };
+    stored.into_iter().map(rename).collect()
+}
+
+/// The columns of which TD-MPC2 has an encoder.
+pub(crate) fn vector_keys<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
+    let key = |name: &'a String| {
+        Some(name.strip_prefix("extra_encoders.")?.strip_suffix(".0.ln.weight")?.to_owned())
+    };
+    names.filter_map(key).collect()
+}
+
+/// Names without the wrapper of modules that are not trained any more. A value in it has no target network: it is its own.
+fn without_wrappers(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    let mut found = BTreeMap::new();
+    for (name, tensor) in stored {
+        if let Some(rest) = name.strip_prefix("value_predictor.backbone.") {
+            found.insert(format!("value_predictor.teacher.{rest}"), tensor.clone());
+            found.insert(format!("value_predictor.student.{rest}"), tensor);
+        } else if let Some(rest) = name.strip_prefix("encoder.backbone.") {
+            found.insert(format!("encoder.{rest}"), tensor);
+        } else {
+            found.insert(name, tensor);
+        }
+    }
+    found
 }
 
 /// The buffer of a block-causal mask: `[1, 1, N, N]` and called `bias`.
@@ -79,9 +180,50 @@ mod tests {
 
     #[test]
     fn prefixes_of_frameworks_go_and_idle_tensors_too() {
-        let tensor = || Stored { shape: vec![1], values: vec![0.0] };
+        let tensor = || Stored { shape: vec![1], values: vec![0.0], is_whole: false };
         let names = ["model.a.weight", "model.norm.num_batches_tracked", "model.embeddings.mask_token"];
         let stored = names.map(|name| (name.to_owned(), tensor())).into();
         assert_eq!(to_ours(stored).into_keys().collect::<Vec<_>>(), ["a.weight"]);
+    }
+
+    fn renamed(names: &[&str]) -> Vec<String> {
+        to_ours(names.iter().map(|name| ((*name).to_owned(), Stored::default())).collect())
+            .into_keys()
+            .collect()
+    }
+
+    #[test]
+    fn what_a_trainer_keeps_beside_a_model_goes() {
+        assert_eq!(
+            renamed(&["model.a.weight", "sigreg.phi", "idm.net.0.weight"]),
+            ["a.weight", "idm.net.0.weight"]
+        );
+        assert_eq!(renamed(&["model._orig_mod.a.weight", "model._orig_mod.b.bias"]), ["a.weight", "b.bias"]);
+        // Something else beside it may be another model.
+        assert_eq!(renamed(&["model.a", "head.b"]), ["head.b", "model.a"]);
+    }
+
+    #[test]
+    fn wrapped_values_are_student_and_teacher() {
+        let names = ["encoder.backbone.layernorm.weight", "value_predictor.backbone.out_proj.bias"];
+        let ours = [
+            "encoder.layernorm.weight",
+            "value_predictor.student.out_proj.bias",
+            "value_predictor.teacher.out_proj.bias",
+        ];
+        assert_eq!(renamed(&names), ours);
+    }
+
+    #[test]
+    fn an_archive_of_modules_loses_optimizers_and_decoders() {
+        let names = ["predictor.norm.weight", "action_encoder.patch_embed.bias", "decoder.a", "opt.state.0"];
+        assert_eq!(renamed(&names), ["extra_encoders.action.patch_embed.bias", "predictor.norm.weight"]);
+    }
+
+    #[test]
+    fn the_one_encoder_of_vectors_is_that_of_observations() {
+        let of = |key: &str| format!("extra_encoders.{key}.0.ln.weight");
+        assert_eq!(renamed(&[&of("state")]), [of("observation")]);
+        assert_eq!(renamed(&[&of("state"), &of("goal")]), [of("goal"), of("state")]);
     }
 }

@@ -18,6 +18,7 @@ mod eval;
 mod eval_manifest;
 mod held;
 mod images;
+mod import;
 mod inputs;
 mod inspect;
 mod interrupt;
@@ -122,6 +123,7 @@ enum Command {
     Quality(quality::QualityCommand),
     Train(Box<train::Train>),
     Checkpoints(train::Checkpoints),
+    Import(Box<import::Import>),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -233,6 +235,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Quality(command) => command.run(registry, output),
         Command::Train(command) => command.run(registry, output),
         Command::Checkpoints(command) => command.run(output),
+        Command::Import(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),

@@ -219,7 +219,7 @@ pub(crate) fn make(
     let auxiliary = Auxiliary::new(&config.weights, config.rollout_steps);
     config.check(&auxiliary).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let FeatureMapConfig { image, encoder, predictor, frameskip, smoothed, batch, .. } = &config.model;
-    let form = Form { image: *image, action: frameskip * dims.action_dim, proprio: 0 };
+    let form = Form::new(*image, frameskip * dims.action_dim, 0);
     let map = config.model.map();
     let network = ConvJepa {
         encoder: MapEncoder::new(&config.model, device),

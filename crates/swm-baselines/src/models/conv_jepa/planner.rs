@@ -50,9 +50,13 @@ impl LatentDynamics for ConvJepa {
         self.predict(latents, &actions.squeeze_dim(1))
     }
 
+    fn states(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<3> {
+        self.roll_out(problem.map.clone().expand([plans.dims()[0], 1, self.dim()]), plans)
+    }
+
     fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
-        let [count, horizon, _] = plans.dims();
-        let maps = self.roll_out(problem.map.clone().expand([count, 1, self.dim()]), plans);
+        let horizon = plans.dims()[1];
+        let maps = self.states(problem, plans);
         aggregate(how, horizon, |step| {
             (maps.clone().narrow(1, step, 1) - problem.goal.clone()).square().mean_dim(2).flatten(0, 2)
         })

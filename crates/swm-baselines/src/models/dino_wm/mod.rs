@@ -10,7 +10,7 @@ use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::baseline::{InputSpec, Phase, PlanModel};
-use crate::data::{DataDims, Form, Inputs};
+use crate::data::{DataDims, Form, Inputs, Normalization};
 use crate::error::BaselineError;
 use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
@@ -32,6 +32,9 @@ pub(crate) const NAME: &str = "dino-wm";
 pub struct DinoWmConfig {
     /// The side of images.
     pub image: usize,
+    /// How their values are standardized.
+    #[serde(default)]
+    pub normalization: Normalization,
     /// What looks at them; it is not trained. Give its weights before training.
     pub encoder: EncoderConfig,
     /// Embedding dim of `proprio`; 0: it is not used.
@@ -55,6 +58,7 @@ impl DinoWmConfig {
     pub fn paper() -> Self {
         Self {
             image: 224,
+            normalization: Normalization::Imagenet,
             encoder: EncoderConfig::Vit(VitConfig::dinov2_small()),
             proprio: 10,
             action: 10,
@@ -102,7 +106,10 @@ impl DinoWmConfig {
 
     fn form(&self, dims: &DataDims) -> Form {
         let proprio = if self.proprio > 0 { dims.proprio_dim } else { 0 };
-        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio }
+        Form {
+            normalization: self.normalization,
+            ..Form::new(self.image, self.frameskip * dims.action_dim, proprio)
+        }
     }
 }
 

@@ -63,7 +63,33 @@ impl LatentDynamics for DinoWm {
         self.predict(frames, &mut Pass::evaluate()).reshape([count, dim])
     }
 
+    fn states(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<3> {
+        let ([count, horizon, _], seen) = (plans.dims(), problem.frames.dims()[1]);
+        let frames = self.frames(problem, plans).narrow(1, seen, horizon);
+        frames.reshape([count, horizon, self.latent_dim()])
+    }
+
     fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
+        let (horizon, [_, seen, _, tokens]) = (plans.dims()[1], problem.frames.dims());
+        let frames = self.frames(problem, plans);
+        let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::dim);
+        let of_pixels = tokens - of_proprio;
+        let mean = |part: Tensor<4>| part.flatten::<2>(1, 3).mean_dim(1).squeeze_dim::<1>(1);
+        aggregate(how, horizon, |step| {
+            let error = (frames.clone().narrow(1, seen + step, 1) - problem.goal.clone()).square();
+            let pixels = mean(error.clone().narrow(3, 0, of_pixels));
+            if of_proprio == 0 {
+                return pixels;
+            }
+            // All tokens of an observed frame say the same of proprioception; the reference asks the first.
+            pixels + mean(error.narrow(3, of_pixels, of_proprio).narrow(2, 0, 1))
+        })
+    }
+}
+
+impl DinoWm {
+    /// `[C, N + H, P, W]`: the observed frames, and those that candidates `[C, H, D]` lead to, without actions.
+    fn frames(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<4> {
         let [count, horizon, dim] = plans.dims();
         let pass = &mut Pass::evaluate();
         let [_, seen, patches, tokens] = problem.frames.dims();
@@ -78,17 +104,6 @@ impl LatentDynamics for DinoWm {
             let next = self.predict(window, pass).narrow(1, end - start - 1, 1);
             frames = Tensor::cat(vec![frames, next], 1);
         }
-        let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::dim);
-        let of_pixels = tokens - of_proprio;
-        let mean = |part: Tensor<4>| part.flatten::<2>(1, 3).mean_dim(1).squeeze_dim::<1>(1);
-        aggregate(how, horizon, |step| {
-            let error = (frames.clone().narrow(1, seen + step, 1) - problem.goal.clone()).square();
-            let pixels = mean(error.clone().narrow(3, 0, of_pixels));
-            if of_proprio == 0 {
-                return pixels;
-            }
-            // All tokens of an observed frame say the same of proprioception; the reference asks the first.
-            pixels + mean(error.narrow(3, of_pixels, of_proprio).narrow(2, 0, 1))
-        })
+        frames
     }
 }

@@ -121,6 +121,8 @@ pub(crate) fn make(
 }
 
 impl Network for Gciql {
+    const DISPENSABLE: &'static [&'static str] = &["value_predictor", "critic_predictor"];
+
     fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
         let seen = Transition::see(&self.observer, inputs, self.history)?;
         let ValueConfig { discount, expectile: share, alpha, .. } = self.config;

@@ -128,7 +128,7 @@ pub(crate) fn make(
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     config.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let CountdownConfig { image, encoder, hidden, depth, horizon, frameskip, batch } = &config.model;
-    let form = Form { image: *image, action: frameskip * dims.action_dim, proprio: 0 };
+    let form = Form::new(*image, frameskip * dims.action_dim, 0);
     let sizes = CountdownSizes {
         inputs: encoder.tokens(*image).iter().product(),
         // Places are compared as they are.

@@ -132,7 +132,7 @@ impl GoalConfig {
     /// The form of its tensors.
     pub(crate) fn form(&self, dims: &DataDims) -> Form {
         let proprio = if self.proprio > 0 { dims.proprio_dim } else { 0 };
-        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio }
+        Form::new(self.image, self.frameskip * dims.action_dim, proprio)
     }
 
     /// The form of what transformers see.

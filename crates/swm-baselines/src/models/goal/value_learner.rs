@@ -78,6 +78,8 @@ impl<V: ValueNetwork> ValueLearner<V> {
 }
 
 impl<V: ValueNetwork> Network for ValueLearner<V> {
+    const DISPENSABLE: &'static [&'static str] = &["value_predictor"];
+
     fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
         let seen = Transition::see(&self.observer, inputs, self.history)?;
         let ValueConfig { discount, expectile: share, alpha, .. } = self.config;

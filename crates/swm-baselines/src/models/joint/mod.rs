@@ -99,7 +99,7 @@ impl JointConfig {
 
     /// The form of its tensors.
     pub(crate) fn form(&self, dims: &DataDims) -> Form {
-        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio: 0 }
+        Form::new(self.image, self.frameskip * dims.action_dim, 0)
     }
 }
 

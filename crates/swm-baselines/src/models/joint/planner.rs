@@ -59,7 +59,23 @@ impl LatentDynamics for Joint {
         self.predict(latents.unsqueeze_dim(1), actions, &mut Pass::evaluate()).squeeze_dim(1)
     }
 
+    fn states(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<3> {
+        Tensor::cat(self.predicted(problem, plans), 1)
+    }
+
     fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
+        let horizon = plans.dims()[1];
+        let states = self.predicted(problem, plans);
+        aggregate(how, horizon, |step| {
+            let state: Tensor<2> = states[step].clone().squeeze_dim(1);
+            (state - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
+        })
+    }
+}
+
+impl Joint {
+    /// H latents `[C, 1, W]` that candidates `[C, H, D]` lead to.
+    fn predicted(&self, problem: &Problem, plans: Tensor<3>) -> Vec<Tensor<3>> {
         let [count, horizon, _] = plans.dims();
         let pass = &mut Pass::evaluate();
         let [_, observed, dim] = problem.states.dims();
@@ -91,9 +107,6 @@ impl LatentDynamics for Joint {
             };
             states.push(self.pred_proj.forward_frames(next, pass));
         }
-        aggregate(how, horizon, |step| {
-            let state: Tensor<2> = states[1 + step].clone().squeeze_dim(1);
-            (state - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
-        })
+        states.split_off(1)
     }
 }

@@ -119,7 +119,7 @@ pub(crate) fn make(
     config.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let &KeypointModelConfig { image, ref encoder, hidden, depth, rollout_steps, frameskip, batch } =
         &config.model;
-    let form = Form { image, action: frameskip * dims.action_dim, proprio: 0 };
+    let form = Form::new(image, frameskip * dims.action_dim, 0);
     let dim = 2 * encoder.count;
     let sizes = LatentChangeSizes { latent: dim, action: form.action, hidden, depth };
     let network = KeypointWm {

@@ -56,12 +56,24 @@ impl LatentDynamics for KeypointWm {
         self.predictor.forward(latents, actions.zeros_like(), actions)
     }
 
+    fn states(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<3> {
+        Tensor::stack(self.predicted(problem, &plans), 1)
+    }
+
     fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
-        let [count, horizon, dim] = plans.dims();
-        let latent = problem.latent.clone().expand([count, self.dim]);
-        let predicted = self.roll_out(latent, problem.before.clone().expand([count, dim]), &plans);
+        let horizon = plans.dims()[1];
+        let predicted = self.predicted(problem, &plans);
         aggregate(how, horizon, |step| {
             (predicted[step].clone() - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
         })
+    }
+}
+
+impl KeypointWm {
+    /// H latents `[C, Z]` that candidates `[C, H, D]` lead to.
+    fn predicted(&self, problem: &Problem, plans: &Tensor<3>) -> Vec<Tensor<2>> {
+        let [count, _, dim] = plans.dims();
+        let latent = problem.latent.clone().expand([count, self.dim]);
+        self.roll_out(latent, problem.before.clone().expand([count, dim]), plans)
     }
 }

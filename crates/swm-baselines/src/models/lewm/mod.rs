@@ -118,6 +118,8 @@ pub(crate) fn make(
 }
 
 impl Network for Lewm {
+    const DISPENSABLE: &'static [&'static str] = &["idm", "drawing"];
+
     fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
         let Predicted { states, predicted, places } = self.model.predict_batch(inputs, pass);
         let targets = states.clone().narrow(1, 1, predicted.dims()[1]);

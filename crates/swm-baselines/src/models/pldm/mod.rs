@@ -146,6 +146,8 @@ pub(crate) fn make(
 }
 
 impl Network for Pldm {
+    const DISPENSABLE: &'static [&'static str] = &["idm", "drawing"];
+
     fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
         let Predicted { states, predicted, places } = self.model.predict_batch(inputs, pass);
         let seen = predicted.dims()[1];

@@ -23,7 +23,7 @@ use super::training::{check_form, differentiate, load_optimizer, tensor, trainab
 use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::images::{Images, to_tensor};
+use crate::images::{Images, Normalization, to_tensor};
 use crate::learner::follow;
 use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
 use crate::params;
@@ -131,7 +131,7 @@ impl Tdmpc2 {
         let images = images.filter(|images| [images.rows, images.steps] == [rows, steps]);
         let wanted = || format!("no {rows} rows of {steps} images, and this agent learned from images");
         let images = images.ok_or_else(|| BaselineError::data(PIXELS, wanted()))?;
-        let images = to_tensor(PIXELS, &images, side, &self.device)?;
+        let images = to_tensor(PIXELS, &images, (side, Normalization::Imagenet), &self.device)?;
         Ok(Some(images.swap_dims(0, 1).reshape([steps * rows, 3, side, side])))
     }
 

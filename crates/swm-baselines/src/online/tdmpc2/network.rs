@@ -152,14 +152,15 @@ impl StateEncoder {
 }
 
 impl Tdmpc2Network {
-    /// A network of zeros, for the observations and actions of this agent. Z is `latent_dim` for images and as much for vectors.
+    /// A network of zeros, for the observations and actions of this agent. Z is `latent_dim` for vectors, and for images as much or `image.latent_dim`.
     pub(crate) fn new(agent: &AgentConfig, config: &Tdmpc2Config, device: &Device) -> Self {
         let AgentConfig { observation_dim: observation, action_dim: actions, image, .. } = *agent;
         let Tdmpc2Config { latent_dim: part, encoder_dim, mlp_dim: hidden, num_bins, .. } = *config;
-        let images = image.map(|side| ImageEncoder::new(side, config.image.channels, part, device));
+        let of_images = config.image.latent_dim.unwrap_or(part);
+        let images = image.map(|side| ImageEncoder::new(side, config.image.channels, of_images, device));
         let dims = [observation, encoder_dim, part];
         let encoder = (observation > 0).then(|| StateEncoder::new(dims, device));
-        let latent = part * (usize::from(images.is_some()) + usize::from(encoder.is_some()));
+        let latent = images.as_ref().map_or(0, |_| of_images) + encoder.as_ref().map_or(0, |_| part);
         let of_action = |outputs| NormedMlp::new(latent + actions, hidden, outputs, device);
         let qs = || (0..config.num_q).map(|_| of_action(num_bins)).collect();
         Self {

@@ -79,12 +79,14 @@ pub struct Tdmpc2Image {
     pub size: usize,
     /// Channels of each convolution.
     pub channels: usize,
+    /// Values of the latent of images; `null`: as many as of that of vectors.
+    pub latent_dim: Option<usize>,
 }
 
 impl Default for Tdmpc2Image {
     /// The reference's.
     fn default() -> Self {
-        Self { size: 64, channels: 32 }
+        Self { size: 64, channels: 32, latent_dim: None }
     }
 }
 
@@ -218,10 +220,13 @@ impl Tdmpc2Config {
             ("batch", batch, 1),
         ];
         at_least(&sizes)?;
-        if !latent_dim.is_multiple_of(simnorm_dim) {
-            return Err(format!(
-                "`latent_dim` is {latent_dim}; it must be a multiple of `simnorm_dim`, {simnorm_dim}"
-            ));
+        let of_images = ("image.latent_dim", self.image.latent_dim.unwrap_or(latent_dim));
+        for (name, dim) in [("latent_dim", latent_dim), of_images] {
+            if dim == 0 || !dim.is_multiple_of(simnorm_dim) {
+                return Err(format!(
+                    "`{name}` is {dim}; it must be a multiple of `simnorm_dim`, {simnorm_dim}"
+                ));
+            }
         }
         let &Self { vmin, vmax, lr, encoder_lr_scale, policy_lr_scale, clip, .. } = self;
         if !(vmin < vmax && (vmax - vmin).is_finite()) {

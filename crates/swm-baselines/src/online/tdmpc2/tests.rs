@@ -213,7 +213,8 @@ fn images_are_observed_alone_and_beside_vectors() {
         let place = |step: usize, clip: usize| {
             params::host(batch.observed.narrow(step * 2 + clip, 1).images.unwrap())
         };
-        let alone = to_tensor(PIXELS, &images(&bytes[4_800..9_600], 1, 1, 40), 40, &agent.device).unwrap();
+        let side = (40, Normalization::Imagenet);
+        let alone = to_tensor(PIXELS, &images(&bytes[4_800..9_600], 1, 1, 40), side, &agent.device).unwrap();
         assert_eq!(place(1, 0), params::host(alone));
         let before = agent.parameters();
         let losses = agent.update(&clips, 0).unwrap();

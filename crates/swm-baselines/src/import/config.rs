@@ -1,0 +1,211 @@
+//! A checkpoint's `config.json`, walked by name: which class it names is looked up in a table, and nothing of it is executed.
+
+use serde_json::{Map, Value as Json};
+use swm_tasks::request::{Fix, Message, TaskError};
+
+/// Classes of models, by the names that versions of the reference have had, and what they are here.
+const CLASSES: &[(&str, Model)] = &[
+    ("stable_worldmodel.wm.lewm.LeWM", Model::Lewm),
+    ("stable_worldmodel.wm.lewm.lewm.LeWM", Model::Lewm),
+    ("stable_worldmodel.wm.LeWM", Model::Lewm),
+    ("jepa.JEPA", Model::Lewm),
+    ("stable_worldmodel.wm.pldm.pldm.PLDM", Model::Pldm),
+    ("stable_worldmodel.wm.pldm.PLDM", Model::Pldm),
+    ("stable_worldmodel.wm.PLDM", Model::Pldm),
+    ("stable_worldmodel.wm.PreJEPA", Model::DinoWm),
+    ("stable_worldmodel.wm.prejepa.PreJEPA", Model::DinoWm),
+    ("stable_worldmodel.wm.prejepa.prejepa.PreJEPA", Model::DinoWm),
+    ("models.visual_world_model.VWorldModel", Model::DinoWm),
+    ("stable_worldmodel.wm.gcrl.gcrl.GCRL", Model::Goal),
+    ("stable_worldmodel.wm.gcrl.GCRL", Model::Goal),
+    ("stable_worldmodel.wm.GCRL", Model::Goal),
+    ("stable_worldmodel.wm.tdmpc2.TDMPC2", Model::Tdmpc2),
+    ("stable_worldmodel.wm.tdmpc2.tdmpc2.TDMPC2", Model::Tdmpc2),
+    ("stable_worldmodel.wm.TDMPC2", Model::Tdmpc2),
+];
+
+/// Classes that are known and not to be had.
+const OTHERS: &[(&str, &str)] = &[
+    ("stable_worldmodel.wm.gcbc.GCBC", "the GCBC of stable-worldmodel 0.0.3, another network than today's"),
+    (
+        "stable_worldmodel.wm.gcbc.gcbc.GCBC",
+        "the GCBC of stable-worldmodel 0.0.3, another network than today's",
+    ),
+];
+
+/// What the names of modules begin with.
+const MODULES: [&str; 5] = ["stable_worldmodel.", "stable_pretraining.", "torch.nn.", "jepa.", "module."];
+
+/// The models that can be had.
+pub(super) const KNOWN: [&str; 8] = ["lewm", "pldm", "dino-wm", "gcbc", "gciql", "gcivl", "hilp", "tdmpc2"];
+
+/// A family of models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Model {
+    /// LeWM.
+    Lewm,
+    /// PLDM.
+    Pldm,
+    /// DINO-WM, which the reference calls PreJEPA.
+    DinoWm,
+    /// A goal-conditioned policy: tensors say which.
+    Goal,
+    /// TD-MPC2.
+    Tdmpc2,
+}
+
+/// The deepest nesting of a config.
+const DEEPEST: usize = 32;
+
+/// A part of a config, and where it is.
+#[derive(Clone, Debug)]
+pub(super) struct Node<'a> {
+    /// The file.
+    file: &'a str,
+    /// `predictor.num_frames`; empty for the whole.
+    place: String,
+    value: &'a Json,
+}
+
+impl<'a> Node<'a> {
+    /// The whole of a file.
+    pub(super) fn root(file: &'a str, value: &'a Json) -> Result<Self, TaskError> {
+        let root = Self { file, place: String::new(), value };
+        if !value.is_object() {
+            return Err(root.wrong("holds no settings"));
+        }
+        root.check(DEEPEST)?;
+        Ok(root)
+    }
+
+    /// Refuses what training would have filled in, and nesting without end.
+    fn check(&self, left: usize) -> Result<(), TaskError> {
+        if left == 0 {
+            return Err(self.wrong(&format!("is nested more than {DEEPEST} times")));
+        }
+        match self.value {
+            Json::String(text) if text == "???" => {
+                let reason = "is ???: an unfinished Hydra config; take the one that training wrote";
+                Err(Message::new(self.told(reason)).fix(Fix::Leave("from")).into())
+            }
+            Json::Object(fields) => {
+                fields.iter().try_for_each(|(name, value)| self.at(name, value).check(left - 1))
+            }
+            Json::Array(items) => items
+                .iter()
+                .enumerate()
+                .try_for_each(|(index, value)| self.at(&index.to_string(), value).check(left - 1)),
+            _ => Ok(()),
+        }
+    }
+
+    fn at(&self, name: &str, value: &'a Json) -> Self {
+        let place = if self.place.is_empty() { name.to_owned() } else { format!("{}.{name}", self.place) };
+        Self { file: self.file, place, value }
+    }
+
+    fn told(&self, reason: &str) -> String {
+        match self.place.is_empty() {
+            true => format!("{}: {reason}", self.file),
+            false => format!("{}: {} {reason}", self.file, self.place),
+        }
+    }
+
+    /// About this part.
+    pub(super) fn wrong(&self, reason: &str) -> TaskError {
+        Message::new(self.told(reason)).into()
+    }
+
+    /// A field, if it is there and not null.
+    pub(super) fn get(&self, name: &str) -> Option<Self> {
+        let value = self.value.get(name)?;
+        (!value.is_null()).then(|| self.at(name, value))
+    }
+
+    /// A field that must be there.
+    pub(super) fn need(&self, name: &str) -> Result<Self, TaskError> {
+        self.get(name)
+            .ok_or_else(|| self.at(name, &Json::Null).wrong("is missing or null: this program needs it"))
+    }
+
+    /// Its fields.
+    pub(super) fn fields(&self) -> Option<&'a Map<String, Json>> {
+        self.value.as_object()
+    }
+
+    /// A whole number in a field, if it is there.
+    pub(super) fn number(&self, name: &str) -> Result<Option<usize>, TaskError> {
+        let Some(field) = self.get(name) else { return Ok(None) };
+        let number = field.value.as_u64().filter(|&number| number <= 1 << 20);
+        match number {
+            Some(number) => Ok(Some(number as usize)),
+            None => Err(field.wrong(&format!("is {}; a whole number is wanted", field.value))),
+        }
+    }
+
+    /// A real number in a field, if it is there.
+    pub(super) fn real(&self, name: &str) -> Result<Option<f64>, TaskError> {
+        let Some(field) = self.get(name) else { return Ok(None) };
+        field.value.as_f64().map(Some).ok_or_else(|| field.wrong("is no number"))
+    }
+
+    /// A text in a field, if it is there.
+    pub(super) fn text(&self, name: &str) -> Result<Option<&'a str>, TaskError> {
+        let Some(field) = self.get(name) else { return Ok(None) };
+        field.value.as_str().map(Some).ok_or_else(|| field.wrong("is no text"))
+    }
+
+    /// Whether a field is true.
+    pub(super) fn is_true(&self, name: &str) -> bool {
+        self.value.get(name) == Some(&Json::Bool(true))
+    }
+
+    /// The class of the model; `None` where the config has no `_target_`.
+    pub(super) fn model(&self) -> Result<Option<Model>, TaskError> {
+        let Some(class) = self.text("_target_")? else { return Ok(None) };
+        if let Some((_, what)) = OTHERS.iter().find(|(known, _)| *known == class) {
+            return Err(self.wrong(&format!("_target_ {class} is {what}, which this program does not have")));
+        }
+        let known = CLASSES.iter().find(|(known, _)| *known == class);
+        known.map(|(_, model)| Some(*model)).ok_or_else(|| {
+            let known = KNOWN.join(", ");
+            self.wrong(&format!("_target_ {class} is no model that this program has; known are {known}"))
+        })
+    }
+
+    /// Refuses a module that is none of these classes, and fields that are not among `fields`.
+    pub(super) fn check_module(&self, classes: &[&str], fields: &[&str]) -> Result<(), TaskError> {
+        let Some(class) = self.text("_target_")? else {
+            return Err(self.wrong(&format!("has no _target_; {} is wanted", classes.join(" or "))));
+        };
+        let last = class.rsplit('.').next().unwrap_or(class);
+        if !MODULES.iter().any(|module| class.starts_with(module)) {
+            let reason = format!("{class} is no module of a known model; nothing of a config is executed");
+            return Err(Message::new(format!("{}: {}: {reason}", self.file, self.place)).into());
+        }
+        if !classes.contains(&last) {
+            let wanted = classes.join(" or ");
+            return Err(self.wrong(&format!("is a {class}, and this program has {wanted} in its place")));
+        }
+        let known = |name: &&String| {
+            ["_target_", "_partial_"].contains(&name.as_str()) || fields.contains(&name.as_str())
+        };
+        match self.fields().into_iter().flatten().find(|(name, value)| !known(name) && !value.is_null()) {
+            Some((name, value)) => Err(self
+                .at(name, value)
+                .wrong("is a setting of the reference that this program does not have")),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses a field with another value than `wanted`, where it is there.
+    pub(super) fn check_field(&self, name: &str, wanted: usize) -> Result<(), TaskError> {
+        match self.number(name)? {
+            Some(found) if found != wanted => {
+                let reason = format!("is {found}, and this program has {wanted} in its place");
+                Err(self.at(name, &Json::Null).wrong(&reason))
+            }
+            _ => Ok(()),
+        }
+    }
+}

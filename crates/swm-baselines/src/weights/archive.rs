@@ -1,0 +1,118 @@
+//! Zip archives of `torch.save`, as far as needed to look at their pickle, and to change a byte of it in a copy.
+
+use std::fs::File;
+use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::Path;
+
+/// The longest pickle that is looked at: as the reader of tensors allows.
+const LONGEST: u64 = 100 << 20;
+/// The longest end of an archive: its record, and a comment.
+const END: u64 = 22 + 0xffff;
+
+/// Where an archive's pickle is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pickle {
+    start: u64,
+    len: u64,
+    /// Where the archive keeps its checksum.
+    checksum: u64,
+}
+
+/// Whether an archive has an end: it is cut off otherwise.
+pub(super) fn has_end(file: &mut File) -> io::Result<bool> {
+    Ok(directory(file)?.is_some())
+}
+
+/// The entry `data.pkl` of an archive, where it is stored as it is.
+pub(super) fn find_pickle(file: &mut File) -> io::Result<Option<Pickle>> {
+    let Some((mut at, count)) = directory(file)? else { return Ok(None) };
+    for _ in 0..count {
+        let mut head = [0; 46];
+        file.seek(SeekFrom::Start(at))?;
+        file.read_exact(&mut head)?;
+        let two = |place: usize| u64::from(u16::from_le_bytes([head[place], head[place + 1]]));
+        let four = |place: usize| two(place) | two(place + 2) << 16;
+        if head[..4] != *b"PK\x01\x02" {
+            return Ok(None);
+        }
+        let mut name = vec![0; two(28) as usize];
+        file.read_exact(&mut name)?;
+        let is_pickle = name == b"data.pkl" || name.ends_with(b"/data.pkl");
+        let (method, len, local) = (two(10), four(24), four(42));
+        if is_pickle && method == 0 && len <= LONGEST && local != 0xffff_ffff {
+            let mut local_head = [0; 30];
+            file.seek(SeekFrom::Start(local))?;
+            file.read_exact(&mut local_head)?;
+            let skipped =
+                |place: usize| u64::from(u16::from_le_bytes([local_head[place], local_head[place + 1]]));
+            let start = local + 30 + skipped(26) + skipped(28);
+            return Ok(Some(Pickle { start, len, checksum: at + 16 }));
+        }
+        at += 46 + two(28) + two(30) + two(32);
+    }
+    Ok(None)
+}
+
+/// Where the list of entries begins, and how many it has.
+fn directory(file: &mut File) -> io::Result<Option<(u64, u64)>> {
+    let len = file.metadata()?.len();
+    let mut end = vec![0; len.min(END) as usize];
+    file.seek(SeekFrom::Start(len - end.len() as u64))?;
+    file.read_exact(&mut end)?;
+    let Some(record) = end.windows(22).rposition(|bytes| bytes.starts_with(b"PK\x05\x06")) else {
+        return Ok(None);
+    };
+    let little = |bytes: &[u8], place: usize, count: usize| {
+        bytes[place..place + count].iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
+    };
+    let (count, start) = (little(&end[record..], 10, 2), little(&end[record..], 16, 4));
+    if start != 0xffff_ffff && count != 0xffff {
+        return Ok(Some((start, count)));
+    }
+    // The record of large archives, whose place stands right before this one.
+    let Some(locator) = record.checked_sub(20).filter(|at| end[*at..].starts_with(b"PK\x06\x07")) else {
+        return Ok(None);
+    };
+    let mut large = [0; 56];
+    file.seek(SeekFrom::Start(little(&end[locator..], 8, 8)))?;
+    file.read_exact(&mut large)?;
+    Ok(large.starts_with(b"PK\x06\x06").then(|| (little(&large, 48, 8), little(&large, 32, 8))))
+}
+
+impl Pickle {
+    /// Its bytes.
+    pub(super) fn read(&self, file: &mut File) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        file.seek(SeekFrom::Start(self.start))?;
+        file.take(self.len).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// A copy of the archive at `to` whose pickle is `bytes`, which are as many.
+    pub(super) fn copy_with(&self, from: &Path, to: &Path, bytes: &[u8]) -> io::Result<()> {
+        std::fs::copy(from, to)?;
+        let mut file = File::options().write(true).open(to)?;
+        file.seek(SeekFrom::Start(self.start))?;
+        file.write_all(bytes)?;
+        file.seek(SeekFrom::Start(self.checksum))?;
+        file.write_all(&checksum(bytes).to_le_bytes())
+    }
+}
+
+/// CRC-32 of zip archives.
+fn checksum(bytes: &[u8]) -> u32 {
+    let table: [u32; 256] = std::array::from_fn(|byte| {
+        (0..8).fold(byte as u32, |value, _| value >> 1 ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 })
+    });
+    !bytes.iter().fold(!0, |sum: u32, byte| sum >> 8 ^ table[usize::from(sum as u8 ^ byte)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_that_of_zip() {
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+    }
+}

@@ -1,0 +1,346 @@
+//! What a pickle would do if Python loaded it: found by following its stack, of which only classes and names matter.
+//! Nothing is executed, and no object is made.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// What was found in a pickle.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    /// Functions that Python would call and that make no tensor, such as `builtins.print`.
+    pub(super) calls: Vec<String>,
+    /// Tensors of a form that is not read: their name, and the form.
+    pub(super) strange: Vec<(String, &'static str)>,
+    /// Where an object gets its attributes: its class, and the place of the opcode.
+    pub(super) built: Vec<(String, usize)>,
+}
+
+/// A value on the stack.
+#[derive(Clone)]
+enum Slot {
+    Mark,
+    Text(Rc<str>),
+    Class(Rc<str>),
+    /// An object of this class.
+    Object(Rc<str>),
+    /// What belongs to a tensor of this form.
+    Strange(&'static str),
+    Other,
+}
+
+/// Modules whose functions a checkpoint calls when it is loaded as its writer meant it.
+const USUAL: &[&str] = &[
+    "torch.",
+    "collections.",
+    "numpy.",
+    "_codecs.encode",
+    "copyreg.",
+    "copy_reg.",
+    "functools.partial",
+    "pathlib.",
+    "datetime.",
+    "omegaconf.",
+    "argparse.Namespace",
+];
+/// Built-in types among them.
+const TYPES: [&str; 12] = [
+    "set",
+    "frozenset",
+    "dict",
+    "list",
+    "tuple",
+    "bytearray",
+    "complex",
+    "slice",
+    "range",
+    "object",
+    "int",
+    "float",
+];
+
+/// More names of functions say no more.
+const MOST: usize = 32;
+
+/// Looks through a pickle, as far as it can be followed.
+pub(super) fn look_through(bytes: &[u8]) -> Found {
+    let mut machine =
+        Machine { bytes, at: 0, stack: Vec::new(), memo: HashMap::new(), found: Found::default() };
+    while machine.step().is_some() {}
+    machine.found
+}
+
+/// The pickle without the attributes of objects of these classes: where they would be set, they are dropped.
+pub(super) fn without(bytes: &[u8], found: &Found, classes: &[String]) -> Option<Vec<u8>> {
+    const POP: u8 = b'0';
+    let places: Vec<usize> =
+        found.built.iter().filter(|(class, _)| classes.contains(class)).map(|(_, place)| *place).collect();
+    let mut changed = bytes.to_vec();
+    places.iter().for_each(|place| changed[*place] = POP);
+    (!places.is_empty()).then_some(changed)
+}
+
+struct Machine<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    stack: Vec<Slot>,
+    memo: HashMap<u64, Slot>,
+    found: Found,
+}
+
+impl Machine<'_> {
+    fn take(&mut self, count: usize) -> Option<&[u8]> {
+        let taken = self.bytes.get(self.at..self.at.checked_add(count)?)?;
+        self.at += count;
+        Some(taken)
+    }
+
+    fn number(&mut self, bytes: usize) -> Option<u64> {
+        Some(self.take(bytes)?.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte)))
+    }
+
+    fn line(&mut self) -> Option<Rc<str>> {
+        let len = self.bytes.get(self.at..)?.iter().position(|byte| *byte == b'\n')?;
+        let text = String::from_utf8_lossy(self.take(len)?).into();
+        self.at += 1;
+        Some(text)
+    }
+
+    /// Skips bytes whose number comes first, in so many bytes.
+    fn skip(&mut self, length_bytes: usize) -> Option<&[u8]> {
+        let len = self.number(length_bytes)?;
+        self.take(usize::try_from(len).ok()?)
+    }
+
+    fn text(&mut self, length_bytes: usize) -> Option<()> {
+        let text = String::from_utf8_lossy(self.skip(length_bytes)?).into();
+        self.push(Slot::Text(text))
+    }
+
+    fn push(&mut self, slot: Slot) -> Option<()> {
+        self.stack.push(slot);
+        Some(())
+    }
+
+    fn pop(&mut self) -> Option<Slot> {
+        self.stack.pop()
+    }
+
+    fn to_mark(&mut self) -> Option<Vec<Slot>> {
+        let mark = self.stack.iter().rposition(|slot| matches!(slot, Slot::Mark))?;
+        let above = self.stack.split_off(mark + 1);
+        self.stack.pop();
+        Some(above)
+    }
+
+    /// A tuple of these.
+    fn tuple(&mut self, parts: &[Slot]) -> Option<()> {
+        let of = |part: &Slot| match part {
+            Slot::Strange(form) => Some(*form),
+            Slot::Class(name) if name.starts_with("torch.Complex") => Some("complex"),
+            _ => None,
+        };
+        self.push(parts.iter().find_map(of).map_or(Slot::Other, Slot::Strange))
+    }
+
+    fn last(&mut self, count: usize) -> Option<()> {
+        let parts = self.stack.split_off(self.stack.len().checked_sub(count)?);
+        self.tuple(&parts)
+    }
+
+    fn put(&mut self, key: u64) -> Option<()> {
+        let slot = self.stack.last()?.clone();
+        self.memo.insert(key, slot);
+        Some(())
+    }
+
+    fn get(&mut self, key: u64) -> Option<()> {
+        let slot = self.memo.get(&key)?.clone();
+        self.push(slot)
+    }
+
+    /// Puts a value below a name.
+    fn name(&mut self, key: &Slot, value: &Slot) {
+        if let (Slot::Text(name), Slot::Strange(form)) = (key, value)
+            && self.found.strange.len() < MOST
+        {
+            self.found.strange.push((name.to_string(), form));
+        }
+    }
+
+    fn call(&mut self, callable: Slot, args: &Slot) -> Option<()> {
+        let Slot::Class(name) = callable else { return self.push(Slot::Other) };
+        let is_type = || {
+            let type_name = name.strip_prefix("builtins.").or_else(|| name.strip_prefix("__builtin__."));
+            type_name.is_some_and(|name| TYPES.contains(&name))
+        };
+        let form = match &*name {
+            name if name.starts_with("torch._utils._rebuild_sparse") => Some("sparse"),
+            "torch._utils._rebuild_qtensor" => Some("quantized"),
+            "torch._utils._rebuild_nested_tensor" => Some("nested"),
+            _ => match args {
+                Slot::Strange(form) => Some(*form),
+                _ => None,
+            },
+        };
+        if let Some(form) = form {
+            return self.push(Slot::Strange(form));
+        }
+        let is_usual = USUAL.iter().any(|usual| name.starts_with(usual)) || is_type();
+        if !is_usual && self.found.calls.len() < MOST && !self.found.calls.contains(&name.to_string()) {
+            self.found.calls.push(name.to_string());
+        }
+        self.push(Slot::Object(name))
+    }
+
+    fn new_object(&mut self, class: Slot) -> Option<()> {
+        self.push(match class {
+            Slot::Class(name) => Slot::Object(name),
+            _ => Slot::Other,
+        })
+    }
+
+    /// One opcode; `None` at the end, or where it cannot be followed.
+    fn step(&mut self) -> Option<()> {
+        let place = self.at;
+        match self.take(1)?[0] {
+            0x80 => self.number(1).map(drop),
+            0x95 => self.number(8).map(drop),
+            b'(' => self.push(Slot::Mark),
+            b'0' => self.pop().map(drop),
+            b'1' | b'e' | 0x90 => self.to_mark().map(drop),
+            b'2' => {
+                let top = self.stack.last()?.clone();
+                self.push(top)
+            }
+            b'F' | b'I' | b'L' | b'P' => {
+                self.line()?;
+                self.push(Slot::Other)
+            }
+            b'S' | b'V' => {
+                let text = self.line()?;
+                self.push(Slot::Text(text))
+            }
+            b'J' => self.number(4).and_then(|_| self.push(Slot::Other)),
+            b'K' => self.number(1).and_then(|_| self.push(Slot::Other)),
+            b'M' => self.number(2).and_then(|_| self.push(Slot::Other)),
+            b'G' => self.number(8).and_then(|_| self.push(Slot::Other)),
+            0x8a => self.skip(1).map(drop).and_then(|()| self.push(Slot::Other)),
+            0x8b => self.skip(4).map(drop).and_then(|()| self.push(Slot::Other)),
+            b'N' | 0x88 | 0x89 | b')' | b']' | b'}' | 0x8f => self.push(Slot::Other),
+            b'B' => self.skip(4).map(drop).and_then(|()| self.push(Slot::Other)),
+            b'C' => self.skip(1).map(drop).and_then(|()| self.push(Slot::Other)),
+            0x8e | 0x96 => self.skip(8).map(drop).and_then(|()| self.push(Slot::Other)),
+            b'T' | b'X' => self.text(4),
+            b'U' | 0x8c => self.text(1),
+            0x8d => self.text(8),
+            b'c' => {
+                let (module, name) = (self.line()?, self.line()?);
+                self.push(Slot::Class(format!("{module}.{name}").into()))
+            }
+            0x93 => match (self.pop()?, self.pop()?) {
+                (Slot::Text(name), Slot::Text(module)) => {
+                    self.push(Slot::Class(format!("{module}.{name}").into()))
+                }
+                _ => self.push(Slot::Other),
+            },
+            // What stands for a storage is of the storage's form.
+            b'Q' => match self.pop()? {
+                strange @ Slot::Strange(_) => self.push(strange),
+                _ => self.push(Slot::Other),
+            },
+            b'R' => {
+                let (args, callable) = (self.pop()?, self.pop()?);
+                self.call(callable, &args)
+            }
+            0x81 => {
+                self.pop()?;
+                let class = self.pop()?;
+                self.new_object(class)
+            }
+            0x92 => {
+                (self.pop()?, self.pop()?);
+                let class = self.pop()?;
+                self.new_object(class)
+            }
+            b'o' => {
+                let class = self.to_mark()?.into_iter().next()?;
+                self.new_object(class)
+            }
+            b'i' => {
+                let (module, name) = (self.line()?, self.line()?);
+                self.to_mark()?;
+                self.push(Slot::Object(format!("{module}.{name}").into()))
+            }
+            b'b' => {
+                self.pop()?;
+                if let Slot::Object(class) = self.stack.last()? {
+                    self.found.built.push((class.to_string(), place));
+                }
+                Some(())
+            }
+            b't' => {
+                let parts = self.to_mark()?;
+                self.tuple(&parts)
+            }
+            b'l' | b'd' | 0x91 => self.to_mark().and_then(|_| self.push(Slot::Other)),
+            0x85 => self.last(1),
+            0x86 => self.last(2),
+            0x87 => self.last(3),
+            b'a' => self.pop().map(drop),
+            b's' => {
+                let (value, key) = (self.pop()?, self.pop()?);
+                self.name(&key, &value);
+                Some(())
+            }
+            b'u' => {
+                for pair in self.to_mark()?.chunks_exact(2) {
+                    self.name(&pair[0], &pair[1]);
+                }
+                Some(())
+            }
+            b'p' => {
+                let key = self.line()?.parse().ok()?;
+                self.put(key)
+            }
+            b'q' => self.number(1).and_then(|key| self.put(key)),
+            b'r' => self.number(4).and_then(|key| self.put(key)),
+            0x94 => self.put(self.memo.len() as u64),
+            b'g' => {
+                let key = self.line()?.parse().ok()?;
+                self.get(key)
+            }
+            b'h' => self.number(1).and_then(|key| self.get(key)),
+            b'j' => self.number(4).and_then(|key| self.get(key)),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_would_be_called_is_named_and_attributes_can_be_dropped() {
+        // {"x": print("a")}
+        let calls = b"\x80\x02}X\x01\x00\x00\x00xcbuiltins\nprint\nX\x01\x00\x00\x00a\x85Rs.";
+        assert_eq!(look_through(calls).calls, ["builtins.print"]);
+        // An object of `torch.optim.AdamW` with attributes.
+        let object = b"\x80\x02ctorch.optim\nAdamW\n)\x81}b.";
+        let found = look_through(object);
+        assert_eq!(found.built, [("torch.optim.AdamW".to_owned(), object.len() - 2)]);
+        let without = without(object, &found, &["torch.optim.AdamW".to_owned()]).unwrap();
+        assert_eq!(&without[object.len() - 2..], b"0.");
+        assert!(look_through(&without).built.is_empty());
+    }
+
+    #[test]
+    fn bytes_that_are_no_pickle_end_somewhere() {
+        for length in 0..40_usize {
+            let bytes: Vec<u8> =
+                (0..length * 7).map(|i| (i.wrapping_mul(2_654_435_761) >> 5) as u8).collect();
+            look_through(&bytes);
+        }
+        assert!(look_through(b"\x80\x02\x8e\xff\xff\xff\xff\xff\xff\xff\xffx").calls.is_empty());
+    }
+}

@@ -1,0 +1,110 @@
+//! Files of PyTorch. A pickle is parsed, and nothing in it is executed.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
+
+use pytorch_reader::{DType, FileFormat, PickleError, PytorchError, PytorchReader};
+
+use super::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
+use super::{archive, pickle};
+use crate::error::BaselineError;
+
+/// Keys under which trainers store the weights of a model.
+const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
+/// Classes of objects that hold tensors which are no weights; more than so many in a file are passed over by nobody.
+const MOST_CLASSES: usize = 16;
+
+pub(super) fn read(path: &Path, of: Of) -> Result<Contents, BaselineError> {
+    let mut file = File::open(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
+    let place = archive::find_pickle(&mut file).ok().flatten();
+    let bytes = place.and_then(|place| place.read(&mut file).ok()).unwrap_or_default();
+    let found = pickle::look_through(&bytes);
+    let mut passed_over = Vec::new();
+    let mut opened = open(path, path, of);
+    // Tensors of an object that is no module, such as those of an optimizer, are no weights.
+    while let (Err(Failed::Object(class)), Some(place)) = (&opened, place) {
+        if passed_over.contains(class) || passed_over.len() == MOST_CLASSES {
+            break;
+        }
+        passed_over.push(class.clone());
+        let Some(without) = pickle::without(&bytes, &found, &passed_over) else { break };
+        let folder = tempfile::tempdir().map_err(|error| BaselineError::weights(path, error.to_string()))?;
+        let copy = folder.path().join("copy");
+        place
+            .copy_with(path, &copy, &without)
+            .map_err(|error| BaselineError::weights(path, error.to_string()))?;
+        opened = open(&copy, path, of);
+    }
+    let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
+        (_, [(name, form), ..]) => {
+            let reason = format!("`{name}` is {form}; store it as a dense tensor of 32- or 16-bit floats");
+            BaselineError::weights(path, reason)
+        }
+        (Failed::Object(class), _) => {
+            let reason = format!(
+                "its `{class}` holds tensors and is no module; store the weights alone, in Python: \
+                 `ckpt = torch.load(FILE, weights_only=False)`, then `torch.save({{k: v.state_dict() for k, v in \
+                 ckpt.items() if hasattr(v, \"state_dict\")}}, FILE)`"
+            );
+            BaselineError::weights(path, reason)
+        }
+        (Failed::Other(error), _) => error,
+    })?;
+    Ok(Contents { calls: found.calls, passed_over, ..contents })
+}
+
+/// Why a file cannot be read.
+enum Failed {
+    /// An object of this class holds tensors.
+    Object(String),
+    Other(BaselineError),
+}
+
+/// The tensors of the file at `from`; errors are about `path`.
+fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
+    let reason = "is neither safetensors nor a file of torch.save, or it is cut off";
+    let broken = |error: &dyn std::fmt::Display| {
+        Failed::Other(BaselineError::weights(path, format!("{reason}: {error}")))
+    };
+    let reader = PytorchReader::new(from).map_err(|error| match error {
+        PytorchError::Pickle(PickleError::UnsupportedType(class)) => Failed::Object(class),
+        error => broken(&error),
+    })?;
+    let format = match reader.metadata().format_type {
+        FileFormat::Zip => "zip",
+        FileFormat::Tar => "tar",
+        FileFormat::Legacy => "legacy",
+        FileFormat::Pickle => "pickle",
+    };
+    let names = reader.keys();
+    let nested = NESTED.iter().find(|key| {
+        let prefix = format!("{key}.");
+        names.iter().any(|name| name.starts_with(&prefix))
+    });
+    let inside = nested.and_then(|key| PytorchReader::with_top_level_key(from, key).ok());
+    let reader = inside.unwrap_or(reader);
+    let all = reader.tensors().iter().map(|(name, tensor)| (name.as_str(), tensor.shape()));
+    check_sizes(path, all).map_err(Failed::Other)?;
+    let mut tensors = BTreeMap::new();
+    for (name, tensor) in reader.into_tensors() {
+        let bytes = match of {
+            Of::Values => tensor.read().map_err(|error| broken(&error))?,
+            Of::Shapes => Vec::new(),
+        };
+        // The reader gives bytes in the order of this machine.
+        let values = match tensor.dtype() {
+            DType::F32 => floats(&bytes, f32::from_ne_bytes),
+            DType::F64 => floats(&bytes, |bytes| f64::from_ne_bytes(bytes) as f32),
+            DType::F16 => floats(&bytes, |bytes: [u8; 2]| half(u16::from_ne_bytes(bytes).to_le_bytes())),
+            DType::BF16 => floats(&bytes, |bytes: [u8; 2]| brain(u16::from_ne_bytes(bytes).to_le_bytes())),
+            DType::I64 => floats(&bytes, |bytes| i64::from_ne_bytes(bytes) as f32),
+            DType::I32 => floats(&bytes, |bytes| i32::from_ne_bytes(bytes) as f32),
+            DType::Bool | DType::U8 => floats(&bytes, |[byte]: [u8; 1]| byte.into()),
+            other => return Err(Failed::Other(kind(path, &name, &format!("{other:?}")))),
+        };
+        let is_whole = matches!(tensor.dtype(), DType::I64 | DType::I32 | DType::Bool | DType::U8);
+        tensors.insert(name, Stored { shape: tensor.shape().to_vec(), values, is_whole });
+    }
+    Ok(Contents { tensors, format, ..Contents::default() })
+}
