@@ -113,7 +113,8 @@ fn only_weights(folder: &Path) -> Result<Option<PathBuf>, TaskError> {
 /// Refuses a link that leads out of the folder, but for those of the Hub's cache, which lead to its blobs.
 fn check_inside(folder: &Path, file: &Path) -> Result<(), TaskError> {
     let real = |path: &Path| {
-        path.canonicalize().map_err(|error| Message::new(format!("{}: {error}", path.display())))
+        let found = path.canonicalize();
+        found.map_err(|error| TaskError::from(Message::new(format!("{}: {error}", path.display()))))
     };
     let (inside, found) = (real(folder)?, real(file)?);
     let blobs = inside.ancestors().nth(2).map(|repository| repository.join("blobs"));

@@ -3,6 +3,7 @@
 use serde_json::json;
 use swm_tasks::request::{Message, TaskError};
 
+use super::config::Node;
 use super::recipe::{Given, Recipe, of};
 use crate::weights::vector_keys;
 
@@ -16,7 +17,7 @@ pub(super) fn recipe<'a>(
     let wm = cfg.as_ref().map(|cfg| cfg.need("wm")).transpose()?;
     let (cfg, wm) = (cfg.as_ref(), wm.as_ref());
     let encoding = wm.and_then(|wm| wm.get("encoding"));
-    let mut keys: Vec<String> = match encoding.as_ref().and_then(|encoding| encoding.fields()) {
+    let mut keys: Vec<String> = match encoding.as_ref().and_then(Node::fields) {
         Some(fields) => fields.keys().filter(|key| *key != "pixels").cloned().collect(),
         None => vector_keys(raw),
     };

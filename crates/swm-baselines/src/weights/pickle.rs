@@ -125,7 +125,7 @@ impl Machine<'_> {
         self.stack.pop()
     }
 
-    fn to_mark(&mut self) -> Option<Vec<Slot>> {
+    fn pop_to_mark(&mut self) -> Option<Vec<Slot>> {
         let mark = self.stack.iter().rposition(|slot| matches!(slot, Slot::Mark))?;
         let above = self.stack.split_off(mark + 1);
         self.stack.pop();
@@ -207,7 +207,7 @@ impl Machine<'_> {
             0x95 => self.number(8).map(drop),
             b'(' => self.push(Slot::Mark),
             b'0' => self.pop().map(drop),
-            b'1' | b'e' | 0x90 => self.to_mark().map(drop),
+            b'1' | b'e' | 0x90 => self.pop_to_mark().map(drop),
             b'2' => {
                 let top = self.stack.last()?.clone();
                 self.push(top)
@@ -258,17 +258,18 @@ impl Machine<'_> {
                 self.new_object(class)
             }
             0x92 => {
-                (self.pop()?, self.pop()?);
+                self.pop()?;
+                self.pop()?;
                 let class = self.pop()?;
                 self.new_object(class)
             }
             b'o' => {
-                let class = self.to_mark()?.into_iter().next()?;
+                let class = self.pop_to_mark()?.into_iter().next()?;
                 self.new_object(class)
             }
             b'i' => {
                 let (module, name) = (self.line()?, self.line()?);
-                self.to_mark()?;
+                self.pop_to_mark()?;
                 self.push(Slot::Object(format!("{module}.{name}").into()))
             }
             b'b' => {
@@ -279,10 +280,10 @@ impl Machine<'_> {
                 Some(())
             }
             b't' => {
-                let parts = self.to_mark()?;
+                let parts = self.pop_to_mark()?;
                 self.tuple(&parts)
             }
-            b'l' | b'd' | 0x91 => self.to_mark().and_then(|_| self.push(Slot::Other)),
+            b'l' | b'd' | 0x91 => self.pop_to_mark().and_then(|_| self.push(Slot::Other)),
             0x85 => self.last(1),
             0x86 => self.last(2),
             0x87 => self.last(3),
@@ -293,7 +294,7 @@ impl Machine<'_> {
                 Some(())
             }
             b'u' => {
-                for pair in self.to_mark()?.chunks_exact(2) {
+                for pair in self.pop_to_mark()?.chunks_exact(2) {
                     self.name(&pair[0], &pair[1]);
                 }
                 Some(())

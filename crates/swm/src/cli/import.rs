@@ -5,9 +5,6 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use swm_core::Registry;
-
-use super::{Failure, Output};
 
 /// Make a run of a published checkpoint: of stable-worldmodel, or of the authors of DINO-WM.
 #[derive(Args)]
@@ -73,7 +70,11 @@ pub(super) struct Import {
 
 #[cfg(not(feature = "baselines"))]
 impl Import {
-    pub(super) fn run(self, _registry: &Registry, _output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(
+        self,
+        _registry: &swm_core::Registry,
+        _output: &super::Output,
+    ) -> Result<(), super::Failure> {
         let Self {
             from: _,
             kind: _,

@@ -31,7 +31,7 @@ fn what_no_file_says_is_asked_for() {
     let half = wrong(&|request| request.action_std = None);
     assert!(half.contains("action_mean alone scales nothing; give action_std"), "{half}");
     let other = wrong(&|request| {
-        (request.action_mean, request.action_std) = (Some(vec![0.0; 3]), Some(vec![1.0; 3]))
+        (request.action_mean, request.action_std) = (Some(vec![0.0; 3]), Some(vec![1.0; 3]));
     });
     assert!(other.contains("are not 2 finite numbers each"), "{other}");
     let unknown = wrong(&|request| request.kind = Some("dreamer".to_owned()));
@@ -102,13 +102,16 @@ fn published_configs_are_models_of_303_tensors() {
     }
 }
 
+/// Name, shape and values of a tensor.
+type Named = (String, Vec<usize>, Vec<f32>);
+
 #[test]
 fn files_that_are_no_weights_are_told_what_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let good = golden().join("lewm_transformers4");
     std::fs::copy(good.join("config.json"), folder.path().join("config.json")).unwrap();
     let whole = std::fs::read(good.join("weights.pt")).unwrap();
-    let tensors = || -> Vec<(String, Vec<usize>, Vec<f32>)> {
+    let tensors = || -> Vec<Named> {
         let read = weights::contents(&good.join("weights.pt"), Of::Values).unwrap().tensors;
         let floats = read.into_iter().filter(|(_, stored)| !stored.is_whole);
         floats.map(|(name, stored)| (name, stored.shape, stored.values)).collect()
@@ -145,7 +148,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
     assert!(told("sparse.pt", &copied("sparse.pt")).contains("`a.weight` is sparse"));
     assert!(told("complex.pt", &copied("complex.pt")).contains("is complex"));
     assert!(told("empty.pt", &copied("empty.pt")).contains("holds no tensors"));
-    let changed = |change: &dyn Fn(&mut Vec<(String, Vec<usize>, Vec<f32>)>), name: &str| {
+    let changed = |change: &dyn Fn(&mut Vec<Named>), name: &str| {
         told(name, &|file: &Path| {
             let mut all = tensors();
             change(&mut all);
