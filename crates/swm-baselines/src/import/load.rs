@@ -328,6 +328,7 @@ impl Parts<'_> {
                 image: recipe.image,
                 action,
                 scales: scales.of.into_iter().map(|(name, (scale, _))| (name, scale)).collect(),
+                sample: None,
             },
             fit: FitSettings::default(),
             imported: Some(imported.clone()),
@@ -368,6 +369,7 @@ impl Parts<'_> {
             episodes: known.episodes,
             rows: known.rows,
             frame_skip: known.frame_skip,
+            sample: None,
         });
         let config = OnlineConfig {
             version: RUN_VERSION,

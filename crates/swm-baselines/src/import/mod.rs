@@ -186,14 +186,14 @@ impl Import {
     fn write(&self, loaded: Loaded) -> Result<(), BaselineError> {
         match loaded {
             Loaded::Model(model) => {
-                let run = RunFolder::create(&self.out, &model.config)?;
+                let (run, _lock) = RunFolder::create(&self.out, &model.config)?;
                 let baseline = &model.baseline;
                 let training = |path: &Path| baseline.save_training(path);
                 run.write_checkpoint(0, |path| baseline.save_weights(path), training, &State::imported())
             }
             Loaded::Agent { agent, config } => {
                 let config: Box<OnlineConfig> = config;
-                let run = RunFolder::create(&self.out, &config)?;
+                let (run, _lock) = RunFolder::create(&self.out, &config)?;
                 let training = |path: &Path| agent.save_training(path);
                 run.write_checkpoint(0, |path| agent.save_weights(path), training, &OnlineState::imported())
             }
