@@ -336,7 +336,7 @@ fn wrong_requests_are_refused() {
     says(&[&make(PUSHT, "moderate")[..], &["--distractor", "noise"]].concat(), &["--image-size"]);
     let image = ["--image-size", "32", "--distractor", "noize"];
     says(&[&make(PUSHT, "moderate")[..], &image].concat(), &["did you mean `noise`?"]);
-    says(&["eval", "--policy", "random"], &["name an environment, or give --manifest"]);
+    says(&["eval", "--policy", "random"], &["nothing names the environment; give environment, or --man"]);
     says(&["eval", "--manifest", &out, "--policy", "random"], &["cannot read the manifest"]);
     swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
     says(&["eval", PUSHT, "--manifest", &out, "--policy", "random"], &["cannot be used with"]);

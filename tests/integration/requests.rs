@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 use serde_json::{Map, Value as Json, json};
-use swm::tasks::request::{MakeManifest, Request as _, value_text};
+use swm::tasks::request::{Evaluate, MakeManifest, Request as _, value_text};
 
 use crate::support::{Folder, swm_fails, swm_ok};
 use crate::ui::Page;
@@ -66,6 +66,35 @@ fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
         }
     }
     assert!(pages > 0, "the page takes chosen pairs");
+}
+
+#[test]
+fn a_receipt_is_the_same_from_the_request_and_the_command() {
+    let folder = Folder::new();
+    let (task, registry) = (folder.path("task.toml"), swm::registry());
+    let request = json!({ "env": "swm/PushT-v1", "episodes": 3, "budget": 6, "out": task });
+    let Json::Object(request) = request else { panic!("it is an object") };
+    MakeManifest::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
+    for (index, request) in table(include_str!("../requests/evaluate.json"), "").into_iter().enumerate() {
+        let [value, command] = ["value", "command"].map(|name| folder.path(&format!("{name}-{index}")));
+        let to = |out: &str| {
+            let mut request = request.clone();
+            request.extend([("manifest".to_owned(), task.clone().into()), ("out".to_owned(), out.into())]);
+            request
+        };
+        Evaluate::from_json(&to(&value)).unwrap().run(&registry, &mut ()).unwrap();
+        let words = words(&to(&command));
+        swm_ok(&[&["eval", "--quiet"], &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+        let receipt =
+            |dir: &str| without_time(&std::fs::read_to_string(format!("{dir}/receipt.json")).unwrap());
+        assert_eq!(receipt(&command), receipt(&value), "{request:?}");
+    }
+}
+
+/// A receipt without its wall time.
+fn without_time(receipt: &str) -> String {
+    assert_eq!(receipt.matches("\"wall_time_s\"").count(), 1);
+    receipt.lines().filter(|line| !line.contains("\"wall_time_s\"")).collect::<Vec<_>>().join("\n")
 }
 
 #[test]

@@ -134,13 +134,20 @@ impl IntoPy for WorldError {
     }
 }
 
+/// Why a request of this name is not met, in words of Python.
+pub(crate) fn in_words(error: TaskError, request: &'static str) -> PyErr {
+    match error {
+        TaskError::Request(message) => {
+            SwmError::new_err(in_python(&message.in_words(&Arguments { request })))
+        }
+        TaskError::Failed(error) => boxed(error),
+        other => SwmError::new_err(in_python(&other.to_string())),
+    }
+}
+
 impl IntoPy for TaskError {
     fn into_py(self) -> PyErr {
-        match self {
-            Self::Request(message) => SwmError::new_err(message.in_words(&Arguments)),
-            Self::Failed(error) => boxed(error),
-            other => SwmError::new_err(in_python(&other.to_string())),
-        }
+        in_words(self, "")
     }
 }
 

@@ -35,6 +35,14 @@ impl Progress {
         tick.call1((of(episodes), of(successes), of(steps))).map(drop)
     }
 
+    /// Counts from 0 again.
+    pub(crate) fn restart(&self) {
+        let Counters { episodes, successes, steps } = &*self.0;
+        for counter in [episodes, successes, steps] {
+            counter.store(0, Ordering::Relaxed);
+        }
+    }
+
     /// Counts an episode that is not seen as a recorder.
     pub(crate) fn count(&self, success: bool) {
         self.0.episodes.fetch_add(1, Ordering::Relaxed);

@@ -23,6 +23,7 @@ mod policy;
 mod program;
 mod receipt;
 mod record;
+mod report;
 mod runs;
 mod solver;
 mod statistics;

@@ -7,7 +7,7 @@ use swm::core::error::BoxError;
 use swm::core::evaluate::is_held_out;
 use swm::core::{DataError, EnvError, PolicyError, UnknownName, WorldError};
 use swm::evaluation::read_manifest;
-use swm::tasks::request::{MakeManifest, Message, Request as _};
+use swm::tasks::request::{MakeManifest, Message, Request as _, TaskError};
 
 use crate::errors::{IntoPy, OrRaise as _, SwmError};
 use crate::words::{Arguments, in_python};
@@ -22,7 +22,8 @@ pub(crate) fn boxed(error: BoxError) -> PyErr {
         .or_else(of::<PolicyError>)
         .or_else(of::<EnvError>)
         .or_else(of::<DataError>)
-        .or_else(of::<UnknownName>);
+        .or_else(of::<UnknownName>)
+        .or_else(of::<TaskError>);
     let error = match known {
         Ok(error) => return error,
         Err(error) => error,
@@ -57,7 +58,7 @@ fn make_manifest(py: Python<'_>, request: &str) -> PyResult<(String, String, Vec
     let request = MakeManifest::from_json(&from_json("the request", request)?).or_raise()?;
     let mut notes: Vec<Message> = Vec::new();
     let manifest = py.detach(|| request.run(registry(), &mut notes)).or_raise()?;
-    let notes = notes.iter().map(|note| note.in_words(&Arguments)).collect();
+    let notes = notes.iter().map(|note| note.in_words(&Arguments::default())).collect();
     Ok((to_json(&manifest)?, manifest.hash(), notes))
 }
 

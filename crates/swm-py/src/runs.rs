@@ -1,4 +1,4 @@
-//! Who acts on a manifest, a policy of the core or one in Python, and the runs of its episodes.
+//! Who acts on a manifest: a policy of the core, or one in Python.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,13 +6,11 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use serde_json::{Map, Value as Json};
 use swm::core::error::BoxError;
-use swm::core::evaluate::EpisodeResult;
-use swm::core::{Cancel, EnvEntry, Manifest, PolicyArgs, Recorder, Rollout};
-use swm::evaluation::{Candidate, ForeignPolicy, Ledger, RunOptions, file_hash, run_pairs};
+use swm::core::{EnvEntry, Manifest, PolicyArgs, Recorder, Rollout};
+use swm::evaluation::{Candidate, ForeignPolicy, file_hash};
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
-use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, from_json};
 use crate::policy::drive;
 use crate::world::{PyWorld, registry};
@@ -117,97 +115,5 @@ impl<'py> Asked<'py> {
             plan_steps: self.steps,
             run: Box::new(run),
         }))
-    }
-}
-
-/// How runs are spread and shown.
-pub(crate) struct Runs<'a, 'py> {
-    pub(crate) asked: &'a Asked<'py>,
-    pub(crate) num_envs: usize,
-    pub(crate) threads: Option<usize>,
-    /// Is told whose episodes come next.
-    pub(crate) begin: Option<&'a Bound<'py, PyAny>>,
-    pub(crate) tick: Option<&'a Bound<'py, PyAny>>,
-}
-
-impl Runs<'_, '_> {
-    /// A progress bar of its own for a policy, which is called `label`.
-    pub(crate) fn begin(&self, label: &str) -> PyResult<()> {
-        self.begin.map_or(Ok(()), |begin| begin.call1((label,)).map(drop))
-    }
-
-    /// How runs of policies of the core are spread.
-    pub(crate) fn options(&self, cancel: &Cancel) -> RunOptions {
-        let (num_envs, threads) = (self.num_envs, self.threads);
-        RunOptions { num_envs, threads, cancel: Some(cancel.clone()), ..RunOptions::default() }
-    }
-
-    /// The episodes of `candidate` in `pairs` (all: `None`) that are not `known`, and those; `each` gets every one that ends. The
-    /// evaluated policy is one in Python where it was given.
-    pub(crate) fn pairs(
-        &self,
-        py: Python<'_>,
-        candidate: &Candidate,
-        pairs: Option<Vec<u64>>,
-        known: &BTreeMap<u64, EpisodeResult>,
-        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
-    ) -> PyResult<Vec<EpisodeResult>> {
-        let Asked { manifest, steps, .. } = self.asked;
-        let resets = manifest.resets().or_raise()?;
-        let progress = Progress::default();
-        known.values().for_each(|episode| progress.count(episode.success));
-        let counted = |pair: u64, result: &EpisodeResult| {
-            progress.count(result.success);
-            each(pair, result)
-        };
-        let cancel = Cancel::new();
-        let options = RunOptions { pairs, ..self.options(&cancel) };
-        let is_evaluated = *candidate == self.asked.candidate;
-        let foreign = if is_evaluated { self.asked.foreign(py, &progress, self.tick)? } else { None };
-        let episodes = match foreign {
-            Some(mut foreign) => foreign.run_pairs(manifest, &resets, &options, known, true, counted),
-            None => {
-                let run = || {
-                    run_pairs(
-                        registry(),
-                        manifest,
-                        &resets,
-                        candidate,
-                        *steps,
-                        &options,
-                        known,
-                        true,
-                        counted,
-                    )
-                };
-                interruptible_with(py, &cancel, || progress.tell(self.tick), run)?
-            }
-        };
-        let episodes = episodes.map_err(boxed)?;
-        progress.tell(self.tick)?;
-        Ok(episodes)
-    }
-
-    /// All episodes of `candidate`; those of an earlier try are in the ledger `path`, which belongs to `identity`. One of another
-    /// evaluation is replaced if `again`.
-    pub(crate) fn all(
-        &self,
-        py: Python<'_>,
-        candidate: &Candidate,
-        path: Option<&Path>,
-        identity: &impl serde::Serialize,
-        again: bool,
-    ) -> PyResult<Vec<EpisodeResult>> {
-        let open = |path: &Path| match again {
-            true => Ledger::open_again(path, identity),
-            false => Ledger::open(path, identity),
-        };
-        let mut ledger = path.map(open).transpose().map_err(boxed)?;
-        let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
-        let episodes = self.pairs(py, candidate, None, &known, |pair, result| {
-            ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(pair, result))
-        })?;
-        ledger.map_or(Ok(()), Ledger::close).map_err(boxed)?;
-        Ok(episodes)
     }
 }

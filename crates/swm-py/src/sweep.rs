@@ -5,15 +5,16 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use swm::core::{Cancel, EnvConfig};
 use swm::evaluation::{
-    CellLedger, Division, SweepRun, Values, changes, grid_points, held_sweep, read_sweep, write_sweep,
+    CellLedger, Division, RunOptions, SweepRun, Values, changes, grid_points, held_sweep, read_sweep,
+    write_sweep,
 };
+use swm::tasks::request::make_folder;
 
-use crate::errors::{OrRaise as _, SwmError};
+use crate::errors::{OrRaise as _, SwmError, in_words};
 use crate::evaluate::Progress;
-use crate::evaluation::make_folder;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, to_json};
-use crate::runs::{Asked, Given, Runs};
+use crate::runs::{Asked, Given};
 use crate::world::registry;
 
 /// As the command divides sweeps, whose parts can be joined here.
@@ -66,10 +67,11 @@ fn sweep_manifest(
     };
     let changes = changes(&known, &factors, values).map_err(|reason| boxed(reason.into()))?;
     if let Some(dir) = &out {
-        make_folder(dir)?;
+        make_folder(dir).or_raise()?;
         let held = match again {
             true => None,
-            false => held_sweep(dir, manifest, candidate, files, values, &changes).map_err(boxed)?,
+            false => held_sweep(dir, manifest, candidate, files, values, &changes)
+                .map_err(|error| in_words(error, "evaluate"))?,
         };
         if let Some(held) = held {
             asked.check_identified(dir, "a sweep")?;
@@ -77,9 +79,8 @@ fn sweep_manifest(
         }
     }
     let (done, cancel) = (Progress::default(), Cancel::new());
-    let runs = Runs { asked: &asked, num_envs, threads, begin, tick };
-    let mut run = SweepRun::new(registry(), manifest, candidate, changes, values, runs.options(&cancel))
-        .map_err(boxed)?;
+    let options = RunOptions { num_envs, threads, cancel: Some(cancel.clone()), ..RunOptions::default() };
+    let mut run = SweepRun::new(registry(), manifest, candidate, changes, values, options).map_err(boxed)?;
     let (cells, pairs) = (run.cells(), run.pairs());
     // Of a policy in Python, which is asked on this thread, the runs themselves show what is done.
     let mut foreign = asked.foreign(py, &done, tick)?;
@@ -92,7 +93,9 @@ fn sweep_manifest(
     let whole = run.identity().map_err(boxed)?;
     let mut ledger = match (&out, shard) {
         (Some(dir), Some(shard)) => CellLedger::open_part(dir, shard, DIVISION, &whole, cells, pairs),
-        (Some(dir), None) if join => CellLedger::join(dir, DIVISION, &whole, cells, pairs),
+        (Some(dir), None) if join => {
+            CellLedger::join(dir, DIVISION, &whole, cells, pairs).map_err(Into::into)
+        }
         (Some(dir), None) if asked.is_identified() => {
             let path = dir.join("sweep.jsonl");
             match again {

@@ -4,7 +4,14 @@ use serde_json::Value as Json;
 use swm::tasks::request::{List, Words};
 
 /// Settings of a request as keyword arguments: `image_shape=(64, 64)`.
-pub(crate) struct Arguments;
+#[derive(Default)]
+pub(crate) struct Arguments {
+    /// The request, where it has names of its own.
+    pub(crate) request: &'static str,
+}
+
+/// Settings that keep their name in a request, whatever the others call them.
+const KEPT: &[(&str, &str)] = &[("evaluate", "out")];
 
 /// Settings that have another name here.
 const NAMES: &[(&str, &str)] = &[
@@ -12,19 +19,22 @@ const NAMES: &[(&str, &str)] = &[
     ("env", "env_name"),
     ("image_size", "image_shape"),
     ("out", "path"),
+    ("reference", "references"),
     ("set", "variation_values"),
     ("vary", "variation"),
 ];
 
 impl Words for Arguments {
     fn setting(&self, name: &str, value: Option<&Json>) -> String {
-        let here = NAMES.iter().find(|(core, _)| *core == name).map_or(name, |(_, here)| *here);
+        let is_kept = KEPT.contains(&(self.request, name));
+        let here = NAMES.iter().find(|(core, _)| *core == name && !is_kept).map_or(name, |(_, here)| *here);
         match (name, value) {
             // Settings of the environment are arguments of their own.
             ("env_option", Some(Json::Object(settings))) => {
                 let each = settings.iter().map(|(name, value)| format!("{name}={}", literal(value)));
                 each.collect::<Vec<_>>().join(", ")
             }
+            ("shard", Some(Json::String(part))) => format!("{here}=({})", part.replace('/', ", ")),
             (_, Some(value)) => format!("{here}={}", literal(value)),
             (_, None) => here.to_owned(),
         }
@@ -69,8 +79,6 @@ const WORDS: &[(&str, &str)] = &[
     ("`swm eval --manifest TASK --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
     ("`swm eval --manifest … --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
     ("evaluate again with --again", "evaluate again with again=True"),
-    ("or --again to replace it", "or again=True to replace it"),
-    ("--again repeats it", "again=True repeats it"),
     ("--policy-seed ", "policy_seed "),
     (
         "commas join runs, and spaces separate results to compare",

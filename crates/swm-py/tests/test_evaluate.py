@@ -312,7 +312,7 @@ def test_manifests_that_nothing_could_run_are_not_written(tmp_path: Path, pusht_
 def test_a_result_is_replaced_on_request_only(manifest: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     out = tmp_path / "result"
     first = swm.evaluate(manifest, "random", out, references=[], progress=False)
-    with pytest.raises(swm.SwmError, match="policy `random`, not `weak`; give another folder, or again=True to replace it"):
+    with pytest.raises(swm.SwmError, match="policy `random`, not `weak`; give another out, or again=True to replace it"):
         swm.evaluate(manifest, "weak", out, references=[], progress=False)
     with pytest.raises(swm.SwmError, match="policy_seed 0, not 1"):
         swm.evaluate(manifest, "random", out, references=[], policy_seed=1, progress=False)
@@ -323,7 +323,7 @@ def test_a_result_is_replaced_on_request_only(manifest: Path, tmp_path: Path, ca
     assert swm.read_receipt(out) == first and not caplog.records
     # The same one is not run again: even the seconds that it took are those of the first.
     assert swm.evaluate(manifest, "random", out, references=[], progress=False) == first
-    assert "result/receipt.json: already done; again=True repeats it" in caplog.text
+    assert "result/receipt.json: already done; give again=True to repeat it" in caplog.text
     # A missing reference policy is added.
     more = swm.evaluate(manifest, "random", out, references=["no_op"], progress=False)
     assert more["wall_time_s"] == first["wall_time_s"] and [one["role"] for one in more["references"]] == ["no_op"]

@@ -63,6 +63,21 @@ def test_a_manifest_is_the_same_from_python_and_the_command(command: str, tmp_pa
         assert ours.read_bytes() == theirs.read_bytes(), request
 
 
+def test_a_receipt_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    swm.make_manifest(task, "swm/PushT-v1", 3, budget=6)
+    for index, request in enumerate(json.loads((TABLES / "evaluate.json").read_text())):
+        ours, theirs = tmp_path / f"python-{index}", tmp_path / f"command-{index}"
+        subprocess.run([command, "eval", "--manifest", task, *words(request), "--out", theirs, "--quiet"], check=True)
+        given = {"references" if name == "reference" else name: value for name, value in request.items()}
+        swm.evaluate(task, out=ours, progress=False, **given)
+        first, other = (
+            [line for line in (folder / "receipt.json").read_text().splitlines() if '"wall_time_s"' not in line]
+            for folder in (ours, theirs)
+        )
+        assert first == other, request
+
+
 def test_python_words_a_remedy_as_keyword_arguments(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     out = tmp_path / "task.toml"
 

@@ -153,7 +153,7 @@ def test_an_interrupted_run_with_weights_goes_on(
     # 3 episodes of 12 steps were there.
     assert second.calls == uninterrupted.calls - 36
     assert run(manifest, third := Interrupted(), out=tmp_path / "out", **asked) == again and third.calls == 0
-    assert "already done; again=True repeats it" in caplog.text
+    assert "already done; " in caplog.text and "again=True" in caplog.text
     weights.write_bytes(b"trained anew")
     with pytest.raises(swm.SwmError, match="have changed since.*again=True to replace it"):
         run(manifest, Interrupted(), out=tmp_path / "out", **asked)
@@ -168,7 +168,7 @@ def test_without_weights_nothing_is_taken_for_the_same(run: Callable[..., Any], 
     asked: dict[str, Any] = {"out": tmp_path, "num_envs": 1, "progress": False}
     asked |= {"references": []} if run is swm.evaluate else {"factors": "agent.scale"}
     run(manifest, Follow(), **asked)
-    with pytest.raises(swm.SwmError, match=r"a policy in Python.*weights=\[…\], or again=True to replace it"):
+    with pytest.raises(swm.SwmError, match=r"a policy in Python.*weights.*, or again=True to replace it"):
         run(manifest, Follow(), **asked)
     assert run(manifest, Follow(), again=True, **asked)["policy"] == "Follow:gain=0.02"
 

@@ -144,7 +144,7 @@ def replay_of_a_foreign_file(folder: Path) -> str:
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (elites_above_samples, ["`elites`: 20 of 10 samples"]),
     (no_goal_offset, ["--goal-offset 0: every start would be its goal"]),
-    (no_budget, ["--budget 0: allow 1 action or more"]),
+    (no_budget, ["--budget 0: no action is allowed; use 1 or more"]),
     (copy_onto_itself, ["a.h5 is the dataset to read and the one to write"]),
     (the_same_file_twice, ["a.h5 is named twice"]),
     (parts_above_one, ["--parts sum to 1.8"]),

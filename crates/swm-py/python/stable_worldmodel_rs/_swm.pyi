@@ -311,22 +311,11 @@ def evaluate(
     tick: _Tick | None = None,
 ) -> tuple[str, list[str]]: ...
 def evaluate_manifest(
-    manifest: str,
-    policy: str,
+    request: str,
     foreign: _Given | None = None,
-    policy_seed: int = 0,
-    references: Sequence[str] = ...,
-    oracle: str | None = None,
-    out: _Path | None = None,
-    num_envs: int = 16,
-    threads: int | None = None,
-    plan_steps: int | None = None,
-    again: bool = False,
-    shard: tuple[int, int] | None = None,
-    join: bool = False,
-    begin: Callable[[str], object] | None = None,
+    begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
-) -> tuple[str | None, bool]: ...
+) -> tuple[str | None, list[str]]: ...
 def files() -> tuple[Path | None, Path | None, list[str]]: ...
 def held_out(episodes: list[int], share: float) -> list[bool]: ...
 def make_manifest(request: str) -> tuple[str, str, list[str]]: ...

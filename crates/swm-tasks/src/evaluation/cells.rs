@@ -13,6 +13,7 @@ use swm_core::evaluate::EpisodeResult;
 use swm_data::tools::parts;
 
 use super::resume::{Ledger, identity as described};
+use crate::request::{Fix, Message, TaskError};
 
 /// The folder of parts, in the folder of the result.
 const PARTS: &str = "parts";
@@ -125,7 +126,7 @@ impl CellLedger {
     ///
     /// # Errors
     ///
-    /// No part is there, parts of several divisions are there, one is of another evaluation, or some are missing or not
+    /// [`TaskError::Request`]: no part is there, parts of several divisions are there, one is of another evaluation, or some are missing or not
     /// finished, which the message names.
     pub fn join(
         dir: &Path,
@@ -133,19 +134,20 @@ impl CellLedger {
         identity: &impl Serialize,
         cells: u64,
         pairs: u64,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         let mut joined = Self { range: 0..0, ..Self::in_memory(cells, pairs) };
         let there = parts_in(&dir.join(PARTS))?;
         let Some(&(_, of)) = there.keys().next() else {
             let dir = dir.join(PARTS);
-            return Err(format!("{} holds no parts; --shard I/N makes them", dir.display()).into());
+            let fix = Fix::set_to("shard", "I/N", "to make them");
+            return Err(Message::new(format!("{} holds no parts", dir.display())).fix(fix).into());
         };
         if let Some((&(shard, other), path)) = there.iter().find(|((_, other), _)| *other != of) {
             let path = path.display();
-            return Err(format!(
+            let text = format!(
                 "{path} is part {shard}/{other}, others are of {of} parts; remove those of one division"
-            )
-            .into());
+            );
+            return Err(Message::new(text).into());
         }
         let (by_cell, by_pair) = (Division::ByCell.identity(identity)?, Division::ByPair.identity(identity)?);
         let first_of = |identity: &[Json]| there.values().find(|path| Ledger::is_of(path, &identity));
@@ -153,10 +155,10 @@ impl CellLedger {
         let older = first_of(&by_cell).filter(|_| is_by_pair);
         if let (Some(older), Some(newer)) = (older, first_of(&by_pair)) {
             let (older, newer) = (older.display(), newer.display());
-            return Err(format!(
+            return Err(Message::new(format!(
                 "{older} is a part by an earlier version of swm, which divided the episodes in another order than {newer} has them; \
                  remove the parts of one of the two, and run those shards again"
-            )
+            ))
             .into());
         }
         let identity = if is_by_pair && older.is_none() { by_pair } else { by_cell };
@@ -185,12 +187,9 @@ impl CellLedger {
         if count > MAX_LISTED {
             missing.push(format!("{} more", count - MAX_LISTED));
         }
-        Err(format!(
-            "{} does not hold all parts: {}; run this command with --shard I/{of} in place of --join for each of them",
-            dir.join(PARTS).display(),
-            missing.join(", ")
-        )
-        .into())
+        let text = format!("{} does not hold all parts: {}", dir.join(PARTS).display(), missing.join(", "));
+        let fix = Fix::set_to("shard", format!("I/{of}"), "in place of a join, for each of them");
+        Err(Message::new(text).fix(fix).into())
     }
 
     /// Seconds that a cell took, as far as its episodes were written to a file.

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use swm_core::error::BoxError;
-
 use super::files::read_receipt;
 use super::receipt::Receipt;
 use super::reference::Role;
 use super::run::Candidate;
+use crate::request::{Fix, Message, TaskError};
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
 /// policies that are asked for; the receipt may have others, and those that it lacks are left.
@@ -19,7 +18,7 @@ pub fn held_receipt(
     dir: &Path,
     asked: &Receipt,
     roles: &mut Vec<(Role, Candidate)>,
-) -> Result<Option<Receipt>, BoxError> {
+) -> Result<Option<Receipt>, TaskError> {
     // Anything else of this name is found when the receipt is written.
     if !dir.join("receipt.json").is_file() {
         return Ok(None);
@@ -31,13 +30,15 @@ pub fn held_receipt(
             roles.retain(|(role, _)| held.references.iter().all(|known| known.role != *role));
             Ok(Some(held))
         }
-        Some(what) => Err(refusal(dir, &format!("the result of another evaluation: {what}")).into()),
+        Some(what) => Err(refusal(dir, &format!("the result of another evaluation: {what}"))),
     }
 }
 
 /// Why what `dir` holds is not replaced.
-pub fn refusal(dir: &Path, holds: &str) -> String {
-    format!("{} holds {holds}; give another folder, or --again to replace it", dir.display())
+pub fn refusal(dir: &Path, holds: &str) -> TaskError {
+    let replace = Fix::set_to("again", true, "to replace it");
+    let message = Message::new(format!("{} holds {holds}", dir.display()));
+    message.fix(Fix::Any(vec![Fix::Change("out"), replace])).into()
 }
 
 /// What a result has that is not asked for.
@@ -51,7 +52,7 @@ fn difference(asked: &Receipt, held: &Receipt, roles: &[(Role, Candidate)]) -> O
     } else if held.candidate.policy != asked.candidate.policy && held.policy != asked.policy {
         Some(format!("policy `{}`, not `{}`", held.candidate.policy, asked.candidate.policy))
     } else if held.candidate.seed != asked.candidate.seed {
-        Some(format!("--policy-seed {}, not {}", held.candidate.seed, asked.candidate.seed))
+        Some(format!("policy seed {}, not {}", held.candidate.seed, asked.candidate.seed))
     } else if held.files != asked.files {
         Some("the files of its model have changed since".to_owned())
     } else if (&then.physics, &then.images) != (&now.physics, &now.images) {

@@ -32,6 +32,15 @@ pub enum Fix {
     Choose(Vec<String>),
     /// Ask for a list of what there is.
     List(List),
+    /// Do something with these settings: `record a dataset with --frame-skip 4`. `to`: what for.
+    With {
+        /// What to do with them.
+        how: &'static str,
+        /// The settings with their values.
+        settings: Vec<Assignment>,
+        /// What for.
+        to: &'static str,
+    },
     /// Any of several.
     Any(Vec<Fix>),
 }
@@ -117,6 +126,16 @@ impl Fix {
         Self::Set { setting: Assignment::of(name, value), to: "" }
     }
 
+    /// Give a setting this value, for this.
+    pub fn set_to(name: &'static str, value: impl Into<Json>, to: &'static str) -> Self {
+        Self::Set { setting: Assignment::of(name, value), to }
+    }
+
+    /// Give a setting.
+    pub fn give(name: &'static str) -> Self {
+        Self::Set { setting: Assignment::name(name), to: "" }
+    }
+
     /// The fix in the syntax of a front end.
     pub fn in_words(&self, words: &dyn Words) -> String {
         let name = |name: &str| words.setting(name, None);
@@ -126,6 +145,10 @@ impl Fix {
             Self::Change(setting) => format!("give another {}", name(setting)),
             Self::Leave(setting) => format!("leave out {}", name(setting)),
             Self::Choose(values) => format!("use {}", values.join(" or ")),
+            Self::With { how, settings, to } => {
+                let settings: Vec<String> = settings.iter().map(|one| one.in_words(words)).collect();
+                format!("{how} {} {to}", settings.join(" and "))
+            }
             Self::List(list) => format!("{} lists them", words.list(list)),
             Self::Any(fixes) => {
                 let mut told = String::new();
@@ -151,6 +174,11 @@ impl Message {
     /// A message about a setting with this value.
     pub fn about(name: impl Into<String>, value: impl Into<Json>, text: impl Into<String>) -> Self {
         Self { setting: Some(Assignment::of(name, value)), text: text.into(), fix: None }
+    }
+
+    /// A message about a setting as such.
+    pub fn about_setting(name: impl Into<String>, text: impl Into<String>) -> Self {
+        Self { setting: Some(Assignment::name(name)), text: text.into(), fix: None }
     }
 
     /// With what helps.

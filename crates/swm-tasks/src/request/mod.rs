@@ -4,21 +4,35 @@
 //! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
 //! syntax ([`Words`]): the command as options, Python as keyword arguments.
 
+mod entrant;
+mod evaluate;
+mod image_choice;
 mod make_manifest;
 mod message;
+mod policy;
+mod report;
 mod scenario;
+mod shard;
 mod source;
 mod stream;
+mod training_note;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::settings::{Settings, read_of};
 
+pub use entrant::{Foreign, RunOn};
+pub use evaluate::{Evaluate, Evaluated, NUM_ENVS, Needs};
+pub use image_choice::ImageChoice;
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
+pub use policy::{make_policy, model_image, note_elites, note_images, policy_args, policy_files};
+pub use report::{Progress, Report, Stage};
 pub use scenario::{Scenario, factor_values};
-pub use source::{check_recorded_in, open_dataset};
+pub use shard::Shard;
+pub use source::{ManifestSource, check_recorded_in, make_folder, open_dataset};
+pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {
@@ -52,24 +66,6 @@ pub trait Request: Settings {
             let setting = Some(Assignment { name: wrong.name, value });
             Message { setting, text: wrong.reason, fix: None }.into()
         })
-    }
-}
-
-/// What hears of a request while it runs.
-pub trait Report {
-    /// Something that the user should know and that stops nothing.
-    fn note(&mut self, note: &Message);
-}
-
-/// Hears nothing.
-impl Report for () {
-    fn note(&mut self, _note: &Message) {}
-}
-
-/// Keeps the notes.
-impl Report for Vec<Message> {
-    fn note(&mut self, note: &Message) {
-        self.push(note.clone());
     }
 }
 

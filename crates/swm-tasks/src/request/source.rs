@@ -2,12 +2,17 @@
 //! of the work.
 
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use swm_core::{EnvEntry, Metadata, Registry};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::settings::read as read_settings;
+use swm_core::{EnvEntry, Manifest, Metadata, Registry};
+use swm_data::recording::WriterLock;
 use swm_data::{DataError, Dataset};
 
 use super::{Fix, Message, TaskError, failed, wrong};
+use crate::evaluation::read_manifest;
 
 /// Opens a dataset that the user named.
 ///
@@ -48,5 +53,49 @@ pub fn check_recorded_in(
             Err(Message::about("frame_skip", wanted, text).fix(Fix::Leave("frame_skip")).into())
         }
         None => Ok(()),
+    }
+}
+
+/// Makes a folder for results.
+///
+/// # Errors
+///
+/// It cannot be made.
+pub fn make_folder(dir: &Path) -> Result<(), TaskError> {
+    let failed = |error| wrong(format!("cannot write to the folder {}: {error}", dir.display()));
+    std::fs::create_dir_all(dir).map_err(failed)
+}
+
+/// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
+pub(super) fn claim(path: &Path) -> Result<WriterLock, TaskError> {
+    WriterLock::take(path).map_err(failed)
+}
+
+/// A manifest: the path of its file, or its JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ManifestSource {
+    /// Its file.
+    File(PathBuf),
+    /// The manifest itself.
+    Json(Map<String, Json>),
+}
+
+impl ManifestSource {
+    /// The manifest.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read; or what is given is no manifest.
+    pub fn read(&self) -> Result<Manifest, TaskError> {
+        let refused = |reason: String| wrong(format!("the manifest: {reason}"));
+        match self {
+            Self::File(path) => read_manifest(path).map_err(wrong),
+            Self::Json(json) => {
+                let manifest: Manifest = read_settings(json).map_err(|error| refused(error.to_string()))?;
+                manifest.check().map_err(|error| refused(error.to_string()))?;
+                Ok(manifest)
+            }
+        }
     }
 }

@@ -16,11 +16,11 @@ use swm_core::{
 };
 use swm_data::tools::parts::other_recording;
 use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
+use swm_tasks::request::Ask;
 
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
-use super::training_note::Ask;
 use super::work::Plan;
 use super::{Failure, Output, interrupt, memory, usage};
 

@@ -13,8 +13,9 @@ use swm_core::{
 };
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
+use swm_tasks::request::note_images;
 
-use super::args::{ImageArg, OptionalEnvArgs, WorldArgs, model_image, note_images, policy_args};
+use super::args::{ImageArg, OptionalEnvArgs, WorldArgs, model_image, policy_args};
 use super::output::{claim, counted, table};
 use super::plan_problem::Problem;
 use super::scenario::ScenarioArgs;
@@ -110,7 +111,7 @@ impl Plan {
         let traced = || problem.image.or(Some(ImageSize { height: 224, width: 224 }));
         let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
         let seen = image.or(problem.image);
-        note_images(&self.policy, of_model, seen, output);
+        note_images(&self.policy, of_model, seen, &mut &*output);
         let format = video_format(self.video_format.as_deref())?;
         let config = EnvConfig { image: seen, settings: problem.settings.clone() };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(problem.frame_skip) };

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use serde_json::{Map, Value as Json};
 use swm_core::{EnvEntry, ImageSize, Manifest, PolicyArgs, Recorder, Registry, Rollout, World, WorldError};
+use swm_tasks::request::{Ask, note_training, note_training_on};
 
 use super::args::{EnvArgs, model_image};
 use super::output::counted;
 use super::scenario::ScenarioArgs;
-use super::training_note::{self, Ask};
 use super::{Failure, Output, usage};
 use crate::distractors;
 use crate::evaluation::{Candidate, env_of, read_manifest};
@@ -95,9 +95,9 @@ impl Problem {
     ) {
         match &self.manifest {
             Some(manifest) => {
-                training_note::of_policy_on(registry, self.entry, manifest, args, output);
+                note_training_on(registry, self.entry, manifest, args, &mut &*output);
             }
-            None => training_note::of_policy(registry, args, &world.into(), Ask::Here, output),
+            None => note_training(registry, args, &world.into(), Ask::Here, &mut &*output),
         }
     }
 

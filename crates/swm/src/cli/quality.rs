@@ -7,12 +7,12 @@ use serde_json::{Map, Value as Json};
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
 use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
+use swm_tasks::request::{Ask, note_training_of};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::{compact, table};
 use super::quality_checks::{check_horizon, check_lengths, check_probe, check_violation};
 use super::threads::ThreadsArg;
-use super::training_note::{self, Ask};
 use super::{Failure, Output, images, inputs, usage};
 use crate::evaluation::{
     GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, measurements, quality,
@@ -128,7 +128,7 @@ impl QualityCommand {
                 let context = PolicyContext::new(entry, &config).within(registry);
                 // The steps of a dataset are as far apart as they are.
                 let settings = model.trained_in(args).map(|trained| trained.frame_skip(None));
-                training_note::of_model(args, settings.as_ref(), &context, Ask::Here, output);
+                note_training_of(args, settings.as_ref(), &context, Ask::Here, &mut &*output);
                 Some(model.make(&context, args)?)
             }
             None => None,

@@ -6,12 +6,12 @@ use clap::Args;
 use serde_json::json;
 use swm_core::{Registry, Rollout, World};
 use swm_media::{Clip, Format};
+use swm_tasks::request::Ask;
 
 use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
-use super::training_note::Ask;
 use super::{Failure, Output, usage};
 use crate::video::Video;
 

@@ -36,21 +36,6 @@ impl ScenarioArgs {
         Ok(Scenario { vary: self.vary.as_deref(), set: &set }.options(env, factors, &mut &*output)?)
     }
 
-    /// As [`Scenario::recorded_options`].
-    pub(super) fn recorded_options(
-        &self,
-        env: &EnvEntry,
-        factors: &[FactorSpec],
-        output: &Output,
-    ) -> Result<ResetOptions, Failure> {
-        let set = self.set(output)?;
-        Ok(Scenario { vary: self.vary.as_deref(), set: &set }.recorded_options(
-            env,
-            factors,
-            &mut &*output,
-        )?)
-    }
-
     /// The values of `--set` as a request has them.
     pub(super) fn set(&self, output: &Output) -> Result<Map<String, Json>, Failure> {
         set(&self.set, output)

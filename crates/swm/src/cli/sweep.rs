@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use swm_core::{Cancel, Manifest, Registry};
-use swm_tasks::request::note_rewards_only;
+use swm_tasks::request::{note_rewards_only, note_training_on};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::output::{claim, create_folder, table};
 use super::rates::{at_reset, p_value, rate};
-use super::training_note;
 use super::work::Plan;
 use super::{Failure, Output, interrupt, usage};
 use crate::evaluation::{
@@ -81,7 +80,7 @@ impl SweepCommand {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
         let entry = env_of(registry, &manifest).map_err(usage)?;
         note_rewards_only(entry, &manifest.success, &mut &*output);
-        training_note::of_policy_on(registry, entry, &manifest, &candidate.policy, output);
+        note_training_on(registry, entry, &manifest, &candidate.policy, &mut &*output);
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
         let (cells, pairs) = (run.cells(), run.pairs());
@@ -99,8 +98,7 @@ impl SweepCommand {
                     &candidate.files(registry, entry)?,
                     values,
                     &changes,
-                )
-                .map_err(usage)?
+                )?
             {
                 output.note(format!("{}: already done; --again repeats it", dir.display()));
                 return output.result(&held, || text(&held, Some(dir)));
@@ -120,10 +118,11 @@ impl SweepCommand {
                 bar.finish_and_clear();
                 done?;
                 ledger.finish_part()?;
-                return self.part.done(dir, shard, shard.of(cells * pairs), output);
+                let episodes = shard.of(cells * pairs);
+                return self.part.done(Some(dir), shard, episodes.end - episodes.start, output);
             }
             (Some(dir), None) if self.part.join => {
-                CellLedger::join(dir, DIVISION, &run.identity()?, cells, pairs).map_err(usage)?
+                CellLedger::join(dir, DIVISION, &run.identity()?, cells, pairs)?
             }
             (Some(dir), None) => CellLedger::open(&dir.join("sweep.jsonl"), &run.identity()?, cells, pairs)?,
         };

@@ -96,7 +96,7 @@ pub(super) fn plan(registry: &Registry, line: &[String], output: &Output) -> Res
             }
             Ok(plan)
         }
-        Command::Eval(eval) => eval.plan(registry),
+        Command::Eval(eval) => eval.plan(registry, output),
         Command::Sweep(sweep) => sweep.plan(registry),
         Command::Train(train) => train.plan(),
         _ => Err(usage("this command cannot be divided")),

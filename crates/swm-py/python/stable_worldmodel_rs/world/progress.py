@@ -41,9 +41,10 @@ class Progress:
             return
         self._bar = tqdm(total=self._total or None, desc=title, unit=f" {self._unit}", dynamic_ncols=True)
 
-    def begin(self, label: str) -> None:
-        """Leave the bar that there is as it stands, and show another one, called ``label``."""
+    def begin(self, label: str, total: int) -> None:
+        """Leave the bar that there is as it stands, and show another one, called ``label``, of ``total``."""
         self._close()
+        self._total = total
         self._open(f"{self._title} {label}")
 
     def expect(self, total: int) -> None:

@@ -121,25 +121,23 @@ def evaluate(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
     with Progress("Evaluating", len(found["pairs"]), progress, parts=True) as bar, given as (text, seed, foreign):
-        receipt, is_done = _swm.evaluate_manifest(
-            json.dumps(found),
-            text,
-            foreign,
-            policy_seed=seed,
-            references=names,
-            oracle=oracle,
-            out=None if out is None else str(Path(out).expanduser()),
-            num_envs=num_envs,
-            threads=threads,
-            plan_steps=plan_steps,
-            again=again,
-            shard=shard,
-            join=join,
-            begin=bar.begin,
-            tick=bar.tick,
-        )
-    if is_done:
-        logger.warning("%s: already done; again=True repeats it", Path(str(out)) / "receipt.json")
+        request = {
+            "manifest": found,
+            "policy": text,
+            "policy_seed": seed,
+            "reference": names,
+            "oracle": oracle,
+            "out": None if out is None else str(Path(out).expanduser()),
+            "num_envs": num_envs,
+            "threads": threads,
+            "plan_steps": plan_steps,
+            "again": again,
+            "shard": None if shard is None else f"{shard[0]}/{shard[1]}",
+            "join": join,
+        }
+        receipt, notes = _swm.evaluate_manifest(json.dumps(request), foreign, bar.begin, bar.tick)
+    for note in notes:
+        logger.warning("%s", note)
     return None if receipt is None else Receipt(json.loads(receipt))
 
 

@@ -11,6 +11,7 @@ use crate::evaluation::difference::hashes;
 use crate::evaluation::held::refusal;
 use crate::evaluation::run::Candidate;
 use crate::report_page::sweep_figure;
+use crate::request::TaskError;
 use crate::text_file::{json_error, read_text, replace_text};
 
 /// Writes a sweep into the folder `dir`: as JSON, as a table and as a figure. Existing files are replaced.
@@ -53,7 +54,7 @@ pub fn held_sweep(
     files: &BTreeMap<String, String>,
     values: Values,
     changes: &[Change],
-) -> Result<Option<Sweep>, BoxError> {
+) -> Result<Option<Sweep>, TaskError> {
     if !dir.join("sweep.json").is_file() {
         return Ok(None);
     }
@@ -73,5 +74,5 @@ pub fn held_sweep(
     } else {
         return Ok(Some(held));
     };
-    Err(refusal(dir, &format!("the result of a sweep with {difference}")).into())
+    Err(refusal(dir, &format!("the result of a sweep with {difference}")))
 }

@@ -1,0 +1,163 @@
+//! An evaluation without a manifest: in new episodes, or from starts and goals of a dataset.
+
+use swm_core::error::BoxError;
+use swm_core::evaluate::GoalImages;
+use swm_core::{
+    EnvConfig, EpisodeEnd, EvalOptions, ImageSize, LiveStep, Recorder, Registry, Rollout, World, WorldOptions,
+};
+use swm_data::recording::WriterLock;
+use swm_media::Format;
+
+use super::{Evaluate, Evaluated};
+use crate::evaluation::refusal;
+use crate::report::write_report;
+use crate::request::policy::{make_policy, model_image, note_images};
+use crate::request::report::apart;
+use crate::request::source::{check_recorded_in, claim, make_folder, open_dataset};
+use crate::request::{
+    Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError, failed,
+    wrong,
+};
+use crate::video::Video;
+
+/// Largest side of a video, in pixels.
+const MAX_VIDEO_SIDE: usize = 2160;
+/// More environments than anybody needs: the world refuses such numbers, whatever the number of episodes.
+const MANY_ENVS: usize = 1 << 15;
+
+impl Evaluate {
+    pub(super) fn online(
+        &self,
+        registry: &Registry,
+        report: &mut dyn Report,
+    ) -> Result<Evaluated, TaskError> {
+        let entry = registry.env(&self.env).map_err(failed)?;
+        let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
+        let of_model = model_image(registry, entry, &self.policy);
+        let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
+        note_images(&self.policy, of_model, image, report);
+        let format = self.format_of_videos(image)?;
+        let mut dataset = self.dataset.as_deref().map(|path| open_dataset(registry, path)).transpose()?;
+        if let Some(dataset) = &dataset {
+            check_recorded_in(dataset.as_ref(), entry, self.frame_skip)?;
+        }
+        let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
+        let mut settings = recorded.settings;
+        settings.extend(self.env_option.clone());
+        let frame_skip = self.frame_skip.unwrap_or(recorded.frame_skip.max(1));
+        let budget = self.budget.unwrap_or(if dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
+        // Each environment takes time and memory to make.
+        let most = usize::try_from(self.episodes).unwrap_or(usize::MAX);
+        let num_envs = if self.num_envs > MANY_ENVS { self.num_envs } else { self.num_envs.min(most) };
+        let options =
+            WorldOptions::new(num_envs).env(EnvConfig { image, settings }).max_episode_steps(budget);
+        let mut world =
+            World::new(entry, options.frame_skip(frame_skip).threads(self.threads)).map_err(failed)?;
+        let ask = if dataset.is_some() { Ask::Dataset } else { Ask::Here };
+        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?);
+        let factors = &world.spec().factors;
+        let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
+        let reset = match &dataset {
+            None => scenario.options(entry, factors, report)?,
+            Some(_) => scenario.recorded_options(entry, factors, report)?,
+        };
+        // What is mistyped is found first: a folder that holds a result is no reason to look for another mistake.
+        let _claim = self.claim_folder()?;
+        let (name, unit) = (self.policy.as_str(), "episodes");
+        let progress = report.begin(&Stage { name, role: None, unit, total: self.episodes })?;
+        let video = Video::first(if self.out.is_some() { self.videos } else { 0 });
+        let mut watch = (video, Counted(progress));
+        let cancel = report.cancel();
+        let evaluated = apart(report, || match &mut dataset {
+            None => {
+                let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(&cancel);
+                world.evaluate_with(&rollout.options(reset), &mut watch).map_err(BoxError::from)
+            }
+            Some(dataset) => {
+                let options = EvalOptions {
+                    episodes: usize::try_from(self.episodes)?,
+                    goal_offset: self.goal_offset,
+                    budget,
+                    seed: self.seed,
+                    variation: reset.variation.unwrap_or_default(),
+                    variation_values: reset.variation_values,
+                    cancel: Some(cancel),
+                };
+                Ok(world.evaluate_from_dataset_with(dataset, &options, &mut watch)?)
+            }
+        })?;
+        let (video, progress) = watch;
+        drop(progress);
+        let evaluation = evaluated?;
+        let goals = evaluation.protocol.as_ref().and_then(|protocol| protocol.goal_images.as_ref());
+        if let Some(note) = goals.and_then(GoalImages::note) {
+            report.note(&Message::new(note.to_string()));
+        }
+        let written = match &self.out {
+            Some(dir) => write_report(dir, &evaluation, &video, format),
+            None => Ok(Vec::new()),
+        };
+        Ok(Evaluated::Episodes(Box::new(evaluation), written))
+    }
+
+    /// Refuses a folder that cannot be written, or that holds a result; no other process writes a result there while the lock lives.
+    fn claim_folder(&self) -> Result<Option<WriterLock>, TaskError> {
+        let Some(dir) = &self.out else { return Ok(None) };
+        // Found out now, a folder that cannot be written costs nothing.
+        let probe = dir.join(".writable");
+        make_folder(dir)?;
+        let lock = claim(&dir.join("result.json"))?;
+        std::fs::write(&probe, "")
+            .and_then(|()| std::fs::remove_file(&probe))
+            .map_err(|error| wrong(format!("cannot write to the folder {}: {error}", dir.display())))?;
+        for (file, what) in [
+            ("result.json", "the result of an evaluation"),
+            ("receipt.json", "the receipt of an evaluation on a manifest"),
+        ] {
+            if !self.again && dir.join(file).exists() {
+                return Err(refusal(dir, &format!("{what}, {file}")));
+            }
+        }
+        Ok(Some(lock))
+    }
+
+    /// The format of videos, checked before anything runs.
+    fn format_of_videos(&self, image: Option<ImageSize>) -> Result<Format, TaskError> {
+        let format = match self.video_format.as_deref() {
+            Some("gif") => Format::Gif,
+            Some(_) => Format::Mp4,
+            None if Format::Mp4.is_built() => Format::Mp4,
+            None => Format::Gif,
+        };
+        if self.out.is_none() || self.videos == 0 {
+            return Ok(format);
+        }
+        if !format.is_built() {
+            let message =
+                Message::about("video_format", "mp4", "this build is without the feature `mp4`, the encoder");
+            return Err(message.fix(Fix::set("video_format", "gif")).into());
+        }
+        if let Some(ImageSize { height, width }) = image
+            && height.max(width) > MAX_VIDEO_SIDE
+        {
+            let text = format!("videos hold images of up to {MAX_VIDEO_SIDE} pixels, not {height}x{width}");
+            let fixes = vec![Fix::Change("image_size"), Fix::set("videos", 0)];
+            return Err(Message::new(text).fix(Fix::Any(fixes)).into());
+        }
+        Ok(format)
+    }
+}
+
+/// Counts episodes.
+struct Counted(Box<dyn Progress>);
+
+impl Recorder for Counted {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.0.done(end.success);
+        Ok(())
+    }
+}
