@@ -61,9 +61,3 @@ impl Report for Reporter<'_, '_> {
         Ok(progress.tell(tick)?)
     }
 }
-
-impl Counts for Progress {
-    fn done(&self, success: Option<bool>) {
-        self.count(success == Some(true));
-    }
-}

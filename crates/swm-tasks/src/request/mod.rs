@@ -4,12 +4,14 @@
 //! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
 //! syntax ([`Words`]): the command as options, Python as keyword arguments.
 
+mod defaults;
 mod entrant;
 mod evaluate;
 mod image_choice;
 mod make_manifest;
 mod message;
 mod policy;
+mod record;
 mod report;
 mod scenario;
 mod shard;
@@ -22,16 +24,18 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::settings::{Settings, read_of};
 
+pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
 pub use entrant::{Foreign, RunOn};
-pub use evaluate::{Evaluate, Evaluated, NUM_ENVS, Needs};
+pub use evaluate::{Evaluate, Evaluated, Needs};
 pub use image_choice::ImageChoice;
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
 pub use policy::{make_policy, model_image, note_elites, note_images, policy_args, policy_files};
+pub use record::{Count, Record, Recorded};
 pub use report::{Progress, Report, Stage};
 pub use scenario::{Scenario, factor_values};
 pub use shard::Shard;
-pub use source::{ManifestSource, check_recorded_in, make_folder, open_dataset};
+pub use source::{ManifestSource, check_recorded_in, create_parent, make_folder, open_dataset};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 
 /// A request that can be checked and run.
@@ -102,6 +106,14 @@ impl From<BoxError> for TaskError {
     fn from(error: BoxError) -> Self {
         error.downcast::<Self>().map_or_else(Self::Failed, |error| *error)
     }
+}
+
+/// Refuses a request that lacks one of these settings, each with whether it is missing.
+pub(crate) fn must_be_given(settings: &[(&str, bool)]) -> Result<(), TaskError> {
+    settings.iter().find(|(_, is_missing)| *is_missing).map_or(Ok(()), |(name, _)| {
+        let setting = Some(Assignment::name(*name));
+        Err(Message { setting, text: "must be given".to_owned(), fix: None }.into())
+    })
 }
 
 /// An error of the core.

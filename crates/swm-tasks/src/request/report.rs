@@ -58,6 +58,14 @@ pub trait Progress: Send + Sync {
     /// One more is done; of an episode, whether it was a success, where that is known.
     fn done(&self, success: Option<bool>);
 
+    /// So many units were there before.
+    fn before(&self, _units: u64) {}
+
+    /// One more episode is written, at this index of the run, with so many rows.
+    fn written(&self, _episode: u64, _rows: usize) {
+        self.done(None);
+    }
+
     /// What is at work, in few words.
     fn now(&self, _what: &str) {}
 }

@@ -66,6 +66,17 @@ pub fn make_folder(dir: &Path) -> Result<(), TaskError> {
     std::fs::create_dir_all(dir).map_err(failed)
 }
 
+/// Makes the folder that `path` will lie in.
+///
+/// # Errors
+///
+/// It cannot be made.
+pub fn create_parent(path: &Path) -> Result<(), TaskError> {
+    let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
+    std::fs::create_dir_all(parent)
+        .map_err(|source| failed(DataError::io(parent, "create the folder", source)))
+}
+
 /// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
 pub(super) fn claim(path: &Path) -> Result<WriterLock, TaskError> {
     WriterLock::take(path).map_err(failed)

@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, Registry, World, WorldOptions};
-use swm_tasks::request::{Ask, NUM_ENVS, make_policy};
+use swm_tasks::request::{self, Ask, NUM_ENVS};
 pub(super) use swm_tasks::request::{Shard, model_image, policy_args, policy_files};
 
 use super::output::counted;
@@ -79,9 +79,6 @@ impl OptionalEnvArgs {
     }
 }
 
-/// More environments than anybody needs.
-const MANY_ENVS: usize = 1 << 15;
-
 /// How many environments run at once.
 #[derive(Args, Clone)]
 pub(super) struct WorldArgs {
@@ -101,12 +98,9 @@ impl WorldArgs {
         RunOptions { num_envs: self.num_envs, threads: self.threads.count(), ..RunOptions::default() }
     }
 
-    /// The same with no more environments than episodes, for each takes time and memory to make. Numbers above
-    /// [`MANY_ENVS`] stay, so that the world refuses those that it never takes, whatever the number of episodes.
+    /// The same with no more environments than episodes.
     pub(super) fn at_most(&self, episodes: u64) -> Self {
-        let most = usize::try_from(episodes.max(1)).unwrap_or(usize::MAX);
-        let num_envs = if self.num_envs > MANY_ENVS { self.num_envs } else { self.num_envs.min(most) };
-        Self { num_envs, ..self.clone() }
+        Self { num_envs: request::envs_at_most(self.num_envs, episodes), ..self.clone() }
     }
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
@@ -118,6 +112,15 @@ impl WorldArgs {
 /// An image size: `64x64`, `96`, or `none`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ImageArg(pub Option<ImageSize>);
+
+impl std::fmt::Display for ImageArg {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            None => f.write_str("none"),
+            Some(size) => size.fmt(f),
+        }
+    }
+}
 
 impl std::str::FromStr for ImageArg {
     type Err = String;
@@ -168,8 +171,7 @@ impl PartArgs {
     }
 }
 
-/// The policy of `--policy NAME:ARGS` for a world; notes tell of settings with which it can hardly search, and of those that its model was
-/// trained with and how `ask` says that they are asked for.
+/// As [`request::make_policy`].
 pub(super) fn policy(
     registry: &Registry,
     text: &str,
@@ -177,7 +179,7 @@ pub(super) fn policy(
     ask: Ask,
     output: &Output,
 ) -> Result<Box<dyn Policy>, Failure> {
-    Ok(make_policy(registry, text, world, ask, &mut &*output)?)
+    Ok(request::make_policy(registry, text, world, ask, &mut &*output)?)
 }
 
 pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Failure> {
@@ -190,21 +192,4 @@ pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'
 /// JSON if it is JSON, else text.
 pub(super) fn json_value(text: &str) -> Json {
     serde_json::from_str(text).unwrap_or_else(|_| Json::String(text.to_owned()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn environments_are_no_more_than_episodes() {
-        let made = |num_envs, episodes| {
-            WorldArgs { num_envs, threads: ThreadsArg::default(), frame_skip: None }
-                .at_most(episodes)
-                .num_envs
-        };
-        assert_eq!([made(8, 100), made(10_000, 1), made(8, 3), made(0, 3), made(8, 0)], [8, 1, 3, 0, 1]);
-        // Refused by the world.
-        assert_eq!(made(10_000_000, 1), 10_000_000);
-    }
 }

@@ -11,11 +11,11 @@ use swm_core::settings::Settings as _;
 use swm_core::{Evaluation, Registry};
 
 use super::policy::policy_args;
-use super::{Fix, Foreign, ImageChoice, ManifestSource, Message, Report, Request, Shard, TaskError, failed};
+use super::{
+    Fix, Foreign, ImageChoice, ManifestSource, Message, NUM_ENVS, Report, Request, Shard, TaskError, failed,
+};
 use crate::evaluation::Receipt;
-
-/// Environments stepped in parallel; results do not depend on it.
-pub const NUM_ENVS: usize = 16;
+use crate::threads;
 
 swm_core::settings! {
     /// Evaluate a policy: online, from starts and goals of a dataset, or on a manifest.
@@ -57,7 +57,7 @@ swm_core::settings! {
         /// Factors to set, by name: numbers, or names of colors and choices.
         set: Map<String, Json> = Map::new() => "none",
         /// Environments stepped in parallel; results do not depend on it.
-        num_envs: usize = NUM_ENVS => "16",
+        num_envs: usize = NUM_ENVS => "8",
         /// Threads; results do not depend on it.
         threads: Option<usize> = None => "one per core",
         /// A folder for the result: receipt.json with a manifest, else result.json, images and videos.
@@ -133,7 +133,7 @@ impl Request for Evaluate {
         }
         self.check_manifest()?;
         self.check_bounds()?;
-        check_spread(self.num_envs, self.threads)?;
+        threads::check(self.threads)?;
         check_parts(self.out.is_some(), self.again, self.shard, self.join)?;
         self.roles()?;
         if self.manifest.is_none() {
@@ -201,6 +201,7 @@ impl Evaluate {
 
     fn check_bounds(&self) -> Result<(), TaskError> {
         for (name, is_zero, text) in [
+            ("num_envs", self.num_envs == 0, "use 1 to 65536"),
             ("episodes", self.episodes == 0, "nothing is evaluated; use 1 or more"),
             ("budget", self.budget == Some(0), "no action is allowed; use 1 or more"),
             ("goal_offset", self.goal_offset == 0, "every start would be its goal; use 1 or more"),
@@ -215,23 +216,6 @@ impl Evaluate {
             return Err(message.fix(Fix::Choose(vec!["mp4".to_owned(), "gif".to_owned()])).into());
         }
         Ok(())
-    }
-}
-
-/// Most threads of one process: more are a typing error.
-const MAX_THREADS: usize = 1024;
-
-/// Refuses numbers of environments and threads that cannot be.
-pub(super) fn check_spread(num_envs: usize, threads: Option<usize>) -> Result<(), TaskError> {
-    if num_envs == 0 {
-        return Err(Message::about("num_envs", 0, "use 1 to 65536").into());
-    }
-    match threads.filter(|threads| !(1..=MAX_THREADS).contains(threads)) {
-        Some(threads) => {
-            let message = Message::about("threads", threads, format!("use 1 to {MAX_THREADS} threads"));
-            Err(message.fix(Fix::Leave("threads")).into())
-        }
-        None => Ok(()),
     }
 }
 

@@ -15,15 +15,13 @@ use crate::request::policy::{make_policy, model_image, note_images};
 use crate::request::report::apart;
 use crate::request::source::{check_recorded_in, claim, make_folder, open_dataset};
 use crate::request::{
-    Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError, failed,
-    wrong,
+    Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError,
+    envs_at_most, failed, wrong,
 };
 use crate::video::Video;
 
 /// Largest side of a video, in pixels.
 const MAX_VIDEO_SIDE: usize = 2160;
-/// More environments than anybody needs: the world refuses such numbers, whatever the number of episodes.
-const MANY_ENVS: usize = 1 << 15;
 
 impl Evaluate {
     pub(super) fn online(
@@ -46,9 +44,7 @@ impl Evaluate {
         settings.extend(self.env_option.clone());
         let frame_skip = self.frame_skip.unwrap_or(recorded.frame_skip.max(1));
         let budget = self.budget.unwrap_or(if dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
-        // Each environment takes time and memory to make.
-        let most = usize::try_from(self.episodes).unwrap_or(usize::MAX);
-        let num_envs = if self.num_envs > MANY_ENVS { self.num_envs } else { self.num_envs.min(most) };
+        let num_envs = envs_at_most(self.num_envs, self.episodes);
         let options =
             WorldOptions::new(num_envs).env(EnvConfig { image, settings }).max_episode_steps(budget);
         let mut world =

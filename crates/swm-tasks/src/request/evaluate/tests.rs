@@ -79,7 +79,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
             any(&[give("dataset"), leave("goal_offset")]),
         ),
         (online(json!({ "num_envs": 0 })), "num_envs=0: use 1 to 65536", None),
-        (online(json!({ "threads": 0 })), "threads=0: use 1 to 1024", Some(leave("threads"))),
+        (online(json!({ "threads": 0 })), "threads=0: use 1 to 1024", None),
         (
             online(json!({ "policy_seed": 3 })),
             "policy_seed=3: is for evaluations on a manifest",
