@@ -314,7 +314,7 @@ def test_a_result_is_replaced_on_request_only(manifest: Path, tmp_path: Path, ca
     first = swm.evaluate(manifest, "random", out, references=[], progress=False)
     with pytest.raises(swm.SwmError, match="policy `random`, not `weak`; give another out, or again=True to replace it"):
         swm.evaluate(manifest, "weak", out, references=[], progress=False)
-    with pytest.raises(swm.SwmError, match="policy_seed 0, not 1"):
+    with pytest.raises(swm.SwmError, match="policy seed 0, not 1"):
         swm.evaluate(manifest, "random", out, references=[], policy_seed=1, progress=False)
     with pytest.raises(swm.SwmError, match="plans of 25 actions, not of 5"):
         swm.evaluate(manifest, "random", out, references=[], plan_steps=5, progress=False)

@@ -98,11 +98,6 @@ impl WorldArgs {
         RunOptions { num_envs: self.num_envs, threads: self.threads.count(), ..RunOptions::default() }
     }
 
-    /// The same with no more environments than episodes.
-    pub(super) fn at_most(&self, episodes: u64) -> Self {
-        Self { num_envs: request::envs_at_most(self.num_envs, episodes), ..self.clone() }
-    }
-
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
         let options = WorldOptions::new(self.num_envs).env(env).max_episode_steps(max_steps);
         options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads.count())

@@ -16,10 +16,6 @@ impl Words for Options {
             ("env", None) => "environment".to_owned(),
             ("env", Some(env)) => format!("{} as the environment", value_text(env)),
             (_, None | Some(Json::Bool(true))) => option,
-            ("env_option" | "set", Some(Json::Object(all))) => {
-                let each = all.iter().map(|(name, value)| format!("{option} {name}={}", value_text(value)));
-                each.collect::<Vec<_>>().join(" ")
-            }
             ("distractor", Some(Json::Array(items))) => {
                 let each = items.iter().map(|item| format!("{option} {}", value_text(item)));
                 each.collect::<Vec<_>>().join(" ")
