@@ -1,7 +1,6 @@
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
-use swm_core::registry::BASIC_POLICIES;
 use swm_core::testing::TOY;
 use swm_core::{Registry, Rollout, World, WorldOptions, policies};
 
@@ -9,7 +8,7 @@ use super::{Evaluate, Evaluated};
 use crate::request::{Fix, MakeManifest, Message, Request as _, TaskError};
 
 fn registry() -> Registry {
-    Registry::new().with(swm_data::FORMATS).with(&[TOY]).with(BASIC_POLICIES)
+    Registry::new().with(swm_data::FORMATS).with(&[TOY])
 }
 
 fn object(json: Json) -> Map<String, Json> {
