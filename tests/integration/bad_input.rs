@@ -81,7 +81,7 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
     says(2, &with(&["--image-size", "0x64"]), &["0x64", "1 to 4096"]);
     says(2, &with(&["--image-size", "99999999"]), &["99999999", "1 to 4096"]);
     says(2, &with(&["--image-size", "ten"]), &["HEIGHTxWIDTH"]);
-    says(2, &with(&["--num-envs", "0"]), &["num_envs", "1 to"]);
+    says(2, &with(&["--num-envs", "0"]), &["--num-envs", "1 to"]);
     says(2, &with(&["--num-envs", "10000000"]), &["--num-envs", "65536"]);
     says(2, &with(&["--threads", "0"]), &["threads"]);
     says(2, &with(&["--frame-skip", "0"]), &["--frame-skip"]);
