@@ -32,8 +32,8 @@ __all__ = [
 ]
 
 _MODULES = frozenset({"gcrl", "lewm", "loss", "pldm", "prejepa", "utils"})
-_HOMES = {"GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa"}
-_HOMES |= dict.fromkeys(("download_model", "from_config", "load_pretrained", "save_pretrained"), "utils")
+_CLASSES = {"GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa"}
+_HOMES = _CLASSES | dict.fromkeys(("download_model", "from_config", "load_pretrained", "save_pretrained"), "utils")
 
 
 if not TYPE_CHECKING:

@@ -23,12 +23,12 @@ for _class, _home in ((lewm.LeWM, "lewm"), (pldm.PLDM, "pldm"), (prejepa.PreJEPA
         _MODELS[f"{_path}.{_class.__name__}"] = _class
 _MODELS["jepa.JEPA"] = lewm.LeWM
 
-_PARTS: dict[str, Any] = {
+_MODULES: dict[str, Any] = {
     f"wm.{home}.module.{name}": getattr(module, name)
     for home, module in (("lewm", lewm.module), ("pldm", pldm.module), ("prejepa", prejepa.module), ("gcrl", gcrl.module))
     for name in module.__all__
 }
-_PARTS |= {
+_PARTS: dict[str, Any] = _MODULES | {
     "stable_pretraining.backbone.utils.vit_hf": vit_hf,
     "stable_pretraining.backbone.EvalOnly": EvalOnly,
     "torch.nn.ModuleDict": nn.ModuleDict,
@@ -163,8 +163,9 @@ def _check(factory: Any, values: Mapping[str, Any], place: str) -> None:
         if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not bool):
             raise ValueError(f"config.json: {place}{name} is {value!r}, and {kind} is wanted")
         if wanted is int:
+            number: Any = value
             least, most = (0, _DEEPEST) if name in _DEPTHS else (1, _LARGEST)
-            if not least <= value <= most:
+            if not least <= number <= most:
                 raise ValueError(f"config.json: {place}{name} is {value}; give {least} to {most}")
     lacking = [name for name, one in known.items() if one.default is inspect.Parameter.empty and name not in values]
     if lacking:

@@ -5,7 +5,7 @@ Shapes: B plans, S candidates, T frames, H blocks, A values of a block of action
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from ._images import normalized
 from ._torch import Tensor, nn, torch
@@ -65,13 +65,14 @@ class JointModel(nn.Module):
         if not isinstance(info, dict):
             images = torch.as_tensor(info)
             return self.encode({"pixels": images[:, None]})["emb"][:, 0]
-        where = next(self.parameters())
-        pixels = normalized(info["pixels"], self.image_size).to(where.device, where.dtype)
+        found = cast("dict[str, Any]", info)
+        where: Any = next(self.parameters())
+        pixels = normalized(found["pixels"], self.image_size).to(where.device, where.dtype)
         seen = self.encoder(pixels.flatten(0, 1), interpolate_pos_encoding=True).last_hidden_state[:, 0]
-        info["emb"] = self.projector(seen).unflatten(0, pixels.shape[:2])
-        if "action" in info:
-            info["act_emb"] = self.action_encoder(info["action"].to(where.device))
-        return info
+        found["emb"] = self.projector(seen).unflatten(0, pixels.shape[:2])
+        if "action" in found:
+            found["act_emb"] = self.action_encoder(found["action"].to(where.device))
+        return found
 
     def predict(self, emb: Tensor, act_emb: Tensor) -> Tensor:
         """The state after each of ``emb``, ``(B, T, D)``, under embedded actions ``(B, T, D)``."""

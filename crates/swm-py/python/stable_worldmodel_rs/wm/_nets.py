@@ -16,7 +16,8 @@ __all__ = ["MLP", "Attention", "ConditionalBlock", "Embedder", "FeedForward", "P
 
 def split_heads(tokens: Tensor, heads: int) -> Tensor:
     """``(B, N, heads × E)`` to ``(B, heads, N, E)``."""
-    return tokens.unflatten(-1, (heads, -1)).transpose(1, 2)
+    flat: Any = tokens
+    return flat.unflatten(-1, (heads, -1)).transpose(1, 2)
 
 
 def join_heads(tokens: Tensor) -> Tensor:

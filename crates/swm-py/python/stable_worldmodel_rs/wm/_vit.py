@@ -149,13 +149,14 @@ class _Embeddings(nn.Module):
         self.patch_embeddings: nn.Module = _Projection(sizes)
 
     def forward(self, images: Tensor) -> Tensor:
-        patches = self.patch_embeddings.projection(images)
+        embed: Any = self.patch_embeddings
+        patches = embed.projection(images)
         grid = patches.shape[-2:]
         tokens = torch.cat([self.cls_token.expand(len(images), -1, -1), patches.flatten(2).transpose(1, 2)], dim=1)
         return tokens + self._positions(grid[0], grid[1]).to(tokens.dtype)
 
     def _positions(self, rows: int, columns: int) -> Tensor:
-        table = self.position_embeddings
+        table: Any = self.position_embeddings
         side = round((table.shape[1] - 1) ** 0.5)
         if (rows, columns) == (side, side):
             return table
@@ -184,11 +185,15 @@ class Vit(nn.Module):
     def forward(self, pixel_values: Tensor, interpolate_pos_encoding: bool = True) -> Encoded:
         """Images of any size of which a patch fits; positions are interpolated where the size is another one."""
         tokens = self.embeddings(pixel_values)
-        for layer in reduce(getattr, self._layers.split("."), self):
+        root: Any = self
+        layers = reduce(getattr, self._layers.split("."), root)
+        for layer in layers:
             tokens = layer(tokens)
         return Encoded(self.layernorm(tokens))
 
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
+    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, state_dict: dict[str, Any], prefix: str, *rest: Any
+    ) -> None:
         """Files of the other version are read, too."""
         below = {name: value for name, value in state_dict.items() if name.startswith(prefix)}
         for name, value in below.items():
@@ -196,7 +201,8 @@ class Vit(nn.Module):
             if mine != name:
                 del state_dict[name]
                 state_dict[mine] = value
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+        parent: Any = super()
+        parent._load_from_state_dict(state_dict, prefix, *rest)
 
 
 def _initialize(module: Any) -> None:

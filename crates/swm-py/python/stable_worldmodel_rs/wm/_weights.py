@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from ._torch import Tensor, torch
+from ._torch import DType, Tensor, torch
 
 __all__ = ["read_weights", "unwrapped"]
 
@@ -20,7 +20,7 @@ _HOMES = ("state_dict", "model_state_dict", "model")
 # What wraps a whole model: torch.compile, several GPUs, training scripts.
 _WRAPPERS = ("_orig_mod.", "module.", "model.")
 
-_TYPES: dict[str, torch.dtype] = {
+_TYPES: dict[str, DType] = {
     "F64": torch.float64,
     "F32": torch.float32,
     "F16": torch.float16,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ._torch import F, Tensor, nn, torch
 
 __all__ = ["PLDMLoss", "SIGReg", "TemporalStraighteningLoss"]
@@ -18,6 +20,10 @@ class SIGReg(nn.Module):
         num_proj: Directions, sampled anew in every call.
     """
 
+    t: Tensor
+    phi: Tensor
+    weights: Tensor
+
     def __init__(self, knots: int = 17, num_proj: int = 1024) -> None:
         super().__init__()  # pyright: ignore[reportUnknownMemberType]
         self.num_proj: int = num_proj
@@ -32,14 +38,15 @@ class SIGReg(nn.Module):
     def forward(self, proj: Tensor, directions: Tensor | None = None) -> Tensor:
         """The mean over steps and directions, of embeddings ``(T, B, D)``.
 
-        ``directions``, ``(D, num_proj)``, are sampled where they are not given. Give f32: cosines of half precision are too coarse.
+        ``directions``, ``(D, num_proj)``, are sampled where they are not given. In f32, also under autocast: cosines of
+        half precision are too coarse.
         """
-        proj = proj.float()
-        if directions is None:
-            directions = torch.randn(proj.shape[-1], self.num_proj, device=proj.device)
-        angles = (proj @ (directions / directions.norm(dim=0))).unsqueeze(-1) * self.t
-        error = (angles.cos().mean(-3) - self.phi).square() + angles.sin().mean(-3).square()
-        return ((error @ self.weights) * proj.shape[-2]).mean()
+        with torch.autocast(proj.device.type, enabled=False):
+            rows: Any = proj.float()
+            along: Any = torch.randn(rows.shape[-1], self.num_proj, device=rows.device) if directions is None else directions
+            angles = (rows @ (along / along.norm(dim=0))).unsqueeze(-1) * self.t
+            error = (angles.cos().mean(-3) - self.phi).square() + angles.sin().mean(-3).square()
+            return ((error @ self.weights) * rows.shape[-2]).mean()
 
 
 class PLDMLoss(nn.Module):

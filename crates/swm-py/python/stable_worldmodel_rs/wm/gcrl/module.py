@@ -90,15 +90,15 @@ class Transformer(nn.Module):
 
     def forward(self, x: Tensor, goal: Tensor | None = None) -> Tensor:
         """``(B, T × P, W)`` frames and ``(B, P, W)`` goal to ``(B, T, W)``."""
-        for kind, (attention, feed_forward) in zip(self.kinds, self.layers, strict=True):
+        pairs: Any = self.layers
+        for kind, (attention, feed_forward) in zip(self.kinds, pairs, strict=True):
             if kind == "frame":
                 x = feed_forward(attention(x))
             else:
                 x = attention(x, goal) + x
                 x = feed_forward(x) + x
-        if "frame" not in self.kinds:
-            x = x.unflatten(1, (-1, self.num_patches)).mean(2)
-        return self.norm(x)
+        tokens: Any = x
+        return self.norm(tokens if "frame" in self.kinds else tokens.unflatten(1, (-1, self.num_patches)).mean(2))
 
 
 def _kinds(depth: int, pool_type: str) -> list[str]:

@@ -3,6 +3,8 @@ earlier frames."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from .._frames import Embedder, frame_mask
 from .._nets import FeedForward, join_heads, split_heads
 from .._torch import F, Tensor, nn, torch
@@ -24,6 +26,8 @@ def create_backbone(name: str) -> Vit:
 
 class Attention(nn.Module):
     """Self-attention of tokens, to those of their own and earlier frames."""
+
+    bias: Tensor
 
     def __init__(
         self, dim: int, heads: int = 8, dim_head: int = 64, dropout: float = 0.0, num_patches: int = 1, num_frames: int = 1
@@ -71,7 +75,8 @@ class Transformer(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """``(B, T × P, dim)`` to the same."""
-        for attention, feed_forward in self.layers:
+        pairs: Any = self.layers
+        for attention, feed_forward in pairs:
             x = attention(x) + x
             x = feed_forward(x) + x
         return self.norm(x)

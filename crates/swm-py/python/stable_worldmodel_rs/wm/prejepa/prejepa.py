@@ -53,16 +53,18 @@ class PreJEPA(TokenModel):
 
     def split_embedding(self, embedding: Tensor, extra_dims: Mapping[str, int]) -> dict[str, Tensor]:
         """The parts of joined tokens ``(..., P, W)``: ``pixels_emb``, and of each key the first token's, ``<key>_emb``, ``(..., dim)``."""
-        rest = embedding.shape[-1] - sum(extra_dims.values())
-        pixels, *extras = embedding.split([rest, *extra_dims.values()], dim=-1)
+        tokens: Any = embedding
+        rest = tokens.shape[-1] - sum(extra_dims.values())
+        pixels, *extras = tokens.split([rest, *extra_dims.values()], dim=-1)
         found = {f"{key}_emb": part[..., 0, :] for key, part in zip(extra_dims, extras, strict=True)}
         return {"pixels_emb": pixels, **found}
 
     def replace_action_in_embedding(self, embedding: Tensor, act: Tensor) -> Tensor:
         """Joined tokens ``(B, T, P, W)`` with what blocks of actions ``(B, T, A)`` are embedded as in the place of their own."""
         dims = self._extra_dims()
-        rest = embedding.shape[-1] - sum(dims.values())
-        parts = dict(zip(["", *dims], embedding.split([rest, *dims.values()], dim=-1), strict=True))
+        tokens: Any = embedding
+        rest = tokens.shape[-1] - sum(dims.values())
+        parts: dict[str, Any] = dict(zip(["", *dims], tokens.split([rest, *dims.values()], dim=-1), strict=True))
         embedded = self.extra_encoders["action"](act)
         parts["action"] = embedded[:, :, None].expand(-1, -1, embedding.shape[2], -1)
         return torch.cat(list(parts.values()), dim=-1)
@@ -99,9 +101,10 @@ class PreJEPA(TokenModel):
     def _with_room(self, observed: Tensor) -> Tensor:
         """Tokens of observed frames with zeros where the actions' part belongs."""
         dims = self._extra_dims()
-        rest = observed.shape[-1] - sum(dim for key, dim in dims.items() if key != "action")
+        tokens: Any = observed
+        rest = tokens.shape[-1] - sum(dim for key, dim in dims.items() if key != "action")
         widths = [rest, *(dim for key, dim in dims.items() if key != "action")]
-        parts = dict(zip(["", *(key for key in dims if key != "action")], observed.split(widths, dim=-1), strict=True))
+        parts: dict[str, Any] = dict(zip(["", *(key for key in dims if key != "action")], tokens.split(widths, dim=-1), strict=True))
         room = observed.new_zeros(*observed.shape[:-1], dims["action"])
         return torch.cat([parts[key] if key in parts else room for key in ("", *dims)], dim=-1)
 
