@@ -86,9 +86,7 @@ class JointModel(nn.Module):
         are put before it. Encoded frames stay in ``info["emb"]`` for the next call.
         """
         count = action_sequence.shape[1]
-        if "emb" not in info:
-            frames = self.encode({"pixels": info["pixels"][:, 0]})["emb"]
-            info["emb"] = frames[:, None].expand(-1, count, -1, -1)
+        self._observe(info, count)
         states = info["emb"][:, :1].expand(-1, count, -1, -1).flatten(0, 1)
         actions = action_sequence.to(states.device)
         if "action_history" in info:
@@ -103,6 +101,12 @@ class JointModel(nn.Module):
         info["predicted_emb"] = states.unflatten(0, (-1, count))
         return info
 
+    def _observe(self, info: dict[str, Any], count: int) -> None:
+        """Encodes the frames, if that was not done."""
+        if "emb" not in info:
+            frames = self.encode({"pixels": info["pixels"][:, 0]})["emb"]
+            info["emb"] = frames[:, None].expand(-1, count, -1, -1)
+
     def criterion(self, info_dict: dict[str, Any]) -> Tensor:
         """The squared distance ``(B, S)`` of the last predicted state from ``goal_emb``, ``(B, T, D)``."""
         goal = info_dict["goal_emb"][..., -1:, :].detach()
@@ -111,7 +115,12 @@ class JointModel(nn.Module):
         return (info_dict["predicted_emb"][:, :, -1:] - goal).square().sum((-2, -1))
 
     def get_cost(self, info_dict: dict[str, Any], action_candidates: Tensor) -> Tensor:
-        """The cost ``(B, S)`` of candidates ``(B, S, H, A)``: how far from ``info["goal"]``, ``(B, S, 1, ...)``, each of them ends."""
-        if "goal_emb" not in info_dict:
-            info_dict["goal_emb"] = self.encode({"pixels": info_dict["goal"][:, 0]})["emb"]
+        """The cost ``(B, S)`` of candidates ``(B, S, H, A)``: how far from ``info["goal"]``, ``(B, S, 1, ...)``, each of them ends.
+
+        Its derivative is that of the candidates: what is encoded is kept in ``info_dict`` for the next call, without a graph.
+        """
+        with torch.no_grad():
+            if "goal_emb" not in info_dict:
+                info_dict["goal_emb"] = self.encode({"pixels": info_dict["goal"][:, 0]})["emb"]
+            self._observe(info_dict, action_candidates.shape[1])
         return self.criterion(self.rollout(info_dict, action_candidates))

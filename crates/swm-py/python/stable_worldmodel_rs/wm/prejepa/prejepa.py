@@ -77,11 +77,7 @@ class PreJEPA(TokenModel):
         joined with the block that follows them, the last with what the model predicts there.
         """
         count = action_sequence.shape[1]
-        keys = [key for key in self._extra_dims() if key != "action"]
-        if "_start" not in info:
-            columns = {key: info[key][:, 0] for key in ("pixels", *keys)}
-            info["_start"] = self.encode(columns, emb_keys=keys)["emb"]
-        start: Tensor = info["_start"]
+        start = self._observe(info)
         actions = action_sequence.to(start.device)
         if "action_history" in info:
             before = info["action_history"][:, :1].to(actions)
@@ -97,6 +93,14 @@ class PreJEPA(TokenModel):
             frames = torch.cat([frames, following], dim=1)
         info["predicted_embedding"] = info["predicted_emb"] = frames.unflatten(0, (-1, count))
         return info
+
+    def _observe(self, info: dict[str, Any]) -> Tensor:
+        """The tokens of the frames, encoded once."""
+        keys = [key for key in self._extra_dims() if key != "action"]
+        if "_start" not in info:
+            columns = {key: info[key][:, 0] for key in ("pixels", *keys)}
+            info["_start"] = self.encode(columns, emb_keys=keys)["emb"]
+        return info["_start"]
 
     def _with_room(self, observed: Tensor) -> Tensor:
         """Tokens of observed frames with zeros where the actions' part belongs."""
@@ -118,10 +122,15 @@ class PreJEPA(TokenModel):
         return sum((last[key] - part).square().flatten(2).mean(-1) for key, part in goal.items())  # pyright: ignore[reportReturnType]
 
     def get_cost(self, info_dict: dict[str, Any], action_candidates: Tensor) -> Tensor:
-        """The cost ``(B, S)`` of candidates ``(B, S, H, A)``: how far from ``goal`` and ``goal_<key>`` each of them ends."""
-        if "goal_emb" not in info_dict:
-            keys = [key for key in self._extra_dims() if key != "action"]
-            goal = {name: info_dict[name][:, 0] for name in ("goal", *(f"goal_{key}" for key in keys))}
-            found = self.encode(goal, pixels_key="goal", prefix="goal_", emb_keys=keys, target="goal_emb")
-            info_dict["goal_emb"] = found["goal_emb"]
+        """The cost ``(B, S)`` of candidates ``(B, S, H, A)``: how far from ``goal`` and ``goal_<key>`` each of them ends.
+
+        Its derivative is that of the candidates: what is encoded is kept in ``info_dict`` for the next call, without a graph.
+        """
+        with torch.no_grad():
+            if "goal_emb" not in info_dict:
+                keys = [key for key in self._extra_dims() if key != "action"]
+                goal = {name: info_dict[name][:, 0] for name in ("goal", *(f"goal_{key}" for key in keys))}
+                found = self.encode(goal, pixels_key="goal", prefix="goal_", emb_keys=keys, target="goal_emb")
+                info_dict["goal_emb"] = found["goal_emb"]
+            self._observe(info_dict)
         return self.criterion(self.rollout(info_dict, action_candidates), action_candidates)
