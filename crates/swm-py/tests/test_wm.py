@@ -144,6 +144,22 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
         wm.save_pretrained(model, folder / "weights.pt", config)
 
 
+def test_an_encoder_by_name_is_saved_with_the_model(tmp_path: Path) -> None:
+    model, config = wm.load_pretrained(GOLDEN / "prejepa"), config_of("prejepa")
+    wm.save_pretrained(model, tmp_path, config, transformers=4)
+    stored = torch.load(tmp_path / "weights.pt", weights_only=True)
+    assert "backbone.encoder.layer.0.attention.attention.query.weight" in stored
+    with pytest.raises(ValueError, match="how many heads"):
+        wm.load_pretrained(tmp_path)
+    again, given = wm.load_pretrained(tmp_path, extra_args=HEADS).state_dict(), model.state_dict()
+    assert len(again) == len(given)
+    shutil.copytree(GOLDEN / "prejepa" / "backbone", tmp_path / "backbone")
+    loaded = wm.load_pretrained(tmp_path)
+    pixels = expected("prejepa")["pixels"][:, None]
+    with torch.no_grad():
+        assert torch.equal(*(one.encode({"pixels": pixels}, emb_keys=[])["emb"] for one in (model, loaded)))
+
+
 PAPER = {"pusht": 10, "cube": 25}
 
 

@@ -252,6 +252,7 @@ def save_pretrained(
     """
     from ._config import build
     from ._torch import torch
+    from ._vit import Vit
     from ._weights import unwrapped
 
     settings = _plain(config)
@@ -260,8 +261,15 @@ def save_pretrained(
     while hasattr(inner, "_orig_mod") or type(inner).__name__ == "DistributedDataParallel":
         inner = inner._orig_mod if hasattr(inner, "_orig_mod") else inner.module
     state = _renamed(inner, state, transformers)
+    own = [part.sizes for part in inner.modules() if isinstance(part, Vit)]
+
+    def backbone(place: str, values: Mapping[str, Any]) -> nn.Module:
+        if not own:
+            raise ValueError(f"config: {place} is an encoder by name ({values.get('name')}), and the model has none that is known here")
+        return Vit(own[0])
+
     with torch.device("meta"):
-        wanted: Any = cast("Any", build(settings, 5)).state_dict()
+        wanted: Any = cast("Any", build(settings, 5, backbone)).state_dict()
     of_config = {name: tuple(value.shape) for name, value in _renamed(inner, wanted, transformers).items()}
     of_model = {name: tuple(value.shape) for name, value in state.items()}
     if of_config != of_model:
