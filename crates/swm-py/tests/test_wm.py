@@ -288,6 +288,7 @@ def test_bad_configs_are_refused(tmp_path: Path) -> None:
     refused({"predictor": {**predictor, "depth": 10**9}}, "predictor.depth is 1000000000; give 0 to 1000")
     refused({"predictor": {**predictor, "heads": True}}, "predictor.heads is True, and int is wanted")
     refused({"predictor": {**predictor, "heads": "2"}}, "predictor.heads is '2', and int is wanted")
+    refused({"predictor": 3}, "predictor is no module; give its settings with a _target_")
     lacking = {key: value for key, value in predictor.items() if key != "depth"}
     refused({"predictor": lacking}, "predictor lacks depth")
     refused({"encoder": {**config["encoder"], "pretrained": True}}, "would fetch weights")
@@ -298,6 +299,33 @@ def test_bad_configs_are_refused(tmp_path: Path) -> None:
     (folder / "config.json").unlink()
     with pytest.raises(ValueError, match="has no config.json, which says what the weights are of"):
         wm.load_pretrained(folder)
+
+
+def spoiled(config: Any, value: Any) -> list[Any]:
+    """A config with each of its settings replaced in turn."""
+    found: list[Any] = []
+    for key, below in config.items():
+        found.append({**config, key: value})
+        if isinstance(below, dict):
+            found += [{**config, key: one} for one in spoiled(below, value)]
+    return found
+
+
+@pytest.mark.parametrize("name", ["gcbc", "prejepa"])
+def test_any_other_setting_is_refused_by_a_message_or_of_no_effect(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "model"
+    shutil.copytree(GOLDEN / name, folder)
+    loaded = refused = 0
+    for value in (None, -1, {"_target_": "torch.nn.Identity"}):
+        for config in spoiled(config_of(name), value):
+            (folder / "config.json").write_text(json.dumps(config))
+            try:
+                wm.load_pretrained(folder)
+                loaded += 1
+            except ValueError as error:
+                assert str(error)
+                refused += 1
+    assert refused > 4 * loaded
 
 
 def test_settings_can_be_given_others(tmp_path: Path) -> None:

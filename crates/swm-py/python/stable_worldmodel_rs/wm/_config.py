@@ -15,6 +15,7 @@ __all__ = ["KINDS", "build", "overridden", "target_of"]
 
 _LARGEST = 1_000_000
 _DEEPEST = 1_000
+_NO_MODULE = "{} is no module; give its settings with a _target_"
 _DEPTHS = ("depth", "num_hidden_layers")
 
 _MODELS: dict[str, Any] = {}
@@ -117,7 +118,11 @@ class _Builder:
             raise ValueError(f"config.json: {where}: {target} is no module of a known model; nothing of a config is executed")
         values = {key: self._value(value, f"{place}{key}") for key, value in settings.items()}
         if factory is nn.ModuleDict:
-            return nn.ModuleDict(values.get("modules") or {})
+            modules: dict[str, Any] = values["modules"] if isinstance(values.get("modules"), dict) else {"modules": None}
+            for key, value in modules.items():
+                if not isinstance(value, nn.Module):
+                    raise ValueError(f"config.json: {where}: {_NO_MODULE.format(key)}")
+            return nn.ModuleDict(modules)
         if factory is prejepa.module.create_backbone and self.backbone is not None:
             return self.backbone(where, values)
         _check(factory, values, place)
@@ -125,7 +130,7 @@ class _Builder:
             values["names"] = self.names
         try:
             return factory(**values)
-        except (TypeError, ValueError, RuntimeError) as error:
+        except (TypeError, ValueError, RuntimeError, AttributeError) as error:
             raise ValueError(f"config.json: {where}: {error}") from error
 
     def _value(self, value: Any, place: str) -> Any:
@@ -157,6 +162,8 @@ def _check(factory: Any, values: Mapping[str, Any], place: str) -> None:
         kind = str(known[name].annotation)
         if value is None and "None" in kind:
             continue
+        if "nn.Module" in kind and "Callable" not in kind and not isinstance(value, nn.Module):
+            raise ValueError(f"config.json: {_NO_MODULE.format(place + name)}")
         wanted: Any = {"int": int, "float": (int, float), "bool": bool, "str": str}.get(kind.split(" | ")[0])
         if wanted is None:
             continue
