@@ -1,4 +1,4 @@
-"""The example that trains LeWM: it learns, goes on after a stop with the same bits, shares its work, and plans."""
+"""The example that trains LeWM: it learns, goes on after a stop with the same bits, and plans."""
 
 from __future__ import annotations
 
@@ -27,28 +27,6 @@ os.replace = stop
 sys.argv = sys.argv[1:]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
-# Compares the weights of both processes.
-COMPARES = """
-import importlib.util, sys
-import torch
-import torch.distributed as dist
-spec = importlib.util.spec_from_file_location("example", sys.argv[1])
-example = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(example)
-train = example.train
-def both(options, rank, ranks):
-    found = train(options, rank, ranks)
-    mine = torch.cat([value.detach().flatten() for value in found[0].parameters()])
-    all_of_them = [torch.empty_like(mine) for _ in range(ranks)]
-    dist.all_gather(all_of_them, mine)
-    # Not printed: lines of two processes can meet.
-    with open(f"equal{rank}", "w") as file:
-        file.write(f"{ranks} {all(torch.equal(mine, other) for other in all_of_them)}")
-    return found
-example.train = both
-sys.argv = sys.argv[1:]
-example.main()
-"""
 
 
 def run(folder: Path, *command: str, steps: int = 12, eval: int = 0, code: int = 0, save: int = 1000) -> str:
@@ -75,13 +53,3 @@ def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
     # Nothing is left to do: the model is as it was.
     assert "goes on from step 12" in run(tmp_path, str(EXAMPLE), "--out", "parts")
     assert isinstance(swm.load_pretrained(tmp_path / "parts"), swm.wm.LeWM)
-
-
-def test_two_processes_learn_one_model(tmp_path: Path) -> None:
-    program = tmp_path / "compares.py"
-    program.write_text(COMPARES)
-    launch = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(program), str(EXAMPLE))
-    said = run(tmp_path, *launch, "--out", "two", steps=4)
-    assert [(tmp_path / f"equal{rank}").read_text() for rank in range(2)] == ["2 True", "2 True"], said
-    assert isinstance(swm.load_pretrained(tmp_path / "two"), swm.wm.LeWM)
-
