@@ -98,26 +98,27 @@ fn what_to_do_about_a_dataset_depends_on_what_it_holds() {
     let told = |how: &str| swm_fails(2, &collecting(&out, &format!("{size} {how}")));
     let message = told("--episodes 2");
     assert!(
-        message.contains("five.h5 exists and holds 5 episodes: to record 2 more, add `--mode append`"),
+        message.contains("five.h5 exists and holds 5 episodes; give --mode append to record 2 more, or"),
         "{message}"
     );
-    assert!(message.contains("`--mode append --total 7` in place of --episodes"), "{message}");
+    assert!(message.contains("--mode append and --total 7 in place of --episodes"), "{message}");
     swm_ok(&collecting(&out, &format!("{size} --mode append --total 7")));
     let message = told("--episodes 10");
     assert!(
-        message.contains("holds 7 episodes: to complete it to 10, add `--mode append --total 10`"),
+        message.contains("7 episodes; give --mode append and --total 10 in place of --episodes to complete"),
         "{message}"
     );
     let message = told("--total 3");
-    assert!(message.contains("--total 3 is reached; for more, add `--mode append`"), "{message}");
-    assert!(told("--total 30").contains("holds 7 episodes: to complete it, add `--mode append`"));
+    assert!(
+        message.contains("7 episodes; give --mode append and --total 10 to record 3 more, or"),
+        "{message}"
+    );
+    assert!(told("--total 30").contains("holds 7 episodes; give --mode append to complete it, or --mode"));
     let letter = folder.path("letter.h5");
     std::fs::write(&letter, "dear").unwrap();
     let message = swm_fails(2, &collecting(&letter, &format!("{size} --episodes 2")));
-    assert!(
-        message.contains("letter.h5 exists, and no episode can be added to it; give another --out ("),
-        "{message}"
-    );
+    assert!(message.contains("letter.h5 exists, and no episode can be added to it ("), "{message}");
+    assert!(message.contains("; give another --out"), "{message}");
 }
 
 #[test]

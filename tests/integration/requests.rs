@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 use serde_json::{Map, Value as Json, json};
-use swm::tasks::request::{MakeManifest, Request as _, value_text};
+use swm::tasks::request::{MakeManifest, Record, Request as _, value_text};
 
 use crate::support::{Folder, swm_fails, swm_ok};
 use crate::ui::Page;
@@ -27,10 +27,36 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
                 let assignment = |(name, value): (&String, &Json)| format!("{name}={}", value_text(value));
                 words.extend(each.iter().map(assignment).flat_map(|one| [option.clone(), one]));
             }
+            ("image_size", Json::Null) => words.extend([option, "none".to_owned()]),
             (_, value) => words.extend([option, value_text(value)]),
         }
     }
     words
+}
+
+/// Runs the command for a request.
+fn run(command: &[&str], request: &Map<String, Json>) {
+    let words = words(request);
+    swm_ok(&[command, &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+}
+
+/// A request that writes to this path.
+fn to(request: &Map<String, Json>, out: &str) -> Map<String, Json> {
+    let mut request = request.clone();
+    request.insert("out".to_owned(), out.into());
+    request
+}
+
+#[test]
+fn a_recording_is_the_same_from_the_request_and_the_command() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    for (index, request) in table(include_str!("../requests/record.json"), "").into_iter().enumerate() {
+        let [task, command] = ["task", "command"].map(|name| folder.path(&format!("{name}-{index}.h5")));
+        let made = Record::from_json(&to(&request, &task)).unwrap().run(&registry, &mut ()).unwrap();
+        assert_eq!(Some(made.total_episodes), request["episodes"].as_u64());
+        run(&["collect", "--quiet"], &to(&request, &command));
+        assert!(std::fs::read(&command).unwrap() == std::fs::read(&task).unwrap(), "{request:?}");
+    }
 }
 
 #[test]
@@ -46,15 +72,9 @@ fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
         table(include_str!("../requests/make_manifest.json"), &data).into_iter().enumerate()
     {
         let [task, command] = ["task", "command"].map(|name| folder.path(&format!("{name}-{index}.toml")));
-        let to = |out: &str| {
-            let mut request = request.clone();
-            request.insert("out".to_owned(), out.into());
-            request
-        };
-        let made = MakeManifest::from_json(&to(&task)).unwrap().run(&registry, &mut ()).unwrap();
+        let made = MakeManifest::from_json(&to(&request, &task)).unwrap().run(&registry, &mut ()).unwrap();
         let bytes = std::fs::read(&task).unwrap();
-        let words = words(&to(&command));
-        swm_ok(&[&["manifest", "make"], &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+        run(&["manifest", "make"], &to(&request, &command));
         assert_eq!(std::fs::read(&command).unwrap(), bytes, "{request:?}");
         if let Some(pairs) = request.get("pairs") {
             let file = format!("page-{index}.toml");

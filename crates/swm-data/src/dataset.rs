@@ -79,7 +79,8 @@ impl From<WriteMode> for WriteOptions {
 }
 
 /// What to do about a file that exists.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum WriteMode {
     /// Continue it; create it if it does not exist.
     #[default]

@@ -40,11 +40,6 @@ impl Progress {
         self.0.episodes.fetch_add(1, Ordering::Relaxed);
         self.0.successes.fetch_add(u64::from(success), Ordering::Relaxed);
     }
-
-    /// Steps that were shown, first observations included.
-    pub(crate) fn steps(&self) -> u64 {
-        self.0.steps.load(Ordering::Relaxed)
-    }
 }
 
 impl Recorder for Progress {

@@ -1,6 +1,5 @@
 //! Recording of datasets, by native writers and by Python ones.
 
-use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -8,11 +7,10 @@ use std::thread::{self, JoinHandle};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swm::core::dataset::{DatasetRecorder, EncodedBatch, RowEncoder};
+use swm::core::dataset::DatasetRecorder;
 use swm::core::error::BoxError;
 use swm::core::{Batch, Cancel, Column, EpisodeSink, Metadata, Rollout, Schema};
-use swm::data::tools::parts::other_recording;
-use swm::data::{DatasetWriter, WriteMode, WriteOptions};
+use swm::tasks::request::{self, Message, Record, Recorded, Report, Request as _, Stage};
 
 use crate::arrays::{into_array, lock};
 use crate::errors::{OrRaise as _, SwmError};
@@ -20,104 +18,82 @@ use crate::evaluate::{Progress, rollout};
 use crate::fork::Process;
 use crate::infos;
 use crate::interrupt::PERIOD;
+use crate::manifest::from_json;
 use crate::policy::{Steps, drive, run_native};
+use crate::words::Arguments;
 use crate::world::{PyWorld, Shared, registry};
 
-/// Records `episodes` more episodes into the file `path`; gives a JSON object with what was written, and in what it `differs`
-/// from the recording that it is appended to.
+/// Records episodes of a World into a dataset. `request`: a JSON object of the settings of `Record`; those of the World are its own.
+/// Gives a JSON object with what was written, and notes.
 ///
-/// `act`: see `policy::drive`. `mode`: `append`, `overwrite` or `error`.
+/// `act`: see `policy::drive`.
 #[pyfunction]
-#[pyo3(signature = (world, act, path, episodes, seed, options=None, format=None, mode="error", quality=None, tick=None))]
-#[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
+#[pyo3(signature = (world, act, request, options=None, tick=None))]
 fn collect(
     py: Python<'_>,
     world: &Bound<'_, PyWorld>,
-    act: Option<&Bound<'_, PyAny>>,
-    path: PathBuf,
-    episodes: u64,
-    seed: u64,
-    options: Option<&Bound<'_, PyAny>>,
-    format: Option<&str>,
-    mode: &str,
-    quality: Option<u8>,
-    tick: Option<&Bound<'_, PyAny>>,
-) -> PyResult<String> {
+    act: Option<Py<PyAny>>,
+    request: &str,
+    options: Option<Py<PyAny>>,
+    tick: Option<Py<PyAny>>,
+) -> PyResult<(String, Vec<String>)> {
+    let request = Record::from_json(&from_json("the request", request)?).or_raise()?;
     let world = world.get();
-    let mode: WriteMode = mode.parse().map_err(SwmError::new_err)?;
-    let how = WriteOptions::default().mode(mode).quality(quality);
-    let held = (mode == WriteMode::Append && path.exists()).then(|| swm::data::open_in(registry(), &path));
-    let continues = held.and_then(|held| Some(held.ok()?.info().runs.last()?.1.clone()));
-    let mut writer = py.detach(|| swm::data::create_in(registry(), &path, &how, format)).or_raise()?;
-    let first = writer.num_episodes();
-    let rollout = rollout(world, (first, first + episodes), seed, options, None)?;
-    let progress = Progress::default();
-    let mut sink = Sink { writer: writer.as_mut(), progress: progress.clone(), continues, differs: None };
-    let mut steps = Progress::default();
-    let counted = steps.clone();
-    let tell = || progress.tell(tick);
-    let recorded = match act {
-        None => run_native(py, &world.shared, rollout, tell, |world, rollout| {
-            world.record_dataset_with(rollout, &mut sink, &mut steps)
-        }),
-        // Actions from Python leave no threads free to write meanwhile.
-        Some(_) => {
-            let mut recorder = (DatasetRecorder::new(&mut sink), &mut steps);
-            drive(py, &world.shared, rollout, &mut recorder, act, tell)
-        }
-    };
-    let differs = sink.differs;
-    py.detach(|| drop(writer));
-    recorded?;
-    progress.tell(tick)?;
-    let json = serde_json::json!({
-        "path": path,
-        "episodes": episodes,
-        "total_episodes": first + episodes,
-        "steps": counted.steps(),
-        "differs": differs,
+    let mut heard = Heard::default();
+    let progress = heard.progress.clone();
+    let recorded = py.detach(|| {
+        request.write(registry(), &mut heard, |episodes, _cancel, sink, count| {
+            Python::attach(|py| {
+                let bind = |object: &Option<Py<PyAny>>| object.as_ref().map(|object| object.bind(py).clone());
+                let [act, options, tick] = [&act, &options, &tick].map(bind);
+                let range = (episodes.start, episodes.end);
+                let rollout = rollout(world, range, request.seed, options.as_ref(), None)?;
+                let tell = || progress.tell(tick.as_ref());
+                match act {
+                    None => run_native(py, &world.shared, rollout, tell, |world, rollout| {
+                        world.record_dataset_with(rollout, sink, count)
+                    }),
+                    // Actions from Python leave no threads free to write meanwhile.
+                    Some(act) => {
+                        let mut recorder = (DatasetRecorder::new(sink), count);
+                        drive(py, &world.shared, rollout, &mut recorder, Some(&act), tell)
+                    }
+                }
+            })
+            .map_err(BoxError::from)
+        })
     });
-    Ok(json.to_string())
+    let Recorded { episodes, total_episodes, rows, .. } = recorded.or_raise()?;
+    progress.tell(tick.as_ref().map(|tick| tick.bind(py)))?;
+    let json = serde_json::json!({
+        "path": request.out,
+        "episodes": episodes,
+        "total_episodes": total_episodes,
+        "steps": rows,
+    });
+    Ok((json.to_string(), heard.notes.iter().map(|note| note.in_words(&Arguments)).collect()))
 }
 
-/// Counts committed episodes.
-struct Sink<'a> {
-    writer: &'a mut dyn DatasetWriter,
+/// Counts committed episodes, and keeps the notes.
+#[derive(Default)]
+struct Heard {
     progress: Progress,
-    /// The last run of the file that is appended to.
-    continues: Option<Metadata>,
-    /// In what this one is of another recording.
-    differs: Option<String>,
+    notes: Vec<Message>,
 }
 
-impl EpisodeSink for Sink<'_> {
-    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.differs = self.continues.as_ref().and_then(|run| other_recording(run, metadata));
-        self.writer.begin(schema, metadata)
+impl Report for Heard {
+    fn note(&mut self, note: &Message) {
+        self.notes.push(note.clone());
     }
 
-    fn holds(&self, column: &str) -> bool {
-        self.writer.holds(column)
+    fn begin(&mut self, _stage: &Stage<'_>) -> Result<Box<dyn request::Progress>, BoxError> {
+        Ok(Box::new(self.progress.clone()))
     }
+}
 
-    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
-        self.writer.write_episode(rows)?;
-        self.progress.count(false);
-        Ok(())
-    }
-
-    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
-        self.writer.row_encoder(column)
-    }
-
-    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
-        self.writer.write_encoded_episode(rows)?;
-        self.progress.count(false);
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), BoxError> {
-        self.writer.finish()
+impl request::Progress for Progress {
+    fn done(&self, success: Option<bool>) {
+        self.count(success == Some(true));
     }
 }
 

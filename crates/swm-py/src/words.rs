@@ -11,6 +11,7 @@ const NAMES: &[(&str, &str)] = &[
     ("distractor", "distractors"),
     ("env", "env_name"),
     ("image_size", "image_shape"),
+    ("max_steps", "max_episode_steps"),
     ("out", "path"),
     ("set", "variation_values"),
     ("vary", "variation"),

@@ -44,6 +44,8 @@ def words(request: dict[str, Any]) -> list[str]:
             found += [word for one in value for word in (option, one)]
         elif name in ("set", "env_option"):
             found += [word for key, one in value.items() for word in (option, f"{key}={text(one)}")]
+        elif name == "image_size" and value is None:
+            found += [option, "none"]
         elif name == "image_size":
             found += [option, f"{value['height']}x{value['width']}"]
         else:
@@ -61,6 +63,42 @@ def test_a_manifest_is_the_same_from_python_and_the_command(command: str, tmp_pa
         subprocess.run([command, "manifest", "make", *words(request), "--out", theirs, "--quiet"], check=True)
         swm.make_manifest(ours, **arguments(request))
         assert ours.read_bytes() == theirs.read_bytes(), request
+
+
+def recorded(request: dict[str, Any], out: Path) -> None:
+    """A request of the table, from Python."""
+    size = request.get("image_size", {"height": 64, "width": 64})
+    world = swm.World(
+        request["env"],
+        request.get("num_envs", 2),
+        None if size is None else (size["height"], size["width"]),
+        request["max_steps"],
+        add_pixels=size is not None,
+        frame_skip=request.get("frame_skip", 1),
+        unrecorded=request.get("without", ()),
+        **request.get("env_option", {}),
+    )
+    world.set_policy(request.get("policy", "random"))
+    names = {"vary": "variation", "set": "variation_values"}
+    options = {there: request[here] for here, there in names.items() if here in request}
+    seed, every = request.get("seed", 0), request.get("replayable")
+    world.collect(out, request["episodes"], seed, options or None, replayable=every, progress=False)
+
+
+def test_a_recording_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    for index, request in enumerate(json.loads((TABLES / "record.json").read_text())):
+        ours, theirs = tmp_path / f"python-{index}.h5", tmp_path / f"command-{index}.h5"
+        subprocess.run([command, "collect", *words(request), "--out", theirs, "--quiet"], check=True)
+        recorded(request, ours)
+        assert ours.read_bytes() == theirs.read_bytes(), request
+
+
+def test_python_words_a_remedy_of_a_recording(tmp_path: Path) -> None:
+    out = tmp_path / "a.h5"
+    request = {"env": "swm/PushT-v1", "episodes": 2, "max_steps": 3, "image_size": None}
+    recorded(request, out)
+    with pytest.raises(swm.SwmError, match="exists and holds 2 episodes; give mode=\"append\" to record 2 more, or"):
+        recorded(request, out)
 
 
 def test_python_words_a_remedy_as_keyword_arguments(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

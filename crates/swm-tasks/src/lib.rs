@@ -4,13 +4,14 @@
 //! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
 //! * [`distractors`]: what changes the images that policies see;
 //! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
-//! * [`text_file`]: texts that a user names.
+//! * [`text_file`]: texts that a user names; [`memory`] and [`threads`] of the machine.
 //!
 //! This crate has no table of environments: callers hand in a [`Registry`](swm_core::Registry). It prints nothing.
 
 pub mod distractors;
 pub mod evaluation;
 mod html;
+pub mod memory;
 pub mod plan;
 pub mod replay;
 pub mod report;
@@ -18,4 +19,5 @@ pub mod report_page;
 pub mod request;
 mod svg;
 pub mod text_file;
+pub mod threads;
 pub mod video;

@@ -259,17 +259,8 @@ class Solver:
 
 def choose_starts(lengths: Sequence[int], count: int, goal_offset: int, seed: int) -> list[list[int]]: ...
 def collect(
-    world: World,
-    act: _Act | None,
-    path: _Path,
-    episodes: int,
-    seed: int,
-    options: Any | None = None,
-    format: str | None = None,
-    mode: str = "error",
-    quality: int | None = None,
-    tick: _Tick | None = None,
-) -> str: ...
+    world: World, act: _Act | None, request: str, options: Any | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def compare_receipts(sides: Sequence[tuple[str, Sequence[str]]]) -> str: ...
 def contact_sheet(frames: npt.NDArray[np.uint8]) -> bytes: ...
 def copy_datasets(

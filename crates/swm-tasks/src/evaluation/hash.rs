@@ -31,6 +31,24 @@ pub fn file_hash(path: &Path) -> Result<String, BoxError> {
     Ok(sha256(all.as_bytes()))
 }
 
+/// The size of a file in bytes; of a folder, that of all files below it.
+///
+/// # Errors
+///
+/// It is not there, or cannot be read; the path is that of what cannot.
+pub fn file_bytes(path: &Path) -> Result<u64, (PathBuf, std::io::Error)> {
+    let failed = |error| (path.to_owned(), error);
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_dir() {
+        return Ok(metadata.len());
+    }
+    let mut sum = 0;
+    for entry in fs::read_dir(path).map_err(failed)? {
+        sum += file_bytes(&entry.map_err(failed)?.path())?;
+    }
+    Ok(sum)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -28,7 +28,7 @@ pub use files::{
     env_of, holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt,
 };
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
-pub use hash::file_hash;
+pub use hash::{file_bytes, file_hash};
 pub use held::{held_receipt, refusal};
 pub use image_model::ImageModel;
 pub use outdated::changed_model;

@@ -5,12 +5,11 @@ use std::path::PathBuf;
 use serde_json::{Map, Value as Json, json};
 use swm_core::evaluate::{ChosenPair, ManifestOptions, Tier, make_manifest};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Manifest, Registry, SuccessRule};
-use swm_data::DataError;
 
 use super::stream::read_stream;
 use super::{
-    Assignment, Fix, Message, Report, Request, Scenario, TaskError, check_recorded_in, failed, open_dataset,
-    wrong,
+    Assignment, Fix, Message, Report, Request, Scenario, TaskError, check_recorded_in, create_parent, failed,
+    must_be_given, open_dataset, wrong,
 };
 use crate::distractors;
 use crate::evaluation::{TierRules, holds_manifest, recorded_pairs, tier_rules, write_manifest};
@@ -83,10 +82,7 @@ impl Request for MakeManifest {
         self.check(registry)?;
         let manifest = self.make(registry, report)?;
         if self.overwrite || !holds_manifest(&self.out, &manifest)? {
-            if let Some(parent) = self.out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-                std::fs::create_dir_all(parent)
-                    .map_err(|source| failed(DataError::io(parent, "create the folder", source)))?;
-            }
+            create_parent(&self.out)?;
             write_manifest(&self.out, &manifest)?;
         }
         Ok(manifest)
@@ -95,13 +91,7 @@ impl Request for MakeManifest {
 
 impl MakeManifest {
     fn check_given(&self) -> Result<(), TaskError> {
-        for (name, is_missing) in [("env", self.env.is_empty()), ("out", self.out.as_os_str().is_empty())] {
-            if is_missing {
-                let setting = Some(Assignment::name(name));
-                return Err(Message { setting, text: "must be given".to_owned(), fix: None }.into());
-            }
-        }
-        Ok(())
+        must_be_given(&[("env", self.env.is_empty()), ("out", self.out.as_os_str().is_empty())])
     }
 
     fn check_bounds(&self) -> Result<(), TaskError> {

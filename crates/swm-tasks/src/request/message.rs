@@ -24,6 +24,17 @@ pub enum Fix {
         /// What for.
         to: &'static str,
     },
+    /// Give these settings together.
+    SetAll {
+        /// The settings and their values.
+        settings: Vec<Assignment>,
+        /// A setting that is left out then.
+        instead_of: Option<&'static str>,
+        /// What for, `to replace it`; may be empty.
+        to: String,
+    },
+    /// Give one of these settings a smaller value.
+    Reduce(&'static [&'static str]),
     /// Give a setting another value.
     Change(&'static str),
     /// Leave out a setting.
@@ -32,6 +43,15 @@ pub enum Fix {
     Choose(Vec<String>),
     /// Ask for a list of what there is.
     List(List),
+    /// Do something with these settings: `record a dataset with --frame-skip 4`. `to`: what for.
+    With {
+        /// What to do with them.
+        how: &'static str,
+        /// The settings with their values.
+        settings: Vec<Assignment>,
+        /// What for.
+        to: &'static str,
+    },
     /// Any of several.
     Any(Vec<Fix>),
 }
@@ -120,12 +140,29 @@ impl Fix {
     /// The fix in the syntax of a front end.
     pub fn in_words(&self, words: &dyn Words) -> String {
         let name = |name: &str| words.setting(name, None);
+        let all = |settings: &[Assignment]| {
+            settings.iter().map(|one| one.in_words(words)).collect::<Vec<_>>().join(" and ")
+        };
         match self {
             Self::Set { setting, to: "" } => format!("give {}", setting.in_words(words)),
             Self::Set { setting, to } => format!("give {} {to}", setting.in_words(words)),
+            Self::SetAll { settings, instead_of, to } => {
+                let left = instead_of.map_or(String::new(), |left| format!(" in place of {}", name(left)));
+                let to = if to.is_empty() { String::new() } else { format!(" {to}") };
+                format!("give {}{left}{to}", all(settings))
+            }
+            Self::Reduce(settings) => {
+                let names: Vec<String> = settings.iter().map(|setting| name(setting)).collect();
+                let text = match names.split_last() {
+                    Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+                    _ => names.concat(),
+                };
+                format!("give a smaller {text}")
+            }
             Self::Change(setting) => format!("give another {}", name(setting)),
             Self::Leave(setting) => format!("leave out {}", name(setting)),
             Self::Choose(values) => format!("use {}", values.join(" or ")),
+            Self::With { how, settings, to } => format!("{how} {} {to}", all(settings)),
             Self::List(list) => format!("{} lists them", words.list(list)),
             Self::Any(fixes) => {
                 let mut told = String::new();
@@ -213,6 +250,15 @@ mod tests {
         );
         let either = Fix::Any(vec![Fix::Change("out"), Fix::set("seed", 3), Fix::Leave("set")]);
         assert_eq!(either.in_words(&Command), "give another --out, or --seed 3, or leave out --set");
+        let settings = vec![Assignment::of("mode", "append"), Assignment::of("total", 7)];
+        let together =
+            Fix::SetAll { settings, instead_of: Some("episodes"), to: "to complete it".to_owned() };
+        assert_eq!(
+            together.in_words(&Command),
+            "give --mode append and --total 7 in place of --episodes to complete it"
+        );
+        let less = Fix::Reduce(&["max_steps", "num_envs", "image_size"]);
+        assert_eq!(less.in_words(&Command), "give a smaller --max-steps, --num-envs or --image-size");
         let list = Fix::List(List::Factors("swm/Toy-v0".to_owned()));
         assert_eq!(
             Message::new("unknown").fix(list).in_words(&Command),

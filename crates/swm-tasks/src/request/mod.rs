@@ -4,21 +4,33 @@
 //! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
 //! syntax ([`Words`]): the command as options, Python as keyword arguments.
 
+mod defaults;
 mod make_manifest;
 mod message;
+mod policy;
+mod record;
+mod report;
 mod scenario;
+mod shard;
 mod source;
 mod stream;
+mod training_note;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::settings::{Settings, read_of};
 
+pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
+pub use policy::{make_policy, model_image, note_elites, note_images, policy_args, policy_files};
+pub use record::{Count, Record, Recorded};
+pub use report::{Progress, Report, Stage};
 pub use scenario::{Scenario, factor_values};
-pub use source::{check_recorded_in, open_dataset};
+pub use shard::Shard;
+pub use source::{check_recorded_in, create_parent, open_dataset};
+pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {
@@ -55,24 +67,6 @@ pub trait Request: Settings {
     }
 }
 
-/// What hears of a request while it runs.
-pub trait Report {
-    /// Something that the user should know and that stops nothing.
-    fn note(&mut self, note: &Message);
-}
-
-/// Hears nothing.
-impl Report for () {
-    fn note(&mut self, _note: &Message) {}
-}
-
-/// Keeps the notes.
-impl Report for Vec<Message> {
-    fn note(&mut self, note: &Message) {
-        self.push(note.clone());
-    }
-}
-
 /// Why a request is not met.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -106,6 +100,14 @@ impl From<BoxError> for TaskError {
     fn from(error: BoxError) -> Self {
         error.downcast::<Self>().map_or_else(Self::Failed, |error| *error)
     }
+}
+
+/// Refuses a request that lacks one of these settings, each with whether it is missing.
+pub(crate) fn must_be_given(settings: &[(&str, bool)]) -> Result<(), TaskError> {
+    settings.iter().find(|(_, is_missing)| *is_missing).map_or(Ok(()), |(name, _)| {
+        let setting = Some(Assignment::name(*name));
+        Err(Message { setting, text: "must be given".to_owned(), fix: None }.into())
+    })
 }
 
 /// An error of the core.

@@ -50,3 +50,14 @@ pub fn check_recorded_in(
         None => Ok(()),
     }
 }
+
+/// Makes the folder that `path` will lie in.
+///
+/// # Errors
+///
+/// It cannot be made.
+pub fn create_parent(path: &Path) -> Result<(), TaskError> {
+    let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
+    std::fs::create_dir_all(parent)
+        .map_err(|source| failed(DataError::io(parent, "create the folder", source)))
+}

@@ -7,7 +7,8 @@ use serde::Serialize;
 use swm_core::dataset::DatasetRecorder;
 use swm_core::error::BoxError;
 use swm_core::{ImageSize, Registry};
-use swm_data::{WriteMode, WriteOptions};
+use swm_data::WriteMode;
+use swm_tasks::request::Record;
 
 use super::take::{Ending, Take};
 
@@ -48,7 +49,8 @@ impl Recording {
         image: ImageSize,
     ) -> Result<Self, BoxError> {
         let registry = registry.clone();
-        let in_file = swm_data::create_in(&registry, &path, &append(), format.as_deref())?.num_episodes();
+        let in_file = swm_data::create_in(&registry, &path, &WriteMode::Append.into(), format.as_deref())?
+            .num_episodes();
         Ok(Self { name, path, format, image, registry, in_file, waiting: None })
     }
 
@@ -86,13 +88,21 @@ impl Recording {
 
     /// Runs an episode again, into the file. Returns how many episodes that holds.
     fn write(&self, take: &Take) -> Result<u64, BoxError> {
-        let mut writer = swm_data::create_in(&self.registry, &self.path, &append(), self.format.as_deref())?;
-        let held = writer.num_episodes();
-        take.repeat(held, self.image, None, &mut DatasetRecorder::new(writer.as_mut()))?;
-        Ok(held + 1)
+        let request = Record {
+            env: take.entry.id.to_owned(),
+            episodes: Some(1),
+            seed: take.run_seed,
+            image_size: Some(self.image),
+            out: self.path.clone(),
+            format: self.format.clone(),
+            mode: WriteMode::Append,
+            // Episodes that were played go into any file that takes them.
+            mix: true,
+            ..Record::default()
+        };
+        let recorded = request.write(&self.registry, &mut (), |episodes, _cancel, sink, _count| {
+            take.repeat(episodes.start, self.image, None, &mut DatasetRecorder::new(sink))
+        })?;
+        Ok(recorded.total_episodes)
     }
-}
-
-fn append() -> WriteOptions {
-    WriteOptions::default().mode(WriteMode::Append)
 }

@@ -1,28 +1,26 @@
 //! `swm collect`: record episodes to a dataset.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
-use swm_core::dataset::{EncodedBatch, RowEncoder};
 use swm_core::error::BoxError;
-use swm_core::{
-    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, RecordingPart, Registry, Rollout,
-    Schema, World, WorldError,
-};
-use swm_data::tools::parts::other_recording;
-use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
+use swm_core::{Cancel, Registry};
+use swm_data::WriteMode;
+use swm_tasks::request::{Message, Progress, Record, Recorded, Report, Request as _, Stage};
 
-use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
-use super::output::{counted, create_parent};
+use super::args::{EnvArgs, ImageArg, Shard, WorldArgs};
+use super::output::{counted, print_to_stderr};
 use super::scenario::ScenarioArgs;
-use super::training_note::Ask;
 use super::work::Plan;
-use super::{Failure, Output, interrupt, memory, usage};
+use super::{Failure, Output, interrupt};
+
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<Record> = LazyLock::new(Record::default);
 
 /// Record episodes of a policy to a dataset.
 #[derive(Args)]
@@ -40,7 +38,7 @@ pub(super) struct Collect {
     #[command(flatten)]
     env: EnvArgs,
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
-    #[arg(long, default_value = "random")]
+    #[arg(long, default_value = DEFAULT.policy.as_str())]
     policy: String,
     /// Episodes to record. With `--mode append`, this many more.
     #[arg(long, value_name = "N", required_unless_present = "total")]
@@ -53,17 +51,17 @@ pub(super) struct Collect {
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Seed of the run; episode i depends only on the seed and i.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = DEFAULT.seed)]
     seed: u64,
     /// Image size, HEIGHTxWIDTH, or `none`.
-    #[arg(long, default_value = "64x64")]
+    #[arg(long, default_value_t = ImageArg(DEFAULT.image_size))]
     image_size: ImageArg,
     /// Record no images, and the simulator state every N steps (16 unless given): loaders then render images of any size and with any
     /// colors.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image_size")]
     replayable: Option<u32>,
     /// Steps after which an episode ends.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = DEFAULT.max_steps)]
     max_steps: u64,
     #[command(flatten)]
     pub(super) world: WorldArgs,
@@ -85,7 +83,7 @@ pub(super) struct Collect {
     #[arg(long, default_value_t = 10, value_name = "SECONDS")]
     report_every: u64,
     /// If the file exists: `append`, `overwrite` or `error`.
-    #[arg(long, default_value = "error")]
+    #[arg(long, default_value_t = DEFAULT.mode)]
     mode: WriteMode,
     /// With --mode append: continue a part, or a dataset up to --total, with another policy, seed or shard.
     #[arg(long)]
@@ -94,293 +92,161 @@ pub(super) struct Collect {
 
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut world = self.make_world(registry, output)?;
-        let (row_bytes, num_envs) = (world.infos().schema().row_bytes() as u64, world.options().num_envs);
-        if let Some(much) = memory::note(num_envs, self.max_steps, row_bytes, memory::machine_bytes()) {
-            output.note(much);
-        }
-        let options = self.scenario.options(world.entry(), &world.spec().factors, output)?;
-        if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format)?;
-        }
-        if self.mode == WriteMode::Error && self.out.exists() {
-            let held = swm_data::open_in(registry, &self.out);
-            return Err(usage(self.exists(held.map(|dataset| dataset.num_episodes() as u64))));
-        }
-        let how = WriteOptions::default().mode(self.mode).quality(self.quality);
-        let existing = match self.mode {
-            WriteMode::Append if self.out.exists() => swm_data::open_in(registry, &self.out).ok(),
-            _ => None,
-        };
-        let last_run = existing.and_then(|dataset| Some(dataset.info().runs.last()?.1.clone()));
-        create_parent(&self.out)?;
-        let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
-        let held = writer.num_episodes();
-        let wanted = self.wanted();
-        let part = self.shard.map(|shard| shard.of(wanted));
-        let offset = part.as_ref().map_or(0, |part| part.start);
-        let first = offset + held;
-        let last = match (self.episodes, self.total) {
-            (Some(0), _) | (_, Some(0)) => return Err(usage("0 episodes asked for; use 1 or more")),
-            _ if part.is_some() => part.map_or(first, |part| part.end.max(first)),
-            (Some(more), _) => first
-                .checked_add(more)
-                .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
-            (None, total) => total.unwrap_or(first).max(first),
-        };
-        let part = self.shard.and_then(|shard| shard.part(wanted));
-        let is_continued = held > 0 && !self.mix;
-        let continues = last_run.filter(|_| is_continued);
-        let must_continue = self.shard.is_some()
-            || self.total.is_some()
-            || continues.as_ref().is_some_and(|run| run.part.is_some());
-        let committed = Arc::new(AtomicU64::new(held));
-        let cancel = self.watch(&committed, last - offset);
-        let rollout = Rollout::new(first..last).seed(self.seed).options(options).cancel(cancel);
+        let request = self.request(registry, output)?;
         let started = Instant::now();
-        let bar = output.bar_alone(last - first, "episodes");
-        let mut sink = Committed {
-            writer: writer.as_mut(),
-            bar: bar.clone(),
-            output,
-            path: &self.out,
-            committed: &committed,
-            offset,
-            part,
-            continues,
-            must_continue,
-            refused: None,
-            reported: started,
-            report_every: Duration::from_secs(self.report_every),
-        };
-        let mut count = Count::default();
-        let recorded = world.record_dataset_with(&rollout, &mut sink, &mut count);
-        bar.finish_and_clear();
-        if let Some(refused) = sink.refused {
-            return Err(usage(format!("{refused}, or append all the same with --mix")));
-        }
-        recorded?;
+        let mut shown = Shown::new(&request, Duration::from_secs(self.report_every), output);
+        let recorded = request.run(registry, &mut shown);
+        shown.bar.finish_and_clear();
+        let Recorded { episodes, total_episodes, rows, success_rate } = recorded?;
         let seconds = started.elapsed().as_secs_f64();
         let result = json!({
             "out": self.out,
-            "episodes": last - first,
-            "total_episodes": last - offset,
-            "rows": count.rows,
-            "success_rate": count.success_rate(),
-            "frames_per_second": count.rows as f64 / seconds,
+            "episodes": episodes,
+            "total_episodes": total_episodes,
+            "rows": rows,
+            "success_rate": success_rate,
+            "frames_per_second": rows as f64 / seconds,
             "wall_time_s": seconds,
         });
         output.result(&result, || {
-            let success =
-                count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
+            let success = success_rate.map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
             format!(
-                "wrote {} ({}{success}) to {} in {seconds:.1} s; it holds {}",
-                counted(last - first, "episode"),
-                counted(count.rows, "row"),
+                "wrote {} ({}{success}) to {} in {seconds:.1} s; it holds {total_episodes}",
+                counted(episodes, "episode"),
+                counted(rows, "row"),
                 self.out.display(),
-                last - offset,
             )
         })
     }
-}
 
-impl Collect {
-    /// Episodes that are asked for.
-    fn wanted(&self) -> u64 {
-        self.episodes.or(self.total).unwrap_or(0)
-    }
-
-    /// How to go on with a file that is there, and holds so many episodes, or is no dataset.
-    fn exists(&self, held: Result<u64, DataError>) -> String {
-        let out = self.out.display();
-        let held = match held {
-            Ok(held) => held,
-            Err(error) => {
-                return format!(
-                    "{out} exists, and no episode can be added to it; give another --out ({error})"
-                );
-            }
-        };
-        let wanted = self.wanted();
-        let rest = match (self.shard, self.episodes) {
-            (None, Some(more)) if held >= wanted => format!(
-                "to record {more} more, add `--mode append`, or, for the next ones of the same recording, `--mode append --total {}` in \
-                 place of --episodes",
-                held.saturating_add(more)
-            ),
-            (None, Some(more)) => format!(
-                "to complete it to {more}, add `--mode append --total {more}` in place of --episodes; to record {more} more, `--mode \
-                 append`"
-            ),
-            (None, None) if held >= wanted => {
-                format!(
-                    "--total {wanted} is reached; for more, add `--mode append` and give a greater --total"
-                )
-            }
-            _ => "to complete it, add `--mode append`".to_owned(),
-        };
-        format!(
-            "{out} exists and holds {}: {rest}; to replace it, `--mode overwrite`",
-            counted(held, "episode")
-        )
-    }
-
-    /// The world with its policy.
-    fn make_world(&self, registry: &Registry, output: &Output) -> Result<World, Failure> {
-        let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
-        let asked = self.wanted();
-        let own = self.shard.map_or(0..asked, |shard| shard.of(asked));
-        let world = self.world.at_most(own.end - own.start).options(config, self.max_steps);
-        let world = world.unrecorded(&self.without).checkpoints(self.replayable);
-        let mut world = World::new(self.env.entry(registry)?, world).map_err(|error| match error {
-            WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
-            WorldError::Option { option: "checkpoints", reason } => usage(format!("--replayable: {reason}")),
-            error => error.into(),
-        })?;
-        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?);
-        Ok(world)
+    fn request(&self, registry: &Registry, output: &Output) -> Result<Record, Failure> {
+        Ok(Record {
+            env: self.env.entry(registry)?.id.to_owned(),
+            env_option: self.env.config(None)?.settings,
+            policy: self.policy.clone(),
+            episodes: self.episodes,
+            total: self.total,
+            shard: self.shard,
+            seed: self.seed,
+            image_size: self.image_size.0,
+            replayable: self.replayable,
+            max_steps: self.max_steps,
+            num_envs: self.world.num_envs,
+            threads: self.world.threads.count(),
+            frame_skip: self.world.frame_skip.unwrap_or(DEFAULT.frame_skip),
+            vary: self.scenario.vary.clone(),
+            set: self.scenario.set(output)?,
+            without: self.without.clone(),
+            out: self.out.clone(),
+            format: self.format.clone(),
+            quality: self.quality,
+            mode: self.mode,
+            mix: self.mix,
+        })
     }
 
     /// What a job needs to know before it is submitted, and how many steps it records at most.
     pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
-        let world = self.make_world(registry, output)?;
-        self.scenario.options(world.entry(), &world.spec().factors, output)?;
-        let episodes = self.wanted();
-        if episodes == 0 {
-            return Err(usage("0 episodes asked for; use 1 or more"));
-        }
-        if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format)?;
-        }
-        let inputs = policy_files(registry, self.env.entry(registry)?, &self.policy)?;
+        let request = self.request(registry, output)?;
+        request.check(registry)?;
+        request.prepare(registry, &mut &*output)?;
+        let (episodes, inputs) = (request.wanted(), request.inputs(registry)?);
         Ok((Plan { episodes, inputs }, episodes.saturating_mul(self.max_steps)))
     }
+}
 
-    /// What ends the recording when the command is interrupted.
-    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> Cancel {
-        let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));
-        let rest = match (self.shard, self.total) {
-            (None, None) => {
-                format!("{} with --mode append --total {total} in place of --episodes", interrupt::REPEAT)
-            }
-            _ => format!("{} with --mode append", interrupt::REPEAT),
+/// A recording on a progress bar, or by a line now and then where there is none.
+struct Shown<'a> {
+    output: &'a Output,
+    bar: ProgressBar,
+    episodes: Arc<Episodes>,
+    /// Whether an interrupted recording is continued up to a total, in place of a number of episodes.
+    is_up_to_total: bool,
+}
+
+/// The episodes of a recording.
+struct Episodes {
+    bar: ProgressBar,
+    /// Whether lines are written in place of the bar.
+    has_lines: bool,
+    path: PathBuf,
+    /// Those that the file holds.
+    committed: AtomicU64,
+    /// Those that it shall hold.
+    total: AtomicU64,
+    /// When the last line was written.
+    reported: Mutex<Instant>,
+    report_every: Duration,
+}
+
+impl<'a> Shown<'a> {
+    fn new(request: &Record, report_every: Duration, output: &'a Output) -> Self {
+        let bar = output.bar_alone(0, "episodes");
+        let episodes = Episodes {
+            bar: bar.clone(),
+            has_lines: output.shows_lines(),
+            path: request.out.clone(),
+            committed: AtomicU64::new(0),
+            total: AtomicU64::new(0),
+            reported: Mutex::new(Instant::now()),
+            report_every,
         };
-        let safe = move || match committed.load(Ordering::Relaxed) {
+        let is_up_to_total = request.shard.is_none() && request.total.is_none();
+        Self { output, bar, episodes: Arc::new(episodes), is_up_to_total }
+    }
+}
+
+impl Report for Shown<'_> {
+    fn note(&mut self, note: &Message) {
+        let mut output = self.output;
+        Report::note(&mut output, note);
+    }
+
+    fn begin(&mut self, stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
+        self.bar.set_length(stage.total);
+        self.bar.reset_eta();
+        self.episodes.total.store(stage.total, Ordering::Relaxed);
+        Ok(Box::new(Written(Arc::clone(&self.episodes))))
+    }
+
+    fn cancel(&self) -> Cancel {
+        let total = self.episodes.total.load(Ordering::Relaxed);
+        let rest = match self.is_up_to_total {
+            true => format!(" --total {total} in place of --episodes"),
+            false => String::new(),
+        };
+        let rest = format!("{} with --mode append{rest}", interrupt::REPEAT);
+        let episodes = Arc::clone(&self.episodes);
+        let safe = move || match episodes.committed.load(Ordering::Relaxed) {
             0 => "no episode was recorded".to_owned(),
-            count => format!("{count} episodes are safe in {out}"),
+            count => format!("{count} episodes are safe in {}", episodes.path.display()),
         };
         interrupt::watch_resumable(safe, rest)
     }
 }
 
-/// Counts rows and successes.
-#[derive(Default)]
-struct Count {
-    rows: u64,
-    judged: u64,
-    successes: u64,
-}
+/// Counts the episodes that are written.
+struct Written(Arc<Episodes>);
 
-impl Count {
-    fn success_rate(&self) -> Option<f64> {
-        (self.judged > 0).then(|| 100.0 * self.successes as f64 / self.judged as f64)
-    }
-}
-
-impl Recorder for Count {
-    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
-        self.rows += 1;
-        Ok(())
+impl Progress for Written {
+    fn before(&self, units: u64) {
+        self.0.committed.fetch_add(units, Ordering::Relaxed);
+        self.0.total.fetch_add(units, Ordering::Relaxed);
     }
 
-    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.judged += u64::from(end.success.is_some());
-        self.successes += u64::from(end.success == Some(true));
-        Ok(())
-    }
-}
-
-/// Reports committed episodes: on the progress bar, or by a line now and then where there is none.
-struct Committed<'a> {
-    writer: &'a mut dyn DatasetWriter,
-    bar: ProgressBar,
-    output: &'a Output,
-    path: &'a std::path::Path,
-    /// Episodes that the file holds.
-    committed: &'a AtomicU64,
-    /// Episodes of other parts, before this one's.
-    offset: u64,
-    /// Which part of a divided recording this is.
-    part: Option<RecordingPart>,
-    /// The run that this one follows in the file.
-    continues: Option<Metadata>,
-    /// Whether this one must be of the same recording; else a note says what differs.
-    must_continue: bool,
-    /// Why it does not.
-    refused: Option<String>,
-    /// When the last line was written, where there is no bar.
-    reported: Instant,
-    report_every: Duration,
-}
-
-impl EpisodeSink for Committed<'_> {
-    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        let metadata = Metadata { part: self.part, ..metadata.clone() };
-        let path = self.path.display();
-        let differs = self.continues.as_ref().and_then(|run| other_recording(run, &metadata));
-        if self.must_continue
-            && let Some(reason) = differs
-        {
-            let refusal = format!("{path}: {reason}");
-            self.refused = Some(refusal.clone());
-            return Err(refusal.into());
-        }
-        let held = self.writer.begin(schema, &metadata)?;
-        // The format may refuse it, too: then nothing is appended.
-        if let Some(reason) = differs {
-            self.output.note(format_args!("note: this recording is appended to {path}, though {reason}"));
-        }
-        Ok(self.offset + held)
+    fn done(&self, _success: Option<bool>) {
+        self.0.bar.inc(1);
+        self.0.committed.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn holds(&self, column: &str) -> bool {
-        self.writer.holds(column)
-    }
-
-    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
-        self.writer.write_episode(rows)?;
-        self.report(rows.rows());
-        Ok(())
-    }
-
-    fn row_encoder(&self, column: usize) -> Option<Box<dyn RowEncoder>> {
-        self.writer.row_encoder(column)
-    }
-
-    fn write_encoded_episode(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
-        self.writer.write_encoded_episode(rows)?;
-        self.report(rows.rows());
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), BoxError> {
-        self.writer.finish()
-    }
-}
-
-impl Committed<'_> {
-    /// Tells of an episode that was committed.
-    fn report(&mut self, rows: usize) {
-        self.bar.inc(1);
-        let committed = self.committed.fetch_add(1, Ordering::Relaxed);
-        if !self.output.shows_bars() && self.reported.elapsed() >= self.report_every {
-            self.reported = Instant::now();
-            self.output.note(format_args!(
-                "episode {} written to {} ({})",
-                self.offset + committed,
-                self.path.display(),
-                counted(rows, "row")
-            ));
+    fn written(&self, episode: u64, rows: usize) {
+        self.done(None);
+        let shown = &*self.0;
+        let mut reported = shown.reported.lock().unwrap_or_else(PoisonError::into_inner);
+        if shown.has_lines && reported.elapsed() >= shown.report_every {
+            *reported = Instant::now();
+            let (path, rows) = (shown.path.display(), counted(rows, "row"));
+            print_to_stderr(&format!("episode {episode} written to {path} ({rows})\n"));
         }
     }
 }

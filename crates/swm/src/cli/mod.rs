@@ -26,6 +26,7 @@ mod job_status;
 mod jobs;
 mod man;
 mod manifest;
+#[cfg(feature = "baselines")]
 mod memory;
 mod new_env;
 mod output;

@@ -212,10 +212,15 @@ impl Output {
         !self.quiet && std::io::stderr().is_terminal()
     }
 
+    /// Whether lines tell of the progress, since no person watches it.
+    pub(crate) fn shows_lines(&self) -> bool {
+        !self.quiet && !self.shows_bars()
+    }
+
     /// A progress bar of `len` units on stderr. Without a terminal, a line every ten seconds; with `--quiet`, nothing.
     pub(crate) fn bar(&self, len: u64, unit: &str) -> ProgressBar {
         let bar = self.bar_alone(len, unit);
-        if !self.quiet && !self.shows_bars() {
+        if self.shows_lines() {
             report(&bar, unit, REPORT_EVERY, |line| print_to_stderr(&format!("{line}\n")));
         }
         bar

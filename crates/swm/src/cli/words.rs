@@ -20,6 +20,10 @@ impl Words for Options {
                 let each = items.iter().map(|item| format!("{option} {}", value_text(item)));
                 each.collect::<Vec<_>>().join(" ")
             }
+            ("env_option" | "set", Some(Json::Object(items))) => {
+                let each = items.iter().map(|(name, item)| format!("{option} {name}={}", value_text(item)));
+                each.collect::<Vec<_>>().join(" ")
+            }
             (_, Some(value)) => format!("{option} {}", value_text(value)),
         }
     }

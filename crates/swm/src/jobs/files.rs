@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use swm_core::error::BoxError;
 
+use crate::evaluation::file_bytes;
 use crate::text_file::{read_text, replace_text};
 
 /// Writes a file as a whole: readers see the old one or the new one.
@@ -55,16 +56,7 @@ pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {
 ///
 /// It is not there, or cannot be read.
 pub(crate) fn bytes(path: &Path) -> Result<u64, BoxError> {
-    let failed = |error| cannot("read", path, error);
-    let metadata = fs::metadata(path).map_err(failed)?;
-    if !metadata.is_dir() {
-        return Ok(metadata.len());
-    }
-    let mut sum = 0;
-    for entry in fs::read_dir(path).map_err(failed)? {
-        sum += bytes(&entry.map_err(failed)?.path())?;
-    }
-    Ok(sum)
+    file_bytes(path).map_err(|(path, error)| cannot("read", &path, error))
 }
 
 /// The extension of the parts of a recording: that of `--format`.

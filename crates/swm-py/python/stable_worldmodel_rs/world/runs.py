@@ -164,6 +164,7 @@ class Runs:
         quality: int | None = None,
         replayable: int | None = None,
         check: bool = False,
+        mix: bool = False,
     ) -> dict[str, Any]:
         """Record episodes of the policy: exactly ``episodes`` of them, safe as soon as each is written.
 
@@ -180,6 +181,7 @@ class Runs:
             quality: Quality of images in lossy formats, 1 to 100.
             replayable: Record simulator states every so many steps in place of images, which are rendered when read.
             check: Replay the new episodes afterwards, as `replay` does: environments of this package, into a file.
+            mix: With ``mode="append"``: continue a part of a divided recording with episodes of another one.
 
         Returns:
             ``path``, ``episodes``, ``total_episodes`` and ``steps`` of what was written.
@@ -215,22 +217,21 @@ class Runs:
             if writer is not None:
                 steps = self._collect_into(writer, core, act, episodes, run, options, bar)
                 return _written(path, format, mode, episodes, steps)
-            text = _swm.collect(
-                core,
-                act,
-                str(target),
-                episodes,
-                run,
-                _listed(options),
-                format=format,
-                mode=mode,
-                quality=quality,
-                tick=bar.tick,
-            )
+            request = {
+                "env": self._built["id"],
+                "episodes": int(episodes),
+                "seed": run,
+                "out": str(target),
+                "format": format,
+                "quality": quality,
+                "mode": mode,
+                "mix": mix,
+            }
+            text, notes = _swm.collect(core, act, json.dumps(request), _listed(options), bar.tick)
         self._stale = True
-        written: dict[str, Any] = dict(json.loads(text))
-        if differs := written.pop("differs"):
-            logger.warning("%s: these episodes were appended to it, though %s", target, differs)
+        written: dict[str, Any] = json.loads(text)
+        for note in notes:
+            logger.warning("%s", note)
         logger.info("%s: %d episodes recorded, it has %d", target, episodes, written["total_episodes"])
         if check:
             from .manifests import replay

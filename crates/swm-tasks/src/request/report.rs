@@ -1,0 +1,87 @@
+//! What a request reports to while it runs: notes, progress, and the flag that ends it early.
+
+use swm_core::Cancel;
+use swm_core::error::BoxError;
+
+use super::Message;
+use crate::evaluation::Role;
+
+/// What a request reports to while it runs.
+pub trait Report {
+    /// Something that the user should know and that stops nothing.
+    fn note(&mut self, note: &Message);
+
+    /// How the work goes, for whoever watches it.
+    fn info(&mut self, _info: &Message) {}
+
+    /// The flag that ends the work early.
+    fn cancel(&self) -> Cancel {
+        Cancel::new()
+    }
+
+    /// A stage of the work begins; the progress is that of this stage until it is dropped.
+    ///
+    /// # Errors
+    ///
+    /// The front end cannot show it; the work ends.
+    fn begin(&mut self, _stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
+        Ok(Box::new(()))
+    }
+
+    /// Does work that needs nothing of the thread that runs the request. A front end with duties on that thread (signals, a
+    /// progress bar) does it on another one.
+    ///
+    /// # Errors
+    ///
+    /// The front end was interrupted.
+    fn apart(&mut self, work: &mut (dyn FnMut() + Send)) -> Result<(), BoxError> {
+        work();
+        Ok(())
+    }
+}
+
+/// A stage of the work: so many units, counted one by one.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage<'a> {
+    /// Whose episodes they are, or what is measured.
+    pub name: &'a str,
+    /// Of an evaluation, the reference policy that it is.
+    pub role: Option<Role>,
+    /// What is counted: `episodes`.
+    pub unit: &'static str,
+    /// How many there are.
+    pub total: u64,
+}
+
+/// Counts the units of a stage.
+pub trait Progress: Send {
+    /// One more is done; of an episode, whether it was a success, where that is known.
+    fn done(&self, success: Option<bool>);
+
+    /// So many units were there before.
+    fn before(&self, _units: u64) {}
+
+    /// One more episode is written, at this index of the run, with so many rows.
+    fn written(&self, _episode: u64, _rows: usize) {
+        self.done(None);
+    }
+
+    /// What is at work, in few words.
+    fn now(&self, _what: &str) {}
+}
+
+impl Progress for () {
+    fn done(&self, _success: Option<bool>) {}
+}
+
+/// Ignores everything.
+impl Report for () {
+    fn note(&mut self, _note: &Message) {}
+}
+
+/// Keeps the notes.
+impl Report for Vec<Message> {
+    fn note(&mut self, note: &Message) {
+        self.push(note.clone());
+    }
+}
