@@ -247,7 +247,9 @@ fn copy_datasets(
     let copied = copied.or_raise()?;
     if let Some(rate) = copied.assumed_rate {
         let to = to.display();
-        let text = format!("no source of {to} has a rate of rows, and its format needs one: {rate} is assumed; fps= gives the right one");
+        let text = format!(
+            "no source of {to} has a rate of rows, and its format needs one: {rate} is assumed; fps= gives the right one"
+        );
         let text = CString::new(text).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
     }

@@ -278,7 +278,7 @@ impl Env for Cart {
         if let Some(row) = start {
             match self.state_in(row)? {
                 Some([position, _]) if self.has("starts are only shown") => {
-                    self.state.shown_start = Some(position)
+                    self.state.shown_start = Some(position);
                 }
                 Some(state) if !self.has("starts are ignored") => self.start(state),
                 _ => {}

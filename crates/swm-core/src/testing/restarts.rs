@@ -260,8 +260,10 @@ pub fn wrong_rows_are_refused(entry: &EnvEntry, config: &EnvConfig) -> Result<()
     }
 }
 
+type Spoil = fn(Vec<f64>) -> Vec<f64>;
+
 /// What spoils the values of a column.
-const SPOILED: [(&str, fn(Vec<f64>) -> Vec<f64>); 3] = [
+const SPOILED: [(&str, Spoil); 3] = [
     ("a number too many", |numbers| [&numbers[..], &[0.0]].concat()),
     ("a number too few", |numbers| numbers[..numbers.len().saturating_sub(1)].to_vec()),
     ("NaN", |numbers| [&[f64::NAN], numbers.get(1..).unwrap_or_default()].concat()),
