@@ -105,7 +105,7 @@ struct State {
     goal: [f64; 2],
     shown_goal: [f64; 2],
     shown_start: Option<f64>,
-    pictured: f64,
+    rendered: f64,
     gain: f64,
     color: f64,
     energy: f64,
@@ -268,7 +268,7 @@ impl Env for Cart {
             velocity,
             goal,
             shown_goal: goal,
-            pictured: goal[0],
+            rendered: goal[0],
             gain: self.factor(0, episode)?,
             color: self.factor(1, episode)?,
             wind: if self.has("the seed's wind blows") { sampled[3] } else { 0.0 },
@@ -305,7 +305,7 @@ impl Env for Cart {
                     self.state.shown_goal = goal;
                 }
                 if !is_ignored && !self.has("the image of a goal is of the sampled one") {
-                    self.state.pictured = goal[0];
+                    self.state.rendered = goal[0];
                 }
             }
         } else if let Some(goal) = self.refused {
@@ -335,7 +335,7 @@ impl Env for Cart {
             false => out.write(COLOR, &[self.state.color]),
         }
         let color = if self.has("the image of a goal has another color") { 77.0 } else { self.state.color };
-        self.draw(self.state.pictured, color, out.at::<u8>(GOAL));
+        self.draw(self.state.rendered, color, out.at::<u8>(GOAL));
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
