@@ -29,6 +29,12 @@ pub trait DatasetWriter: EpisodeSink {
         None
     }
 
+    /// Rows per second that it took, after `begin`, because neither [`WriteOptions::frames_per_second`] nor the record has a rate
+    /// and its format needs one. `None`: it assumed none.
+    fn assumed_rate(&self) -> Option<f64> {
+        None
+    }
+
     /// As [`DatasetWriter::write_rows`], where some columns are given as they are stored.
     ///
     /// # Errors

@@ -1,9 +1,7 @@
-//! Episodes that start at recorded steps continue as the recorded ones did, and images of recorded goals are the recorded frames;
-//! what is lost is listed here, with the reason, and told by the environment's page.
+//! What is PushT's own about starts and goals from recorded steps; `conformance.rs` has what all environments share.
 
 use std::collections::BTreeMap;
 
-use swm_core::testing::{Inexact, goals_look_as_recorded, restarts_continue};
 use swm_core::{
     Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Value,
 };
@@ -11,50 +9,6 @@ use swm_envs_2d::ENVS;
 
 fn config() -> EnvConfig {
     EnvConfig { image: Some(ImageSize { height: 48, width: 64 }), ..EnvConfig::default() }
-}
-
-/// What differs, by environment.
-const INEXACT: &[(&str, &[Inexact<'_>])] = &[
-    ("swm/PushTRapier-v0", &[rounding("state"), rounding("block_pose")]),
-    (
-        "swm/PendulumControl-v1",
-        &[Inexact {
-            column: "pixels",
-            first: 255.0,
-            later: 0.0,
-            reason: "the arrow of the last torque is missing",
-        }],
-    ),
-];
-
-/// The engine moves centers of gravity, rows have origins: of the way between the two the last bits differ.
-const fn rounding(column: &str) -> Inexact<'_> {
-    Inexact {
-        column,
-        first: 0.0,
-        later: 1e-12,
-        reason: "rounding between a body's origin and its center of gravity",
-    }
-}
-
-/// Pixels of a goal that differ from the recorded frame, and by how much, by environment and reason.
-const OTHER_GOALS: &[(&str, [usize; 2], &str)] = &[];
-
-#[test]
-fn restarts_of_all_environments_continue_as_recorded() {
-    let of = |id: &str| INEXACT.iter().find(|(env, _)| *env == id).map_or(&[][..], |(_, columns)| columns);
-    let failures = ENVS.iter().filter_map(|entry| restarts_continue(entry, &config(), of(entry.id)).err());
-    let failures: Vec<String> = failures.collect();
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
-}
-
-#[test]
-fn goals_of_all_environments_look_as_recorded() {
-    let of = |id: &str| OTHER_GOALS.iter().find(|(env, ..)| *env == id).map_or([0, 0], |(_, most, _)| *most);
-    let failures =
-        ENVS.iter().filter_map(|entry| goals_look_as_recorded(entry, &config(), of(entry.id)).err());
-    let failures: Vec<String> = failures.collect();
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
 /// Goals of manifests from before `block_pose` was one of their columns keep their images: results on them can be repeated.

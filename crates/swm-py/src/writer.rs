@@ -1,10 +1,11 @@
 //! Writing datasets: whole episodes from Python, and copies of open datasets.
 
+use std::ffi::CString;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use serde_json::{Map, Value as Json};
 use swm::core::error::{BoxError, did_you_mean, nearest};
@@ -244,5 +245,13 @@ fn copy_datasets(
         })
     })?;
     let copied = copied.or_raise()?;
+    if let Some(rate) = copied.assumed_rate {
+        let to = to.display();
+        let text = format!(
+            "no source of {to} has a rate of rows, and its format needs one: {rate} is assumed; fps= gives the right one"
+        );
+        let text = CString::new(text).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
+    }
     Ok((copied.resumed, copied.episodes, copied.rows))
 }

@@ -43,19 +43,19 @@ for path in ["stable_worldmodel.planning.solver.cem.CEMSolver", "stable_worldmod
 
 def test_what_is_missing_comes_from_an_installed_reference(run_python: Run, tmp_path: Any) -> None:
     theirs = tmp_path / "stable_worldmodel"
-    (theirs / "wm").mkdir(parents=True)
+    (theirs / "plots").mkdir(parents=True)
     (theirs / "__init__.py").write_text("raise RuntimeError('the facade takes its place')")
     (theirs / "spaces.py").write_text("raise RuntimeError('ours goes first')")
     (theirs / "envs" / "grid").mkdir(parents=True)
     (theirs / "envs" / "grid" / "env.py").write_text("from stable_worldmodel import spaces\nBOX = spaces.Box\n")
-    (theirs / "wm" / "__init__.py").write_text("import stable_worldmodel as swm\nPOLICY = swm.PlanConfig\n")
+    (theirs / "plots" / "__init__.py").write_text("import stable_worldmodel as swm\nPOLICY = swm.PlanConfig\n")
     # In front of a reference that is installed.
     code = f"""import sys; sys.path.insert(0, {str(tmp_path)!r})
 {INSTALL}
 import stable_worldmodel as swm
 import stable_worldmodel.spaces
 from stable_worldmodel.envs.grid.env import BOX
-print(swm.wm.POLICY is ours.PlanConfig, BOX is ours.spaces.Box)
+print(swm.plots.POLICY is ours.PlanConfig, BOX is ours.spaces.Box)
 """
     assert lines(run_python(code)) == ["True", "True"]
 

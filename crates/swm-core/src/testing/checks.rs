@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::batch::{Batch, Dtype, FieldKind, Schema, Slice, Value};
-use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX};
-use crate::error::EnvError;
+use super::bench::{Bench, value_of};
+use crate::batch::{Batch, Dtype, FieldKind, Slice, Value};
+use crate::env::{EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX};
 use crate::registry::{EnvEntry, Registry};
 use crate::run::{Rollout, WorldOptions};
 use crate::seed::EpisodeSeed;
@@ -14,70 +14,10 @@ const STEPS: usize = 40;
 /// Longest episode of an expert.
 const EXPERT_STEPS: u64 = 200;
 const SEEDS: [u64; 3] = [0, 1, 42];
-/// Seeds tried for one whose samples meet all constraints.
-const TRIES: u64 = 30;
-
-/// An environment with one row to write into.
-pub(super) struct Bench {
-    pub(super) env: Box<dyn Env>,
-    pub(super) row: Batch,
-}
-
-impl Bench {
-    pub(super) fn new(entry: &EnvEntry, config: &EnvConfig) -> Result<Self, String> {
-        let env = entry.make(config).map_err(|e| format!("cannot be made: {e}"))?;
-        let schema = Schema::new(env.spec().fields.clone()).map_err(|e| e.to_string())?;
-        Ok(Self { env, row: Batch::new(schema, 1) })
-    }
-
-    pub(super) fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), String> {
-        self.try_reset(seed, options).map_err(|e| format!("reset with seed {seed}: {e}"))
-    }
-
-    fn try_reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), EnvError> {
-        self.env.reset(&Episode::new(EpisodeSeed::new(seed), options))?;
-        self.env.write_episode(&mut self.row.rows_mut());
-        self.env.observe(&mut self.row.rows_mut());
-        Ok(())
-    }
-
-    /// Resets with the first seed from `first` on whose samples go together: a factor sampled alone may break a
-    /// constraint of one that keeps its default, which is a reset's error and no fault of the environment.
-    fn reset_from(&mut self, first: u64, options: &ResetOptions) -> Result<u64, String> {
-        let mut last = String::new();
-        for seed in first..first + TRIES {
-            match self.try_reset(seed, options) {
-                Ok(()) => return Ok(seed),
-                Err(error @ EnvError::Constraint { .. }) => last = error.to_string(),
-                Err(error) => return Err(format!("reset with seed {seed}: {error}")),
-            }
-        }
-        Err(format!("resets with seeds {first} to {} all fail: {last}", first + TRIES - 1))
-    }
-
-    pub(super) fn step(&mut self, seed: u64, step: usize) -> Result<f64, String> {
-        let mut rng = EpisodeSeed::new(seed).indexed("conformance actions", [step as u64, 0]);
-        let action = self.env.spec().action.sample(&mut rng);
-        let outcome = self.env.step(action.data.as_slice()).map_err(|e| format!("step {step}: {e}"))?;
-        self.env.observe(&mut self.row.rows_mut());
-        Ok(outcome.reward)
-    }
-
-    /// Resets, steps, and returns every row on the way.
-    fn trajectory(&mut self, seed: u64, options: &ResetOptions, steps: usize) -> Result<Vec<Batch>, String> {
-        self.reset(seed, options)?;
-        let mut rows = vec![self.row.clone()];
-        for step in 0..steps {
-            self.step(seed, step)?;
-            rows.push(self.row.clone());
-        }
-        Ok(rows)
-    }
-}
 
 /// The description agrees with itself: unique fields, one episode field per factor with the factor's type and
 /// shape, defaults inside their spaces, an action space that can be sampled, settings that are refused when
-/// unknown, and an entry that says what success is where episodes are judged.
+/// unknown, an entry that describes success where episodes are judged, and no reward at a reset.
 ///
 /// # Errors
 ///
@@ -112,6 +52,9 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
     let mut env = entry.make(config).map_err(|e| e.to_string())?;
     let outcome =
         env.reset(&Episode::new(EpisodeSeed::new(0), &ResetOptions::default())).map_err(|e| e.to_string())?;
+    if !outcome.reward.is_nan() {
+        return Err(format!("a reset returns the reward {}; it has none: NaN", outcome.reward));
+    }
     if outcome.success.is_some() && entry.success.is_empty() {
         return Err(
             "it judges success, and the entry does not say what that is: give it a `.success(\"…\")`"
@@ -127,7 +70,7 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
 }
 
 /// The same seed and actions give the same bits in another instance, also in one that was used before; another
-/// seed gives another episode; and no observed float is NaN.
+/// seed gives another episode; no observed float is NaN; and observing changes nothing.
 ///
 /// # Errors
 ///
@@ -153,6 +96,18 @@ pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
         }
         if starts.contains(&fresh[0]) {
             return Err(format!("seed {seed} starts like another seed"));
+        }
+        used.reset(seed, &options)?;
+        for step in 0..STEPS {
+            used.step_unobserved(seed, step)?;
+        }
+        used.env.observe(&mut used.row.rows_mut());
+        let once = used.row.clone();
+        used.env.observe(&mut used.row.rows_mut());
+        if let Some((_, field)) =
+            first_difference(&[once, used.row.clone()], &[fresh[STEPS].clone(), fresh[STEPS].clone()])
+        {
+            return Err(format!("seed {seed}: `{field}` depends on how often it was observed"));
         }
         starts.push(fresh.into_iter().next().expect("the first row is the reset"));
     }
@@ -182,16 +137,20 @@ pub fn snapshots_are_exact(entry: &EnvEntry, config: &EnvConfig) -> Result<(), S
                     return Err(format!("step {step}: the snapshot of a restored state differs from it"));
                 }
                 fork.env.write_episode(&mut fork.row.rows_mut());
-                Some((fork.step(seed, step)?, fork.row))
+                let outcome = fork.step(seed, step)?;
+                Some((fork.outcome(&outcome), fork.env.is_truncated(), fork.row))
             } else {
                 None
             };
-            let reward = bench.step(seed, step)?;
-            if let Some((forked_reward, forked_row)) = fork {
-                if forked_reward.to_bits() != reward.to_bits() {
-                    return Err(format!(
-                        "step {step}: reward {forked_reward} after restoring, {reward} without"
-                    ));
+            let outcome = bench.step(seed, step)?;
+            if let Some((forked, is_truncated, forked_row)) = fork {
+                for ((name, value), (_, forked)) in bench.outcome(&outcome).into_iter().zip(forked) {
+                    if value.to_bits() != forked.to_bits() {
+                        return Err(format!("step {step}: {name} {forked} after restoring, {value} without"));
+                    }
+                }
+                if is_truncated != bench.env.is_truncated() {
+                    return Err(format!("step {step}: truncated {is_truncated} after restoring"));
                 }
                 if let Some((_, field)) = first_difference(&[bench.row.clone()], &[forked_row]) {
                     return Err(format!("step {step}: `{field}` differs after restoring (seed {seed})"));
@@ -355,11 +314,6 @@ fn same_bits(a: Slice<'_>, b: Slice<'_>) -> bool {
         (Slice::F64(a), Slice::F64(b)) => a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()),
         (a, b) => a == b,
     }
-}
-
-pub(super) fn value_of(row: &Batch, field: &str) -> Value {
-    let index = row.schema().index(field).expect("checked by spec_is_sound");
-    Value::from_slice(&row.schema().fields()[index].shape, row.column(index))
 }
 
 fn default_of(spec: &EnvSpec, name: &str) -> Result<Value, String> {

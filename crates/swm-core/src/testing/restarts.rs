@@ -1,17 +1,17 @@
-//! Whether an episode that starts at a recorded step continues as the recorded one did, and whether the image of a recorded goal
-//! is the recorded frame. What is lost is data: see [`Inexact`].
+//! Whether an episode that starts at a recorded step continues as the recorded one did, towards a recorded goal, and whether
+//! rows that are no starts or goals are refused. What is lost is data: see [`Inexact`].
 
 use std::collections::BTreeMap;
 
-use super::checks::{Bench, value_of};
-use crate::batch::{Batch, FieldKind, Slice, Value};
-use crate::env::{EnvConfig, EnvSpec, GOAL_IMAGE, PIXELS, ResetOptions, VARIATION_PREFIX};
+use super::bench::{Bench, value_of};
+use crate::batch::{Batch, Slice, Value};
+use crate::env::{EnvConfig, EnvSpec, Outcome, ResetOptions, VARIATION_PREFIX};
 use crate::registry::EnvEntry;
 
-/// A column that differs after a start from a recorded step.
+/// A column that differs after a start from a recorded step, or a goal that is not the recorded one.
 #[derive(Clone, Copy, Debug)]
 pub struct Inexact<'a> {
-    /// The column.
+    /// The column; or `reward`, `terminated`, `success` or `task_cost`.
     pub column: &'a str,
     /// How much the first observation may differ, in absolute terms.
     pub first: f64,
@@ -22,15 +22,38 @@ pub struct Inexact<'a> {
 }
 
 /// Recorded steps to start from.
-const STARTS: [usize; 4] = [0, 3, 11, 24];
+pub(super) const STARTS: [usize; 4] = [0, 3, 11, 24];
 /// Steps that are compared afterwards.
-const STEPS: usize = 10;
-/// Seeds of episodes, and how many steps each of their actions is held: things move further, and touch.
-const EPISODES: [(u64, usize); 4] = [(3, 1), (8, 6), (21, 12), (34, 12)];
+pub(super) const STEPS: usize = 10;
 
-/// Records episodes, starts again from some of their steps under the same factors and seed, and compares all step columns,
-/// images included, of the first observation and of the next ten steps under the same actions: bit for bit, but for `inexact`.
-/// Nothing is compared in environments that cannot start from recorded steps.
+/// An episode to record.
+#[derive(Clone, Copy)]
+pub(super) struct Recorded {
+    seed: u64,
+    /// How many steps each of its actions is held: things move further, and touch.
+    hold: usize,
+    /// Whether every factor is sampled, or only those that are by default.
+    varies: bool,
+}
+
+pub(super) const EPISODES: [Recorded; 5] = [
+    Recorded { seed: 3, hold: 1, varies: false },
+    Recorded { seed: 8, hold: 6, varies: false },
+    Recorded { seed: 21, hold: 12, varies: false },
+    Recorded { seed: 34, hold: 12, varies: false },
+    Recorded { seed: 55, hold: 3, varies: true },
+];
+
+/// A row of an episode, and what its step led to.
+pub(super) struct Moment {
+    pub(super) row: Batch,
+    pub(super) outcome: [(&'static str, f64); 4],
+}
+
+/// Records episodes with a recorded goal, starts again from some of their steps under the same factors and goal and another
+/// seed, and compares all columns, images included, rewards, ends and task costs, of the first observation and of the next ten
+/// steps under the same actions: bit for bit, but for `inexact`. Nothing is compared in environments that cannot start from
+/// recorded steps.
 ///
 /// # Errors
 ///
@@ -40,7 +63,10 @@ pub fn restarts_continue(
     config: &EnvConfig,
     inexact: &[Inexact<'_>],
 ) -> Result<(), String> {
-    let found = restarts(entry, config).map_err(|reason| format!("{}: {reason}", entry.id))?;
+    let mut found = restarts(entry, config)?;
+    for (column, by) in super::goals::goals_kept(entry, config)? {
+        found.entry(column).or_default()[0] = by;
+    }
     let mut wrong = Vec::new();
     for (column, [first, later]) in &found {
         let known = inexact.iter().find(|known| known.column == column);
@@ -53,70 +79,124 @@ pub fn restarts_continue(
     wrong.extend(unneeded.map(|known| format!("`{}` is exact, and listed as inexact", known.column)));
     match wrong.is_empty() {
         true => Ok(()),
-        false => Err(format!("{}, restarted:\n  {}", entry.id, wrong.join("\n  "))),
+        false => Err(format!("after a recorded start and goal: {}", wrong.join(", "))),
     }
 }
 
 /// The largest differences of each column that differs: at first, later.
 fn restarts(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMap<String, [f64; 2]>, String> {
     let mut differences = BTreeMap::new();
-    let (mut recorded, mut restarted) = (Bench::new(entry, config)?, Bench::new(entry, config)?);
-    if recorded.env.spec().start_columns.is_empty() {
+    let (mut bench, mut restarted) = (Bench::new(entry, config)?, Bench::new(entry, config)?);
+    let spec = bench.env.spec().clone();
+    if spec.start_columns.is_empty() {
         return Ok(differences);
     }
-    for (seed, hold) in EPISODES {
-        let rows = record(&mut recorded, seed, hold)?;
+    for episode in EPISODES {
+        let mut goal = None;
+        if !spec.goal_columns.is_empty() {
+            let rows = episode.record(&mut bench, None)?;
+            goal = Some(goal_of(&spec, &rows[rows.len() - 1].row));
+        }
+        let rows = episode.record(&mut bench, goal.as_ref())?;
         for start in STARTS {
-            restarted.reset(seed, &start_at(recorded.env.spec(), &rows[start]))?;
-            compare(&rows[start], &restarted.row, 0, &mut differences);
+            let options = ResetOptions { goal: goal.clone(), ..episode.start_at(&spec, &rows[start].row) };
+            let outcome = restarted.reset(episode.seed + 1000, &options)?;
+            let outcome = restarted.outcome(&outcome);
+            // What a step was rewarded with is not known at a reset.
+            compare(&rows[start], &restarted.row, &outcome[3..], 0, &mut differences);
             for step in start..start + STEPS {
-                restarted.step(seed, step / hold)?;
-                compare(&rows[step + 1], &restarted.row, 1, &mut differences);
+                let outcome = episode.step(&mut restarted, step)?;
+                let outcome = restarted.outcome(&outcome);
+                // What an episode is rewarded with after its end may depend on how long ago that was.
+                let is_over = rows[..=step].iter().any(|moment| moment.outcome[1].1 > 0.0);
+                let outcome = if is_over { &outcome[3..] } else { &outcome[..] };
+                compare(&rows[step + 1], &restarted.row, outcome, 1, &mut differences);
             }
         }
     }
     Ok(differences)
 }
 
-/// Every row of an episode.
-fn record(bench: &mut Bench, seed: u64, hold: usize) -> Result<Vec<Batch>, String> {
-    bench.reset(seed, &ResetOptions::default())?;
-    let mut rows = vec![bench.row.clone()];
-    for step in 0..STARTS[STARTS.len() - 1] + STEPS {
-        bench.step(seed, step / hold)?;
-        rows.push(bench.row.clone());
+impl Recorded {
+    /// Every row of the episode.
+    pub(super) fn record(
+        self,
+        bench: &mut Bench,
+        goal: Option<&BTreeMap<String, Value>>,
+    ) -> Result<Vec<Moment>, String> {
+        let mut options = ResetOptions::default();
+        let mut seed = self.seed;
+        if self.varies {
+            options.variation = Some(vec!["all".to_owned()]);
+            seed = bench.reset_from(seed, &options)?;
+        }
+        options.goal = goal.cloned();
+        let outcome = bench.reset(seed, &options)?;
+        let mut rows = vec![Moment { row: bench.row.clone(), outcome: bench.outcome(&outcome) }];
+        for step in 0..STARTS[STARTS.len() - 1] + STEPS {
+            let outcome = self.step(bench, step)?;
+            rows.push(Moment { row: bench.row.clone(), outcome: bench.outcome(&outcome) });
+        }
+        Ok(rows)
     }
-    Ok(rows)
+
+    fn step(self, bench: &mut Bench, step: usize) -> Result<Outcome, String> {
+        bench.step(self.seed, step / self.hold)
+    }
+
+    /// What a reset needs to start at a row, under the factors that a recording holds: others have their defaults.
+    pub(super) fn start_at(self, spec: &EnvSpec, row: &Batch) -> ResetOptions {
+        let factors = spec.factors.iter().filter(|factor| self.varies || factor.sampled_by_default);
+        let value = |name: &String| value_of(row, &format!("{VARIATION_PREFIX}{name}"));
+        let start = columns(row, &[spec.start_columns, spec.start_extras]);
+        ResetOptions {
+            variation: Some(Vec::new()),
+            variation_values: factors.map(|factor| (factor.name.clone(), value(&factor.name))).collect(),
+            start: (!start.is_empty()).then_some(start),
+            ..ResetOptions::default()
+        }
+    }
+
+    pub(super) fn seed(self) -> u64 {
+        self.seed
+    }
 }
 
-/// What a reset needs to start at a row, under the factors that a recording holds: others have their defaults.
-fn start_at(spec: &EnvSpec, row: &Batch) -> ResetOptions {
-    let factors = spec.factors.iter().filter(|factor| factor.sampled_by_default);
-    let value = |name: &String| value_of(row, &format!("{VARIATION_PREFIX}{name}"));
-    ResetOptions {
-        variation: Some(Vec::new()),
-        variation_values: factors.map(|factor| (factor.name.clone(), value(&factor.name))).collect(),
-        start: Some(columns(row, &[spec.start_columns, spec.start_extras])),
-        ..ResetOptions::default()
-    }
+/// What a reset needs for the goal that a row is.
+pub(super) fn goal_of(spec: &EnvSpec, row: &Batch) -> BTreeMap<String, Value> {
+    columns(row, &[spec.goal_columns, spec.goal_extras])
 }
 
 fn columns(row: &Batch, names: &[&[&str]]) -> BTreeMap<String, Value> {
     names.concat().into_iter().map(|name| (name.to_owned(), value_of(row, name))).collect()
 }
 
-fn compare(a: &Batch, b: &Batch, phase: usize, differences: &mut BTreeMap<String, [f64; 2]>) {
-    for (index, field) in a.schema().fields().iter().enumerate() {
-        let found = difference(a.column(index), b.column(index));
-        if field.kind == FieldKind::Step && found > 0.0 {
-            let known = differences.entry(field.name.clone()).or_default();
+fn compare(
+    expected: &Moment,
+    row: &Batch,
+    outcome: &[(&'static str, f64)],
+    phase: usize,
+    differences: &mut BTreeMap<String, [f64; 2]>,
+) {
+    let mut note = |name: &str, found: f64| {
+        if found > 0.0 {
+            let known = differences.entry(name.to_owned()).or_default();
             known[phase] = known[phase].max(found);
         }
+    };
+    for (index, field) in row.schema().fields().iter().enumerate() {
+        note(&field.name, difference(expected.row.column(index), row.column(index)));
+    }
+    for (name, value) in outcome {
+        let of =
+            |outcome: &[(&str, f64)]| outcome.iter().find(|(known, _)| known == name).map(|known| known.1);
+        let expected = of(&expected.outcome).unwrap_or(f64::NAN);
+        note(name, difference(Slice::F64(&[expected]), Slice::F64(&[*value])));
     }
 }
 
 /// The largest absolute difference; infinite where only one is NaN.
-fn difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
+pub(super) fn difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
     let of = |index| match (a.as_f64(index), b.as_f64(index)) {
         (Some(a), Some(b)) if a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan()) => 0.0,
         (Some(a), Some(b)) if a.is_finite() && b.is_finite() => (a - b).abs(),
@@ -125,44 +205,66 @@ fn difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
     (0..a.len()).map(of).fold(0.0, f64::max)
 }
 
-/// Records episodes, starts at steps of them with the same step as goal, and compares the image of the goal with the frame: at
-/// most `most[0]` of its pixels may differ, by at most `most[1]`. (The recorded frame itself may show another goal's marker.)
-/// Nothing is compared in environments without images of goals, or without goals from recorded steps.
+/// A start or goal from a row without the columns for it, or of a column in an environment that has none, is an error. So is a row whose columns
+/// have another size or hold NaN; where only one of them does, it may also be left alone in favor of the others. Afterwards the
+/// environment can be reset.
 ///
 /// # Errors
 ///
-/// A sentence, if more differ, or none does where some are expected.
-pub fn goals_look_as_recorded(entry: &EnvEntry, config: &EnvConfig, most: [usize; 2]) -> Result<(), String> {
-    let found = goal_images(entry, config).map_err(|reason| format!("{}: {reason}", entry.id))?;
-    let [pixels, by] = found.unwrap_or_default();
-    if pixels <= most[0] && by <= most[1] && (pixels > 0) == (most[0] > 0) {
-        return Ok(());
-    }
-    let (id, expected) = (entry.id, format!("at most {} by up to {}", most[0], most[1]));
-    Err(format!("{id}: {pixels} pixels of a goal differ from its frame by up to {by}; expected: {expected}"))
-}
-
-fn goal_images(entry: &EnvEntry, config: &EnvConfig) -> Result<Option<[usize; 2]>, String> {
-    let (mut recorded, mut restarted) = (Bench::new(entry, config)?, Bench::new(entry, config)?);
-    let spec = recorded.env.spec().clone();
-    let has = |name: &str| recorded.row.schema().index(name).is_some();
-    if spec.goal_columns.is_empty() || !has(GOAL_IMAGE) || !has(PIXELS) {
-        return Ok(None);
-    }
-    let mut most = [0, 0];
-    for (seed, hold) in EPISODES {
-        let rows = record(&mut recorded, seed, hold)?;
-        for goal in STARTS {
-            let goal = &rows[goal + STEPS];
-            let wanted = Some(columns(goal, &[spec.goal_columns, spec.goal_extras]));
-            restarted.reset(seed, &ResetOptions { goal: wanted, ..start_at(&spec, goal) })?;
-            let [frame, image] = [PIXELS, GOAL_IMAGE].map(|name| value_of(&restarted.row, name));
-            let (frame, image) = (frame.data.as_slice(), image.data.as_slice());
-            let (Some(frame), Some(image)) = (frame.get::<u8>(), image.get::<u8>()) else { continue };
-            let pixels = frame.chunks_exact(3).zip(image.chunks_exact(3)).filter(|(a, b)| a != b).count();
-            let by = frame.iter().zip(image).map(|(a, b)| usize::from(a.abs_diff(*b))).max().unwrap_or(0);
-            most = [most[0].max(pixels), most[1].max(by)];
+/// A sentence that says what is accepted.
+pub fn wrong_rows_are_refused(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
+    let mut bench = Bench::new(entry, config)?;
+    let spec = bench.env.spec().clone();
+    bench.reset(EPISODES[0].seed, &ResetOptions::default())?;
+    let row = bench.row.clone();
+    for (kind, names) in [("start", spec.start_columns), ("goal", spec.goal_columns)] {
+        let mut reset = |row: BTreeMap<String, Value>| {
+            let options = match kind {
+                "start" => ResetOptions { start: Some(row), ..ResetOptions::default() },
+                _ => ResetOptions { goal: Some(row), ..ResetOptions::default() },
+            };
+            bench.reset(EPISODES[0].seed, &options).ok().map(|_| bench.row.clone())
+        };
+        if names.is_empty() {
+            if reset(BTreeMap::from([("state".to_owned(), Value::scalar(0.0))])).is_some() {
+                return Err(format!("a {kind} is accepted, and the description has no columns of one"));
+            }
+            continue;
+        }
+        if reset(BTreeMap::new()).is_some() {
+            return Err(format!("a {kind} without columns is accepted"));
+        }
+        let sound = columns(&row, &[names]);
+        let expected = reset(sound.clone());
+        for (what, spoil) in SPOILED {
+            let mut all = sound.clone();
+            for name in names {
+                let numbers = value_of(&row, name).to_f64s(name).map_err(|error| error.to_string())?;
+                let wrong = Value::vector(&spoil(numbers));
+                let mut one = sound.clone();
+                one.insert((*name).to_owned(), wrong.clone());
+                all.insert((*name).to_owned(), wrong);
+                if reset(one).is_some_and(|found| expected.as_ref() != Some(&found)) {
+                    return Err(format!("a {kind} with {what} in `{name}` is accepted"));
+                }
+            }
+            if reset(all).is_some() {
+                return Err(format!("a {kind} with {what} in {} is accepted", names.join(", ")));
+            }
         }
     }
-    Ok(Some(most))
+    bench.reset(EPISODES[0].seed, &ResetOptions::default())?;
+    match row == bench.row {
+        true => Ok(()),
+        false => Err("a refused start or goal changes the next episode".to_owned()),
+    }
 }
+
+type Spoil = fn(Vec<f64>) -> Vec<f64>;
+
+/// What spoils the values of a column.
+const SPOILED: [(&str, Spoil); 3] = [
+    ("a number too many", |numbers| [&numbers[..], &[0.0]].concat()),
+    ("a number too few", |numbers| numbers[..numbers.len().saturating_sub(1)].to_vec()),
+    ("NaN", |numbers| [&[f64::NAN], numbers.get(1..).unwrap_or_default()].concat()),
+];

@@ -93,11 +93,13 @@ impl Toy {
 }
 
 fn first(values: &std::collections::BTreeMap<String, Value>) -> Result<f64, EnvError> {
-    let value = values.get("state").ok_or_else(|| EnvError::Reset {
-        env: TOY.id.to_owned(),
-        reason: "start and goal need the column `state`".to_owned(),
-    })?;
-    Ok(value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0])
+    let refused = |reason: &str| EnvError::Reset { env: TOY.id.to_owned(), reason: reason.to_owned() };
+    let value = values.get("state").ok_or_else(|| refused("start and goal need the column `state`"))?;
+    let position = value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0];
+    if !position.is_finite() {
+        return Err(refused("`state` of a start or goal must be finite"));
+    }
+    Ok(position)
 }
 
 impl Env for Toy {

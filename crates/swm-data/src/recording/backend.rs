@@ -109,6 +109,11 @@ pub trait Session: Send {
         None
     }
 
+    /// Rows per second that it assumed: see [`crate::DatasetWriter::assumed_rate`].
+    fn assumed_rate(&self) -> Option<f64> {
+        None
+    }
+
     /// What encodes the rows of a column, by its position in the schema, as [`Session::append`] would: see
     /// [`EpisodeSink::row_encoder`](swm_core::EpisodeSink::row_encoder).
     fn row_encoder(&self, _column: usize) -> Option<Box<dyn RowEncoder>> {

@@ -357,6 +357,10 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
         self.session()?.encoding(column)
     }
 
+    fn assumed_rate(&self) -> Option<f64> {
+        self.session()?.assumed_rate()
+    }
+
     fn write_encoded_rows(&mut self, rows: &EncodedBatch) -> Result<(), BoxError> {
         if rows.encoded.is_empty() {
             return self.write_rows(&rows.plain);

@@ -24,7 +24,7 @@ use crate::format;
 pub type Piece = (usize, usize);
 
 /// What a copy did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Copied {
     /// Episodes that were there already.
@@ -33,6 +33,8 @@ pub struct Copied {
     pub episodes: usize,
     /// Their rows.
     pub rows: usize,
+    /// Rows per second that the copy has and no source: its format needs a rate, and none was given.
+    pub assumed_rate: Option<f64>,
 }
 
 /// Copies `pieces` of `sources` to the end of the dataset at `to`. The columns are those of the first source; the others
@@ -163,6 +165,7 @@ fn copy_rest(
         };
         let mut writer = format::create_in(registry, to, &options, format)?;
         writer.begin(&schema, &metadata).map_err(failed)?;
+        copied.assumed_rate = copied.assumed_rate.or(writer.assumed_rate());
         let spare = EncodedBatch::new(&schema, |column| {
             let name = &schema.fields()[column].name;
             let of = |source: &dyn Dataset| source.encoding(source.schema().index(name)?).map(str::to_owned);

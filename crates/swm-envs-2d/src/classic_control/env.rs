@@ -147,6 +147,10 @@ impl<T: Task> Env for ClassicControl<T> {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        if episode.options.goal.as_ref().is_some_and(|row| !row.is_empty()) {
+            let reason = "it takes no goals from recorded rows: its goal is fixed".to_owned();
+            return Err(EnvError::Reset { env: T::ID.to_owned(), reason });
+        }
         self.fov = self.space.sample(T::ID, episode)?;
         self.task = T::new(&self.fov);
         self.moving = Moving::at(match &episode.options.start {

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::env::ResetOptions;
 use swm_core::settings::Settings as _;
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
-    Place, RowsMut, Slice, Space, Value,
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize,
+    Outcome, Place, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -192,6 +192,10 @@ impl<E: Engine> PushT<E> {
     fn whole_angle(row: &std::collections::BTreeMap<String, Value>) -> Result<Option<f64>, EnvError> {
         let Some(pose) = row.get("block_pose") else { return Ok(None) };
         let pose = pose.cast("block_pose", Dtype::F64, &[3])?.to_f64s("block_pose")?;
+        if pose.iter().any(|number| !number.is_finite()) {
+            let (name, expected) = ("block_pose".to_owned(), "three finite numbers".to_owned());
+            return Err(BatchError::WrongValue { name, expected, found: format!("{pose:?}") }.into());
+        }
         Ok(Some(pose[2]))
     }
 

@@ -247,6 +247,10 @@ impl Env for RocketLanding {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        if episode.options.goal.as_ref().is_some_and(|row| !row.is_empty()) {
+            let reason = "it takes no goals from recorded rows: the goal is to land".to_owned();
+            return Err(EnvError::Reset { env: ROCKET_LANDING.id.to_owned(), reason });
+        }
         self.fov = self.space.sample(&self.spec.id, episode)?;
         self.refresh();
         let state = match &episode.options.start {

@@ -41,6 +41,8 @@ pub(super) struct MetaWorldEnv {
     fov: Fov,
     shared: Arc<Shared>,
     scaled: Scaled,
+    /// How far an action of 1 moves the hand's target, m.
+    stride: f32,
     /// The site that marks the goal.
     marker: Option<usize>,
     images: Option<Images>,
@@ -99,6 +101,7 @@ impl MetaWorldEnv {
             robot: Robot::new(task, sim)?,
             goal_image: (vec![0; image.map_or(0, |size| size.shape().iter().product())], true),
             scaled: None,
+            stride: 0.0,
             task,
             spec,
             task_state,
@@ -117,6 +120,7 @@ impl MetaWorldEnv {
 
     /// Gives the simulation the model of the present factors. The state stays.
     fn set_model(&mut self) -> Result<(), MujocoError> {
+        self.stride = stride(self.task, &self.fov);
         let model = (&self.fov, &mut self.scaled);
         self.shared.apply(self.task, &self.controls, model, &mut self.robot.sim)
     }
@@ -227,8 +231,8 @@ impl Env for MetaWorldEnv {
         }
         let values: [f32; 4] = *finite_values(action, 4)?.first_chunk().expect("four values");
         let action = values.map(|value| value.clamp(-1.0, 1.0));
-        let Self { robot, task_state, .. } = self;
-        robot.advance(action, stride(self.task, &self.fov)).map_err(|error| error.at_step(id))?;
+        let Self { robot, task_state, stride, .. } = self;
+        robot.advance(action, *stride).map_err(|error| error.at_step(id))?;
         task_state.steps += 1;
         task_state.frames = [robot.look(), task_state.frames[0]].map(Self::bounded);
         task_state.worth = worth(robot, &task_state.origin, &task_state.frames[0], action[3]);

@@ -104,7 +104,9 @@ impl MetaWorldEnv {
         sim.qpos_mut().copy_from_slice(&qpos);
         sim.qvel_mut().copy_from_slice(&qvel);
         sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
-        recall(row, "ctrl", sim.ctrl_mut());
+        if let Some(ctrl) = recorded(id, row, "ctrl", sim.model().nu())? {
+            sim.ctrl_mut().copy_from_slice(&ctrl);
+        }
         sim.forward().map_err(at_reset)?;
         // Where it is not recorded, the hand is pulled to where it is.
         let hand = self.robot.look()[..3].to_vec();

@@ -190,6 +190,11 @@ impl Env for SuiteEnv {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        let is_empty = episode.options.goal.as_ref().is_some_and(std::collections::BTreeMap::is_empty);
+        if is_empty && !self.spec.goal_columns.is_empty() {
+            let reason = format!("a goal needs the columns {}", self.spec.goal_columns.join(", "));
+            return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
+        }
         self.fov = self.space.sample(&self.spec.id, episode)?;
         (self.total_reward, self.control_steps) = (0.0, 0);
         self.begin(episode).map_err(|error| error.at_reset(&self.spec.id))?;

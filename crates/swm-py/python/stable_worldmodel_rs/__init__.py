@@ -12,11 +12,12 @@ from ._swm import __version__
 
 if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
-    from . import buffer, compat, data, envs, planning, policy, protocols, spaces, vector, world
+    from . import buffer, compat, data, envs, planning, policy, protocols, spaces, vector, wm, world
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
     from .buffer import HistoryBuffer
     from .planning.mpc import MpcPolicy
     from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
+    from .wm.utils import download_model, load_pretrained, save_pretrained
     from .world.dataset_runs import evaluate_from_dataset
     from .world.env_pool import EnvPool
     from .world.manifests import Manifest, make_manifest, read_manifest, replay
@@ -54,9 +55,11 @@ __all__ = [
     "compare",
     "compat",
     "data",
+    "download_model",
     "envs",
     "evaluate",
     "evaluate_from_dataset",
+    "load_pretrained",
     "make_manifest",
     "planning",
     "policy",
@@ -66,10 +69,12 @@ __all__ = [
     "read_sweep",
     "replay",
     "same",
+    "save_pretrained",
     "spaces",
     "sweep",
     "vector",
     "verify",
+    "wm",
     "world",
 ]
 
@@ -108,9 +113,12 @@ _HOMES: dict[str, str] = {
     "Policy": "policy",
     "HistoryBuffer": "buffer",
     "MpcPolicy": "planning.mpc",
+    "download_model": "wm.utils",
+    "load_pretrained": "wm.utils",
+    "save_pretrained": "wm.utils",
 }
 _MODULES = frozenset(
-    {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"}
+    {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "wm", "world"}
 )
 
 # Without a handler of the program, Python would write warnings to stderr.

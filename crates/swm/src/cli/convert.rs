@@ -136,7 +136,7 @@ impl TargetArgs {
         let copied = copy_in(registry, sources, pieces, to, how, &mut watch);
         bar.finish_and_clear();
         let is_source = |path: &Path| sources.iter().any(|source| source.path() == path);
-        let Copied { resumed, episodes, rows, .. } = copied.map_err(|error| match error {
+        let Copied { resumed, episodes, rows, assumed_rate, .. } = copied.map_err(|error| match error {
             DataError::Request { path, reason } if is_source(&path) => {
                 usage(DataError::Request { path, reason })
             }
@@ -154,6 +154,13 @@ impl TargetArgs {
             ));
         } else if resumed > 0 {
             output.note(format!("{}: {} there already", to.display(), counted(resumed, "episode")));
+        }
+        if let Some(rate) = assumed_rate {
+            let (source, to) = (sources[0].path().display(), to.display());
+            output.note(format!(
+                "note: {source} does not say how many rows it has per second, and {to} needs a rate: {rate} is assumed; --fps RATE \
+                 --overwrite gives the right one"
+            ));
         }
         let seconds = started.elapsed().as_secs_f64();
         Ok(json!({

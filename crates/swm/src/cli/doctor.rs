@@ -331,6 +331,14 @@ mod tests {
         }
     }
 
+    /// What brings MP4 has the feature `mp4`.
+    #[test]
+    fn a_build_has_mp4_or_has_it_not() {
+        let is_absent = features().any(|check| check.what == "feature mp4");
+        assert_eq!(is_absent, !Format::Mp4.is_built());
+        assert_eq!(is_absent, videos().state == State::Optional);
+    }
+
     #[test]
     fn what_is_missing_comes_with_what_fixes_it() {
         let pad = " ".repeat(WIDTH - 6);

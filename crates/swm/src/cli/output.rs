@@ -283,13 +283,19 @@ pub(super) fn create_parent(path: &Path) -> Result<(), Failure> {
 
 /// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
 pub(super) fn claim(path: &Path) -> Result<WriterLock, Failure> {
-    Ok(WriterLock::take(path)?)
+    match WriterLock::take(path) {
+        Err(DataError::Io { source, .. }) => Err(unwritable(path, &source)),
+        taken => Ok(taken?),
+    }
 }
 
 /// Makes a folder for results.
 pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
-    let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
-    std::fs::create_dir_all(dir).map_err(failed)
+    std::fs::create_dir_all(dir).map_err(|error| unwritable(dir, &error))
+}
+
+fn unwritable(dir: &Path, error: &std::io::Error) -> Failure {
+    usage(format!("cannot write to the folder {}: {error}", dir.display()))
 }
 
 /// A difference as people write it: whole numbers as such, others by four digits or more.

@@ -41,6 +41,7 @@ pub(super) struct LeRobotSession {
     open: Option<OpenEpisode>,
     /// Files that may not be on the disk yet.
     unsynced: Vec<PathBuf>,
+    assumed_rate: Option<f64>,
 }
 
 impl Backend for LeRobotBackend {
@@ -86,7 +87,9 @@ impl Backend for LeRobotBackend {
             return Err(DataError::record(path, reason));
         }
         let of_rows = metadata.rows_per_second.map(whole);
-        let rate = options.frames_per_second.or(of_rows).unwrap_or(FRAMES_PER_SECOND);
+        let known = options.frames_per_second.or(of_rows);
+        let rate = known.unwrap_or(FRAMES_PER_SECOND);
+        let is_assumed = known.is_none() && start.existing != Existing::Continued;
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         check_columns(path, &manifest)?;
         if start.existing == Existing::Continued {
@@ -108,11 +111,16 @@ impl Backend for LeRobotBackend {
             episodes::write_tasks(path, &manifest)?;
         }
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
-        LeRobotSession::open(path, start.schema, manifest, encoding)
+        let session = LeRobotSession::open(path, start.schema, manifest, encoding)?;
+        Ok(LeRobotSession { assumed_rate: is_assumed.then_some(rate), ..session })
     }
 }
 
 impl Session for LeRobotSession {
+    fn assumed_rate(&self) -> Option<f64> {
+        self.assumed_rate
+    }
+
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let open = match &mut self.open {
             Some(open) => open,
@@ -200,6 +208,7 @@ impl LeRobotSession {
             statistics,
             open: None,
             unsynced: Vec::new(),
+            assumed_rate: None,
         })
     }
 }

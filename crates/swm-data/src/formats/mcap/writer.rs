@@ -49,6 +49,7 @@ pub(super) struct McapSession {
     chunks: usize,
     /// By column of images, that of the row before: an equal one is left out.
     before: Vec<Vec<u8>>,
+    assumed_rate: Option<f64>,
 }
 
 /// A message: channel, time, record.
@@ -112,6 +113,8 @@ impl Backend for McapBackend {
         let runs = recording::with_run(&index.runs, start.episodes, metadata);
         let checksum = checksum_so_far(&file, &index).map_err(|error| DataError::record(path, error))?;
         let mut recording = McapSession::new(file, schema, index, checksum);
+        let is_assumed = rows_per_second.is_none() && start.existing != Existing::Continued;
+        recording.assumed_rate = is_assumed.then_some(ROWS_PER_SECOND);
         if runs != recording.index.runs {
             let text = serde_json::to_string(metadata).map_err(|error| DataError::record(path, error))?;
             let values = [("first_episode", start.episodes.to_string()), ("metadata", text)];
@@ -124,6 +127,10 @@ impl Backend for McapBackend {
 }
 
 impl Session for McapSession {
+    fn assumed_rate(&self) -> Option<f64> {
+        self.assumed_rate
+    }
+
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let rows: Vec<usize> = (0..batch.rows()).collect();
         // So many rows that their messages fill a chunk or two, made in parallel.
@@ -180,7 +187,7 @@ impl McapSession {
     fn new(file: File, schema: &Arc<Schema>, index: Index, checksum: Hasher) -> Self {
         let rows = index.episodes.iter().map(|episode| episode.rows as u64).sum();
         let (chunks, before) = (index.chunks.len(), vec![Vec::new(); schema.fields().len()]);
-        Self { file, schema: schema.clone(), index, checksum, rows, chunks, before }
+        Self { file, schema: schema.clone(), index, checksum, rows, chunks, before, assumed_rate: None }
     }
 
     /// The messages of a row of a piece that begins at a place. An image that equals the one before is left out.

@@ -103,3 +103,27 @@ fn a_folder_without_its_description_is_told() {
         assert!(message.contains("meta/info.json is missing"), "{message}");
     }
 }
+
+#[test]
+fn a_rate_that_no_source_has_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    for (source, known) in [("unknown.h5", None), ("known.h5", Some(10.0))] {
+        let mut writer = create_with(&path(source), &WriteOptions::default(), None).unwrap();
+        writer.begin(&schema(), &Metadata { rows_per_second: known, ..metadata() }).unwrap();
+        writer.write_episode(&episode(&schema(), 0, 3)).unwrap();
+        writer.finish().unwrap();
+        let assumed = |to: &str, fps: Option<f64>| {
+            let mut sources = vec![open(&path(source)).unwrap()];
+            let options = WriteOptions::default().frames_per_second(fps);
+            let to = path(&format!("{source}-{fps:?}-{to}"));
+            copy(&mut sources, &[(0, 0)], &to, (None, &options), &mut |_| {}).unwrap().assumed_rate
+        };
+        assert_eq!(assumed("a.lerobot", None), known.is_none().then_some(25.0), "{source}");
+        assert_eq!(assumed("a.mcap", None).is_some(), known.is_none(), "{source}");
+        assert_eq!(assumed("a.h5", None), None, "{source}: this format needs none");
+        for to in ["b.lerobot", "b.mcap", "b.h5"] {
+            assert_eq!(assumed(to, Some(20.0)), None, "{source}: it is given");
+        }
+    }
+}

@@ -100,11 +100,17 @@ impl Env for Point {
         {
             None => Ok(self.fov.f64(factor)),
             Some(row) => {
-                let value = row.get("state").ok_or_else(|| EnvError::Reset {
+                let refused = |reason: &str| EnvError::Reset {
                     env: self.spec.id.clone(),
-                    reason: "start and goal need the column `state`".to_owned(),
-                })?;
-                Ok::<_, EnvError>(value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0])
+                    reason: reason.to_owned(),
+                };
+                let value =
+                    row.get("state").ok_or_else(|| refused("start and goal need the column `state`"))?;
+                let position = value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0];
+                match position.is_finite() {
+                    true => Ok(position),
+                    false => Err(refused("the recorded `state` is not finite")),
+                }
             }
         };
         let (position, goal) = (

@@ -1,0 +1,154 @@
+"""What configs leave out and shapes tell: encoders that are named alone, and policies whose file has the config of a whole training."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from . import gcrl
+from ._names import generation
+from ._torch import Tensor, nn
+from ._vit import KNOWN, Vit, VitSizes
+from .gcrl.gcrl import EvalOnly, TeacherStudent
+
+__all__ = ["POLICIES", "encoder_of", "policy_of"]
+
+POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
+_DINOV2_WIDTHS = {sizes.dim: sizes.heads for sizes in KNOWN.values()}
+
+
+def _below(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
+
+
+def _blocks(names: Mapping[str, Tensor], pattern: str) -> int:
+    found = [re.match(pattern, name) for name in names]
+    return len({one.group(1) for one in found if one is not None})
+
+
+def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | None, heads: int | None, place: str) -> Vit:
+    """An encoder of the sizes that its tensors have.
+
+    Args:
+        tensors: Its own, without a prefix.
+        name: What the config calls it: a repository, or a folder beside the file.
+        folder: Of the file of weights.
+        heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``.
+        place: What errors call it.
+    """
+    try:
+        cls, positions = tensors["embeddings.cls_token"], tensors["embeddings.position_embeddings"]
+        patches = tensors["embeddings.patch_embeddings.projection.weight"]
+        dim, patch, grid = cls.shape[-1], patches.shape[-1], round((positions.shape[1] - 1) ** 0.5)
+        hidden = next(value.shape[0] for at, value in tensors.items() if at.endswith(("fc1.weight", "intermediate.dense.weight")))
+    except (KeyError, IndexError, StopIteration) as error:
+        raise ValueError(f"{place}: the file has no encoder that is known here (a ViT or DINOv2 in the names of transformers)") from error
+    dinov2 = any("layer_scale1" in at for at in tensors)
+    if heads is None and name in KNOWN:
+        heads = KNOWN[name].heads
+    if heads is None and name is not None and folder is not None:
+        heads = _heads_beside(folder, name)
+    if heads is None and name is None and dinov2:
+        heads = _DINOV2_WIDTHS.get(dim)
+    if heads is None:
+        raise ValueError(
+            f"{place}: no file says how many heads the attention of this encoder of width {dim} has; give extra_args={{'encoder.heads': N}}"
+        )
+    sizes = VitSizes(
+        dim=dim,
+        depth=_blocks(tensors, r"(?:encoder\.layer|layers)\.(\d+)\."),
+        heads=heads,
+        hidden=hidden,
+        patch=patch,
+        positions_for=grid * patch,
+        dinov2=dinov2,
+        names=generation(tensors),
+        mask_token="embeddings.mask_token" in tensors,
+    )
+    return Vit(sizes)
+
+
+def _heads_beside(folder: Path, name: str) -> int | None:
+    """From ``config.json`` of the folder beside the weights that a config names; nothing outside of ``folder`` is read."""
+    file = (folder / name / "config.json").resolve()
+    if not file.is_relative_to(folder.resolve()) or not file.is_file() or file.stat().st_size > 1 << 20:
+        return None
+    try:
+        heads: Any = cast("dict[str, Any]", json.loads(file.read_text())).get("num_attention_heads")
+    except (ValueError, AttributeError):
+        return None
+    return heads if isinstance(heads, int) and 0 < heads <= 1024 else None
+
+
+def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: str, folder: Path, extra: Mapping[str, Any]) -> nn.Module:
+    """A goal-conditioned policy of the config of its whole training: widths from shapes, heads from the config.
+
+    The values of the first phase (student and teacher) are read as those of the policy's file (frozen).
+    """
+    sizes = {"heads": extra.get("predictor.heads"), "dim_head": extra.get("predictor.dim_head")}
+    settings: Any = config.get("predictor")
+    for key in sizes:
+        value: Any = sizes[key] or (cast("dict[str, Any]", settings).get(key) if isinstance(settings, Mapping) else None)
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 4096:
+            raise ValueError(f"config.json: predictor.{key} is {value!r}; give it as extra_args={{'predictor.{key}': N}}")
+        sizes[key] = value
+    frozen = any(name.startswith("encoder.backbone.") for name in tensors)
+    of_encoder = _below(tensors, "encoder.backbone." if frozen else "encoder.")
+    encoder: nn.Module = encoder_of(of_encoder, None, folder, extra.get("encoder.heads"), f"{kind}: encoder")
+    extras = {
+        name.split(".")[1]: gcrl.module.Embedder(in_chans=value.shape[1], emb_dim=value.shape[0])
+        for name, value in tensors.items()
+        if name.startswith("extra_encoders.") and name.endswith(".patch_embed.weight")
+    }
+    action = _predictor(_below(tensors, "action_predictor."), sizes, f"{kind}: action_predictor")
+    history = action.pos_embedding.shape[1] // action.pos_embedding_goal.shape[1]
+    return gcrl.GCRL(
+        EvalOnly(encoder) if frozen else encoder,
+        action,
+        _held(tensors, "value_predictor", sizes, kind),
+        _held(tensors, "critic_predictor", sizes, kind),
+        nn.ModuleDict(extras) if extras else None,
+        history_size=history,
+    )
+
+
+def _held(tensors: Mapping[str, Tensor], name: str, sizes: Mapping[str, Any], kind: str) -> nn.Module | None:
+    """A value or a critic in what holds it: frozen, or a student with its teacher; None where the file has none."""
+    own = _below(tensors, f"{name}.")
+    if not own:
+        return None
+    place = f"{kind}: {name}"
+    for holder in ("backbone", "student"):
+        inner = _below(own, f"{holder}.")
+        if inner and holder == "backbone":
+            return EvalOnly(_predictor(inner, sizes, place))
+        if inner:
+            return TeacherStudent(_predictor(inner, sizes, place), _predictor(_below(own, "teacher."), sizes, place))
+    return _predictor(own, sizes, place)
+
+
+def _predictor(tensors: Mapping[str, Tensor], sizes: Mapping[str, Any], place: str) -> Any:
+    try:
+        goal, frames = tensors["pos_embedding_goal"], tensors["pos_embedding"]
+        patches, dim = goal.shape[1], goal.shape[2]
+        common: dict[str, Any] = {
+            **sizes,
+            "num_patches": patches,
+            "num_frames": frames.shape[1] // patches,
+            "dim": dim,
+            "depth": _blocks(tensors, r"transformer\.layers\.(\d+)\."),
+            "mlp_dim": tensors["transformer.layers.0.1.net.1.weight"].shape[0],
+            "causal": any(name.endswith("causal_mask") for name in tensors),
+        }
+        if "embed_proj.weight" in tensors:
+            return gcrl.module.MetricValuePredictor(**common, embed_dim=tensors["embed_proj.weight"].shape[0])
+        common["pool_type"] = "attention" if any(name.endswith("frame_tokens") for name in tensors) else "mean"
+        if "q_head.0.weight" in tensors:
+            wide, inputs = tensors["q_head.0.weight"].shape
+            return gcrl.module.QPredictor(**common, action_dim=inputs - dim, q_hidden_dim=wide)
+        return gcrl.module.Predictor(**common, out_dim=tensors["out_proj.weight"].shape[0])
+    except (KeyError, IndexError) as error:
+        raise ValueError(f"{place}: the file lacks {error}; it is of another model, or not whole") from error

@@ -1,0 +1,7 @@
+"""The parts of PLDM, under the reference's names."""
+
+from __future__ import annotations
+
+from .._nets import MLP, Attention, ConditionalBlock, Embedder, FeedForward, Predictor, Transformer
+
+__all__ = ["MLP", "Attention", "ConditionalBlock", "Embedder", "FeedForward", "Predictor", "Transformer"]

@@ -1,0 +1,315 @@
+"""Models in and out of the files in which they are published: ``weights.pt`` and ``config.json``.
+
+``load_pretrained`` reads what the reference's ``save_pretrained``, its training scripts and Lightning write, and executes nothing of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from ._torch import Tensor, nn
+
+__all__ = ["download_model", "from_config", "load_pretrained", "save_pretrained"]
+
+_MOST_CONFIG = 1 << 20
+_WEIGHTS = (".pt", ".pth", ".ckpt", ".safetensors")
+
+
+def from_config(config: Mapping[str, Any], *, transformers: int = 5) -> nn.Module:
+    """A model with random weights, for training.
+
+    Args:
+        config: As in ``config.json``: nested, each part with its ``_target_``.
+        transformers: The version, 4 or 5, whose names the tensors of its ViT have.
+
+    Raises:
+        ValueError: a class, a setting or a value that is not known here, by its place in the config.
+    """
+    from ._config import build
+
+    return build(_plain(config), transformers)
+
+
+def load_pretrained(
+    name: str | os.PathLike[str],
+    *,
+    kind: str | None = None,
+    device: str = "cpu",
+    cache_dir: str | os.PathLike[str] | None = None,
+    extra_args: Mapping[str, Any] | None = None,
+) -> Any:
+    """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, or a goal-conditioned policy.
+
+    Args:
+        name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
+            or a repository of the Hugging Face Hub that is in a cache. Nothing is fetched; see :func:`download_model`.
+        kind: ``"gcbc"``, ``"gciql"``, ``"gcivl"`` or ``"hilp"``, where ``config.json`` is that of a whole training.
+        device: Where to.
+        cache_dir: In the place of ``$STABLEWM_HOME``, ``~/.stable_worldmodel`` by default.
+        extra_args: Other values in the config, by path: ``{"predictor.num_frames": 3}``; ``{"encoder.heads": N}`` where no file says it.
+
+    Raises:
+        FileNotFoundError: nothing of that name is here.
+        ValueError: what is there cannot be read as a model; the message has the object, the reason and the fix.
+    """
+    from ._config import overridden
+    from ._weights import read_weights
+
+    file = _find(os.fspath(name), None if cache_dir is None else Path(cache_dir))
+    extra = dict(extra_args or {})
+    config = _read_config(file.parent)
+    tensors = read_weights(file)
+    if "_target_" in config:
+        heads = extra.pop("encoder.heads", None)
+        model = _of_config(overridden(config, extra), tensors, file, heads)
+    else:
+        model = _of_training(config, tensors, file, kind, extra)
+    _fill(model, tensors, file)
+    return cast("Any", model).to(device).eval()
+
+
+def _of_config(config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, heads: int | None) -> nn.Module:
+    from ._config import build
+    from ._names import generation
+    from ._shapes import encoder_of
+    from ._torch import torch
+
+    def backbone(place: str, values: Mapping[str, Any]) -> nn.Module:
+        prefix = "backbone." if any(name.startswith("backbone.") for name in tensors) else "encoder."
+        own = {name[len(prefix) :].removeprefix("backbone."): value for name, value in tensors.items() if name.startswith(prefix)}
+        name = values.get("name")
+        return encoder_of(own, str(name) if name else None, file.parent, heads, f"{file}: {place}")
+
+    with torch.device("meta"):
+        return build(config, generation(tensors), backbone)
+
+
+def _of_training(
+    config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, kind: str | None, extra: Mapping[str, Any]
+) -> nn.Module:
+    from ._shapes import POLICIES, policy_of
+    from ._torch import torch
+
+    if "version" in config and "model_config" in config:
+        raise ValueError(f"{file.parent} is a run of this program, not a published checkpoint; `mpc:{file.parent}` plans with it")
+    if kind is None:
+        what = config.get("output_model_name", "of no name")
+        raise ValueError(
+            f"{file.parent / 'config.json'} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, POLICIES))}"
+        )
+    if kind not in POLICIES:
+        raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(POLICIES)}")
+    with torch.device("meta"):
+        return policy_of(tensors, config, kind, file.parent, extra)
+
+
+def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path) -> None:
+    """Puts a file's tensors into a model without storage; all of them, or an error."""
+    mine: dict[str, Tensor] = cast("Any", model).state_dict()
+    given = _renamed(model, tensors)
+    lacking, unused = [name for name in mine if name not in given], [name for name in given if name not in mine]
+    other = [
+        f"{name}: {tuple(given[name].shape)} in the file, {tuple(value.shape)} by config.json"
+        for name, value in mine.items()
+        if name in given and given[name].shape != value.shape
+    ]
+    if lacking or unused or other:
+        fit = len(mine) - len(lacking) - len(other)
+        parts = [f"{what}: {_some(names)}" for what, names in (("missing", lacking), ("not used", unused), ("shapes", other)) if names]
+        raise ValueError(f"{file}: {fit} of {len(mine)} tensors fit; {'; '.join(parts)}. Is config.json of another checkpoint?")
+    kept = {name: given[name].to(value.dtype) for name, value in mine.items()}
+    cast("Any", model).load_state_dict(kept, assign=True)
+
+
+def _renamed(model: nn.Module, tensors: Mapping[str, Tensor], transformers: int | None = None) -> dict[str, Tensor]:
+    """Tensors under the names that the encoders of ``model`` have, or would have in a version of transformers."""
+    from ._names import of_generation
+    from ._vit import Vit
+
+    encoders = {f"{path}.": part.sizes for path, part in cast("Any", model).named_modules() if isinstance(part, Vit)}
+
+    def new(name: str) -> str:
+        for prefix, sizes in encoders.items():
+            if name.startswith(prefix):
+                return prefix + of_generation(name[len(prefix) :], transformers or sizes.names, sizes.dinov2)
+        return name
+
+    return {new(name): value for name, value in tensors.items()}
+
+
+def _some(names: Sequence[str], most: int = 5) -> str:
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _read_config(folder: Path) -> dict[str, Any]:
+    file = folder / "config.json"
+    if not file.is_file():
+        raise ValueError(f"{folder} has no config.json, which says what the weights are of; take the one that was published beside them")
+    if file.stat().st_size > _MOST_CONFIG:
+        raise ValueError(f"{file} has more than 1 MiB; no model's config has")
+    try:
+        found: Any = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file} is no JSON: {error}; fetch it again") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"{file} holds no settings; take the one that was published beside the weights")
+    return cast("dict[str, Any]", found)
+
+
+def _home(cache_dir: Path | None) -> Path:
+    root = cache_dir or Path(os.environ.get("STABLEWM_HOME") or Path.home() / ".stable_worldmodel")
+    return root / "checkpoints"
+
+
+def _hub() -> Path:
+    if cache := os.environ.get("HF_HUB_CACHE"):
+        return Path(cache)
+    if home := os.environ.get("HF_HOME"):
+        return Path(home) / "hub"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "huggingface" / "hub"
+
+
+def _find(name: str, cache_dir: Path | None) -> Path:
+    """The file of weights of a name."""
+    home = _home(cache_dir)
+    for path in (Path(name), home / name, home / f"{name}.pt"):
+        if path.is_file():
+            return path
+        if path.is_dir():
+            return _only(path)
+    repository = name.removeprefix("hf:")
+    if repository.count("/") == 1 and ".." not in repository:
+        flat = "models--" + repository.replace("/", "--")
+        if (home / flat).is_dir():
+            return _only(home / flat)
+        if (found := _snapshot(_hub() / flat)) is not None:
+            return _only(found)
+        raise FileNotFoundError(
+            f"{repository} is neither a path here nor in {home} nor in {_hub()}; fetch it: "
+            f"stable_worldmodel_rs.download_model({repository!r}), or `hf download {repository}`"
+        )
+    raise FileNotFoundError(f"{name} is neither a file nor a folder here, nor in {home}; give the path of a checkpoint")
+
+
+def _snapshot(folder: Path) -> Path | None:
+    """The folder of the files of a repository in the Hub's cache: that of ``main``, else the only one."""
+    main = folder / "refs" / "main"
+    snapshots = sorted(path for path in (folder / "snapshots").glob("*") if path.is_dir())
+    if main.is_file() and (named := folder / "snapshots" / main.read_text().strip()) in snapshots:
+        return named
+    if len(snapshots) > 1:
+        raise ValueError(f"{folder} has several revisions: {', '.join(path.name for path in snapshots)}; give the folder of one")
+    return snapshots[0] if snapshots else None
+
+
+def _only(folder: Path) -> Path:
+    """The one file of weights in a folder; ``.pt`` first, as training scripts leave a ``.ckpt`` beside it."""
+    for ending in _WEIGHTS:
+        found = sorted(folder.glob(f"*{ending}"))
+        if len(found) > 1:
+            raise ValueError(f"{folder} holds {len(found)} files of weights: {_some([one.name for one in found])}; give one of them")
+        if found:
+            return found[0]
+    raise ValueError(f"{folder} holds no weights (none of {', '.join(_WEIGHTS)}); give the folder of a checkpoint, or a file")
+
+
+def _plain(config: Any) -> dict[str, Any]:
+    """A config as dicts; OmegaConf's nodes, too."""
+    if not isinstance(config, dict) and type(config).__module__.startswith("omegaconf"):
+        from importlib import import_module
+
+        config = import_module("omegaconf").OmegaConf.to_container(config, resolve=True)
+    if not isinstance(config, Mapping):
+        raise TypeError(f"config is {type(config).__name__}; give the settings of the model as a dict with its _target_")
+    return {str(key): value for key, value in cast("Mapping[Any, Any]", config).items()}
+
+
+def save_pretrained(
+    model: nn.Module,
+    folder: str | os.PathLike[str],
+    config: Any,
+    *,
+    filename: str = "weights.pt",
+    transformers: int | None = None,
+) -> Path:
+    """Writes ``weights.pt`` and ``config.json``, which :func:`load_pretrained`, ``swm import`` and the reference take; gives the folder.
+
+    Args:
+        model: Its state is written without what wraps it (``torch.compile``, several GPUs).
+        folder: Made if missing; files of these names are replaced, each as a whole.
+        config: What makes the model: a dict, or OmegaConf's node, with ``_target_``. It must fit the model.
+        filename: Of the weights.
+        transformers: The version, 4 or 5, whose names the encoder's tensors get; None: those that the model has.
+
+    Raises:
+        ValueError: the config is of no known model, or of one with other tensors.
+    """
+    from ._config import build
+    from ._torch import torch
+    from ._vit import Vit
+    from ._weights import unwrapped
+
+    settings = _plain(config)
+    state = {name: value.detach().cpu() for name, value in unwrapped(cast("Any", model).state_dict()).items()}
+    inner: Any = model
+    while hasattr(inner, "_orig_mod") or type(inner).__name__ == "DistributedDataParallel":
+        inner = inner._orig_mod if hasattr(inner, "_orig_mod") else inner.module
+    state = _renamed(inner, state, transformers)
+    own = [part.sizes for part in inner.modules() if isinstance(part, Vit)]
+
+    def backbone(place: str, values: Mapping[str, Any]) -> nn.Module:
+        if not own:
+            raise ValueError(f"config: {place} is an encoder by name ({values.get('name')}), and the model has none that is known here")
+        return Vit(own[0])
+
+    with torch.device("meta"):
+        wanted: Any = cast("Any", build(settings, 5, backbone)).state_dict()
+    of_config = {name: tuple(value.shape) for name, value in _renamed(inner, wanted, transformers).items()}
+    of_model = {name: tuple(value.shape) for name, value in state.items()}
+    if of_config != of_model:
+        other = [name for name in {**of_config, **of_model} if of_config.get(name) != of_model.get(name)]
+        raise ValueError(f"config is of a model with other tensors than this one: {_some(other)}; give the one that made it")
+    where = Path(folder)
+    if where.exists() and not where.is_dir():
+        raise NotADirectoryError(f"{where} is a file; name a folder for the model")
+    where.mkdir(parents=True, exist_ok=True)
+    draft = where / f".{filename}.{os.getpid()}"
+    try:
+        torch.save(state, draft)
+        os.replace(draft, where / filename)
+        draft.write_text(json.dumps(settings, indent=2), encoding="utf-8")
+        os.replace(draft, where / "config.json")
+    finally:
+        draft.unlink(missing_ok=True)
+    return where
+
+
+def download_model(repo: str, *, revision: str | None = None, cache_dir: str | os.PathLike[str] | None = None) -> Path:
+    """Fetches ``config.json`` and the weights of a repository of the Hugging Face Hub into its cache; gives their folder.
+
+    The only function here that fetches. Needs huggingface_hub.
+
+    Args:
+        repo: ``"user/repository"``.
+        revision: A branch, tag or commit; None: the newest.
+        cache_dir: In the place of the Hub's cache.
+
+    Raises:
+        ImportError: huggingface_hub is not installed.
+    """
+    if repo.count("/") != 1:
+        raise ValueError(f"{repo!r} is no repository; give 'user/repository'")
+    try:
+        from importlib import import_module
+
+        hub: Any = import_module("huggingface_hub")
+    except ImportError as error:
+        raise ImportError("download_model needs huggingface_hub; `pip install huggingface_hub`") from error
+    wanted = ["*.json", *(f"*{ending}" for ending in _WEIGHTS)]
+    return Path(hub.snapshot_download(repo, revision=revision, cache_dir=cache_dir, allow_patterns=wanted))

@@ -1,0 +1,55 @@
+"""The example that trains LeWM: it learns, goes on after a stop with the same bits, and plans."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+import stable_worldmodel_rs as swm  # noqa: E402
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "train_lewm.py"
+SMALL = "--size 32 --patch 8 --width 24 --depth 2 --episodes 6 --batch 16 --samples 16 --budget 40 --every 4 --device cpu"
+# Ends behind the first save, as a job does whose time is over.
+STOPS = """
+import os, runpy, sys
+replace = os.replace
+def stop(*paths):
+    replace(*paths)
+    raise SystemExit(3)
+os.replace = stop
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def run(folder: Path, *command: str, steps: int = 12, eval: int = 0, code: int = 0, save: int = 1000) -> str:
+    options = f"{SMALL} --steps {steps} --eval {eval} --save {save} --dataset tworoom.h5"
+    env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(swm.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, *command, *options.split()], capture_output=True, text=True, timeout=300, check=False, env=env, cwd=folder
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
+    said = run(tmp_path, str(EXAMPLE), "--out", "whole", eval=2)
+    losses = [float(loss) for loss in re.findall(r"^step \d+: loss ([\d.]+) = ", said, re.MULTILINE)]
+    assert len(losses) == 3 and losses[-1] < losses[0], said
+    assert re.search(r"[\d.]+ steps/s, \d+ clips/s$", said, re.MULTILINE) and "episodes: 2" in said and "LeWM" in said
+    # Stopped after 5 of 12 steps, in the midst of an epoch or behind one.
+    run(tmp_path, "-c", STOPS, str(EXAMPLE), "--out", "parts", save=5, code=3)
+    assert not (tmp_path / "parts" / "weights.pt").exists()
+    assert "goes on from step 5" in run(tmp_path, str(EXAMPLE), "--out", "parts", save=5)
+    whole, parts = (torch.load(tmp_path / name / "weights.pt", weights_only=True) for name in ("whole", "parts"))
+    assert all(torch.equal(value, parts[name]) for name, value in whole.items())
+    # Nothing is left to do: the model is as it was.
+    assert "goes on from step 12" in run(tmp_path, str(EXAMPLE), "--out", "parts")
+    assert isinstance(swm.load_pretrained(tmp_path / "parts"), swm.wm.LeWM)

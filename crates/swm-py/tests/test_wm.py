@@ -1,0 +1,372 @@
+"""Torch modules of published checkpoints: equal to what the reference computes with the same files."""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from stable_worldmodel_rs import wm  # noqa: E402
+from stable_worldmodel_rs.wm._weights import read_weights  # noqa: E402
+
+GOLDEN = Path(__file__).resolve().parents[3] / "tests" / "golden" / "checkpoints"
+JOINT = ["lewm_transformers4/weights.pt", "lewm_trainer/last.ckpt", "pldm/weights_epoch_1.pt"]
+HEADS = {"encoder.heads": 3}
+
+
+def expected(folder: str) -> dict[str, Any]:
+    """Inputs and outputs, as they are stored: bytes of images are not made floats."""
+    from stable_worldmodel_rs.wm import _weights
+
+    return _weights._safetensors(GOLDEN / folder / "expected.safetensors")
+
+
+def near(found: Any, wanted: Any, bound: float = 1e-5) -> None:
+    found, wanted = found.detach().double().numpy(), wanted.double().numpy()
+    assert found.shape == wanted.shape
+    worst = np.max(np.abs(found - wanted) / (1 + np.abs(wanted)))
+    assert worst <= bound, worst
+
+
+def many(tensor: Any, count: int = 4) -> Any:
+    return tensor[None, None].expand(1, count, *tensor.shape)
+
+
+def joint_agrees(model: Any, data: dict[str, Any], bound: float = 1e-5) -> None:
+    with torch.no_grad():
+        near(model.encode({"pixels": data["pixels"][:, None]})["emb"][:, 0], data["embeddings"], bound)
+        near(model.encode(data["pixels"]), data["embeddings"], bound)
+        near(model.action_encoder(data["candidates"]), data["action_embeddings"], bound)
+        goal = many(data["pixels"][1:])
+        info = {"pixels": many(data["pixels"][:1]), "goal": goal}
+        cost = model.get_cost(info, data["candidates"][None])
+        near(cost[0], data["cost"], bound)
+        assert cost[0].argmin() == data["cost"].argmin()
+        near(info["predicted_emb"][0, :, 1:], data["rollout"], bound)
+        # All of the history: blocks between frames, before the candidates or beside them.
+        past, actions = data["past_pixels"], many(data["past_actions"])
+        info = {"pixels": many(past), "goal": goal}
+        near(model.get_cost(info, torch.cat([actions, data["candidates"][None]], dim=2))[0], data["past_cost"], bound)
+        near(info["predicted_emb"][0, :, len(past) :], data["past_rollout"], bound)
+        info = {"pixels": many(past), "goal": goal, "action_history": actions}
+        near(model.get_cost(info, data["candidates"][None])[0], data["past_cost"], bound)
+
+
+@pytest.mark.parametrize("file", JOINT)
+def test_joint_models_equal_the_reference(file: str) -> None:
+    model = wm.load_pretrained(GOLDEN / file)
+    assert not model.training
+    joint_agrees(model, expected(file.split("/")[0]))
+
+
+def test_half_precision_is_read() -> None:
+    # Weights were rounded to 11 bits, which two steps of a rollout amplify.
+    joint_agrees(wm.load_pretrained(GOLDEN / "lewm_transformers5" / "half.pt"), expected("lewm_transformers5"), 2e-2)
+
+
+def test_prejepa_equals_the_reference() -> None:
+    model, data = wm.load_pretrained(GOLDEN / "prejepa"), expected("prejepa")
+    pixels, proprio = data["pixels"], data["proprio"]
+    with torch.no_grad():
+        seen = model.encode({"pixels": pixels[:, None], "proprio": proprio[:, None]}, emb_keys=["proprio"])
+        near(seen["pixels_emb"][:, 0], data["tokens"])
+        near(seen["emb"][:, 0], data["embeddings"])
+        info = {"pixels": many(pixels[:1]), "goal": many(pixels[1:]), "proprio": many(proprio[:1]), "goal_proprio": many(proprio[1:])}
+        cost = model.get_cost(info, data["candidates"][None])
+    near(cost[0], data["cost"])
+    assert cost[0].argmin() == data["cost"].argmin()
+    near(info["predicted_embedding"][0, :, 1:], data["rollout"])
+
+
+def policy_agrees(model: Any, data: dict[str, Any]) -> None:
+    info = {key: data[key] for key in ("pixels", "goal", "proprio", "goal_proprio") if key in data}
+    with torch.no_grad():
+        near(model.get_action(info), data["action"])
+        near(info["pixels_embed"], data["tokens"])
+        if "values" in data:
+            near(model.predict_values(info["embed"], info["goal_embed"]), data["values"])
+
+
+def test_gcbc_equals_the_reference() -> None:
+    policy_agrees(wm.load_pretrained(GOLDEN / "gcbc"), expected("gcbc"))
+
+
+@pytest.mark.parametrize("folder", ["gcivl_policy", "hilp_policy"])
+def test_policies_with_values_equal_the_reference(folder: str) -> None:
+    path = GOLDEN / folder
+    with pytest.raises(ValueError, match="training config .* give kind="):
+        wm.load_pretrained(path)
+    with pytest.raises(ValueError, match="how many heads .*encoder.heads"):
+        wm.load_pretrained(path, kind=folder.split("_")[0])
+    policy_agrees(wm.load_pretrained(path, kind=folder.split("_")[0], extra_args=HEADS), expected(folder))
+
+
+# ---- files: out, in, and bad ones
+
+
+def config_of(folder: str) -> dict[str, Any]:
+    return json.loads((GOLDEN / folder / "config.json").read_text())
+
+
+def small_lewm(tmp_path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
+    """A folder with a good checkpoint that tests spoil; its config and tensors."""
+    folder = tmp_path / "model"
+    shutil.copytree(GOLDEN / "lewm_transformers4", folder)
+    return folder, config_of("lewm_transformers4"), read_weights(folder / "weights.pt")
+
+
+def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
+    model, config = wm.load_pretrained(GOLDEN / "lewm_transformers4"), config_of("lewm_transformers4")
+    folder = wm.save_pretrained(model, tmp_path / "four", config)
+    assert sorted(path.name for path in folder.iterdir()) == ["config.json", "weights.pt"]
+    stored = torch.load(folder / "weights.pt", weights_only=True)
+    golden = torch.load(GOLDEN / "lewm_transformers4" / "weights.pt", weights_only=True)
+    assert set(stored) == set(golden) and all(torch.equal(stored[name], golden[name]) for name in golden)
+    # In the names of the other version, and from a compiled module.
+    folder = wm.save_pretrained(torch.compile(model), tmp_path / "five", config, transformers=5)
+    stored = torch.load(folder / "weights.pt", weights_only=True)
+    assert "encoder.layers.0.attention.q_proj.weight" in stored and not any("_orig_mod" in name for name in stored)
+    joint_agrees(wm.load_pretrained(folder), expected("lewm_transformers4"))
+    # Replaced as a whole; a config of another model is refused, and nothing is replaced.
+    other = copy.deepcopy(config)
+    other["predictor"]["depth"] = 1
+    with pytest.raises(ValueError, match="config is of a model with other tensors than this one: predictor.transformer.layers.1"):
+        wm.save_pretrained(model, folder, other)
+    assert json.loads((folder / "config.json").read_text()) == config
+    with pytest.raises(NotADirectoryError, match="is a file; name a folder"):
+        wm.save_pretrained(model, folder / "weights.pt", config)
+
+
+def test_an_encoder_by_name_is_saved_with_the_model(tmp_path: Path) -> None:
+    model, config = wm.load_pretrained(GOLDEN / "prejepa"), config_of("prejepa")
+    wm.save_pretrained(model, tmp_path, config, transformers=4)
+    stored = torch.load(tmp_path / "weights.pt", weights_only=True)
+    assert "backbone.encoder.layer.0.attention.attention.query.weight" in stored
+    with pytest.raises(ValueError, match="how many heads"):
+        wm.load_pretrained(tmp_path)
+    again, given = wm.load_pretrained(tmp_path, extra_args=HEADS).state_dict(), model.state_dict()
+    assert len(again) == len(given)
+    shutil.copytree(GOLDEN / "prejepa" / "backbone", tmp_path / "backbone")
+    loaded = wm.load_pretrained(tmp_path)
+    pixels = expected("prejepa")["pixels"][:, None]
+    with torch.no_grad():
+        assert torch.equal(*(one.encode({"pixels": pixels}, emb_keys=[])["emb"] for one in (model, loaded)))
+
+
+PAPER = {"pusht": 10, "cube": 25}
+
+
+@pytest.mark.parametrize("values", PAPER.values(), ids=PAPER)
+def test_the_papers_model_has_its_tensors(values: int) -> None:
+    root = "stable_worldmodel.wm.lewm.module"
+    norm = {"_target_": "torch.nn.BatchNorm1d", "_partial_": True}
+    mlp = {"_target_": f"{root}.MLP", "input_dim": 192, "output_dim": 192, "hidden_dim": 2048, "norm_fn": norm}
+    config = {
+        "_target_": "stable_worldmodel.wm.lewm.LeWM",
+        "encoder": {
+            **{"_target_": "stable_pretraining.backbone.utils.vit_hf", "size": "tiny", "patch_size": 14, "image_size": 224},
+            **{"pretrained": False, "use_mask_token": False},
+        },
+        "predictor": {
+            **{"_target_": f"{root}.Predictor", "num_frames": 3, "input_dim": 192, "hidden_dim": 192, "output_dim": 192, "depth": 6},
+            **{"heads": 16, "mlp_dim": 2048, "dim_head": 64, "dropout": 0.1, "emb_dropout": 0.0},
+        },
+        "action_encoder": {"_target_": f"{root}.Embedder", "input_dim": values, "emb_dim": 192},
+        "projector": mlp,
+        "pred_proj": mlp,
+    }
+    with torch.device("meta"):
+        state = wm.from_config(config, transformers=4).state_dict()
+    assert len(state) == 303
+    assert state["action_encoder.patch_embed.weight"].shape == (10, values, 1)
+    assert state["encoder.encoder.layer.11.attention.attention.query.weight"].shape == (192, 192)
+    if values == 25:
+        assert sum(value.numel() for value in state.values()) == 18_042_822
+
+
+def test_names_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home, hub = tmp_path / "home", tmp_path / "hub"
+    monkeypatch.setenv("STABLEWM_HOME", str(home))
+    monkeypatch.setenv("HF_HUB_CACHE", str(hub))
+    source = GOLDEN / "lewm_transformers4"
+    with pytest.raises(FileNotFoundError, match=r"me/lewm is neither .*download_model\('me/lewm'\), or `hf download me/lewm`"):
+        wm.load_pretrained("me/lewm")
+    snapshot = hub / "models--me--lewm" / "snapshots" / "abc"
+    shutil.copytree(source, snapshot)
+    assert isinstance(wm.load_pretrained("hf:me/lewm"), wm.LeWM)
+    shutil.copytree(source, hub / "models--me--lewm" / "snapshots" / "def")
+    with pytest.raises(ValueError, match="several revisions: abc, def"):
+        wm.load_pretrained("me/lewm")
+    (hub / "models--me--lewm" / "refs").mkdir()
+    (hub / "models--me--lewm" / "refs" / "main").write_text("def")
+    assert isinstance(wm.load_pretrained("me/lewm"), wm.LeWM)
+    shutil.copytree(source, home / "checkpoints" / "mine")
+    assert isinstance(wm.load_pretrained("mine"), wm.LeWM)
+    assert isinstance(wm.load_pretrained("mine/weights"), wm.LeWM)
+    with pytest.raises(FileNotFoundError, match="nothing is neither a file nor a folder here"):
+        wm.load_pretrained("nothing")
+    shutil.copy(source / "weights.pt", home / "checkpoints" / "mine" / "weights_epoch_2.pt")
+    with pytest.raises(ValueError, match="holds 2 files of weights: weights.pt, weights_epoch_2.pt; give one"):
+        wm.load_pretrained("mine")
+
+
+BAD_FILES = {
+    "complex.pt": "encoder.embeddings.cls_token is complex",
+    "sparse.pt": "a.weight is sparse",
+    "empty.pt": "holds no tensors",
+    "page.pt": "is a web page in the place of the file",
+    "pointer.pt": r"is a pointer of Git LFS, not the weights \(72,000,000 bytes\)",
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_files_are_refused(name: str, tmp_path: Path) -> None:
+    folder, _, _ = small_lewm(tmp_path)
+    (folder / "weights.pt").unlink()
+    shutil.copy(GOLDEN / "bad" / name, folder)
+    with pytest.raises(ValueError, match=f"{name}.*{BAD_FILES[name]}"):
+        wm.load_pretrained(folder)
+
+
+class Calls:
+    def __reduce__(self) -> Any:
+        return Path.touch, (Path("called"),)
+
+
+def test_spoiled_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder, _, state = small_lewm(tmp_path)
+    file, whole = folder / "weights.pt", (folder / "weights.pt").read_bytes()
+    first, *_, last = state
+
+    def refused(spoiled: Any, match: str) -> None:
+        if isinstance(spoiled, bytes):
+            file.write_bytes(spoiled)
+        else:
+            torch.save(spoiled, file)
+        with pytest.raises(ValueError, match=match):
+            wm.load_pretrained(folder)
+
+    refused(b"", "is empty: the download failed")
+    refused(whole[: len(whole) // 2], r"is cut off \([\d,]+ bytes")
+    refused(whole[: len(whole) // 2] + whole[-64:], "no file of torch.save, or a damaged one")
+    refused({name: state[name] for name in list(state)[:-1]}, f"90 of 91 tensors fit; missing: {last}")
+    refused({**state, "extra.weight": torch.zeros(2)}, "91 of 91 tensors fit; not used: extra.weight")
+    refused({**state, first: state[first][..., :-1].clone()}, rf"shapes: {first}: \(1, 1, 23\) in the file, \(1, 1, 24\) by config")
+    refused({**state, first: state[first] * float("nan")}, f"{first} holds values that are not finite")
+    variance = next(name for name in state if name.endswith("running_var"))
+    refused({**state, variance: -state[variance]}, f"{variance} holds negative variances")
+    refused({first: torch.zeros(1).expand(1 << 40)}, "is a view of 1,099,511,627,776 values over fewer")
+    refused({"state_dict": state, "x": Calls()}, "would have Python load .*which can execute anything")
+    assert not (tmp_path / "called").exists()
+    refused(b"\xff" * 7 + b"\x00" + b"{" + b"x" * 64, "no valid file of safetensors: its header has")
+
+
+def test_bad_configs_are_refused(tmp_path: Path) -> None:
+    folder, config, _ = small_lewm(tmp_path)
+
+    def refused(changes: dict[str, Any], match: str) -> None:
+        (folder / "config.json").write_text(json.dumps({**config, **changes}))
+        with pytest.raises(ValueError, match=match):
+            wm.load_pretrained(folder)
+
+    bad = {name: json.loads((GOLDEN / "bad" / name / "config.json").read_text()) for name in ("call", "unknown_class", "unfilled", "layernorm")}
+    refused(bad["call"], "encoder: builtins.print is no module of a known model; nothing of a config is executed")
+    refused(bad["unknown_class"], "my_lab.models.Dreamer is no model that this package has; known are lewm, pldm")
+    refused(bad["unfilled"], r"action_encoder.input_dim is \?\?\?: an unfinished Hydra config")
+    refused(bad["layernorm"], "not used: projector.net.1.running_mean")
+    refused({"_target_": "stable_worldmodel.wm.tdmpc2.TDMPC2"}, "is TD-MPC2, of which there is no torch module here; `swm import`")
+    predictor = config["predictor"]
+    refused({"predictor": {**predictor, "depths": 2}}, "predictor.depths is no setting that is known here; known are num_frames")
+    refused({"predictor": {**predictor, "depth": 10**9}}, "predictor.depth is 1000000000; give 0 to 1000")
+    refused({"predictor": {**predictor, "heads": True}}, "predictor.heads is True, and int is wanted")
+    refused({"predictor": {**predictor, "heads": "2"}}, "predictor.heads is '2', and int is wanted")
+    refused({"predictor": 3}, "predictor is no module; give its settings with a _target_")
+    lacking = {key: value for key, value in predictor.items() if key != "depth"}
+    refused({"predictor": lacking}, "predictor lacks depth")
+    refused({"encoder": {**config["encoder"], "pretrained": True}}, "would fetch weights")
+    refused({"projector": {**config["projector"], "norm_fn": {"_target_": "os.system", "_partial_": True}}}, "os.system with _partial_")
+    (folder / "config.json").write_text("[1]")
+    with pytest.raises(ValueError, match="holds no settings"):
+        wm.load_pretrained(folder)
+    (folder / "config.json").unlink()
+    with pytest.raises(ValueError, match="has no config.json, which says what the weights are of"):
+        wm.load_pretrained(folder)
+
+
+def spoiled(config: Any, value: Any) -> list[Any]:
+    """A config with each of its settings replaced in turn."""
+    found: list[Any] = []
+    for key, below in config.items():
+        found.append({**config, key: value})
+        if isinstance(below, dict):
+            found += [{**config, key: one} for one in spoiled(below, value)]
+    return found
+
+
+@pytest.mark.parametrize("name", ["gcbc", "prejepa"])
+def test_any_other_setting_is_refused_by_a_message_or_of_no_effect(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "model"
+    shutil.copytree(GOLDEN / name, folder)
+    loaded = refused = 0
+    for value in (None, -1, {"_target_": "torch.nn.Identity"}):
+        for config in spoiled(config_of(name), value):
+            (folder / "config.json").write_text(json.dumps(config))
+            try:
+                wm.load_pretrained(folder)
+                loaded += 1
+            except ValueError as error:
+                assert str(error)
+                refused += 1
+    assert refused > 4 * loaded
+
+
+def test_settings_can_be_given_others(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"predictor.pos_embedding: \(1, 3, 24\) in the file, \(1, 2, 24\)"):
+        wm.load_pretrained(GOLDEN / "lewm_transformers4", extra_args={"predictor.num_frames": 2})
+    folder, config, _ = small_lewm(tmp_path)
+    config["action_encoder"]["input_dim"] = "???"
+    (folder / "config.json").write_text(json.dumps(config))
+    joint_agrees(wm.load_pretrained(folder, extra_args={"action_encoder.input_dim": 4}), expected("lewm_transformers4"))
+
+
+def test_torch_is_imported_with_the_first_model(run_python: Any) -> None:
+    done = run_python("import sys, stable_worldmodel_rs as swm\nswm.load_pretrained, swm.wm.utils\nprint('torch' in sys.modules)")
+    assert done.stdout.split() == ["False"], done.stderr
+
+
+def test_it_serves_under_the_references_name(run_python: Any) -> None:
+    code = """from stable_worldmodel_rs import compat; compat.install()
+from stable_worldmodel.wm.utils import load_pretrained
+from stable_worldmodel.wm.lewm.lewm import LeWM
+from stable_worldmodel.wm.loss import SIGReg
+import stable_worldmodel_rs as ours
+print(load_pretrained is ours.load_pretrained, LeWM is ours.wm.LeWM)"""
+    assert run_python(code).stdout.split() == ["True", "True"]
+
+
+def test_downloads_need_the_hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import sys
+    from types import SimpleNamespace
+
+    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
+    with pytest.raises(ImportError, match="pip install huggingface_hub"):
+        wm.download_model("me/lewm")
+    with pytest.raises(ValueError, match="give 'user/repository'"):
+        wm.download_model("lewm")
+    calls: list[Any] = []
+
+    def snapshot_download(repo: str, **options: Any) -> str:
+        calls.append((repo, options["revision"], options["allow_patterns"]))
+        return str(tmp_path)
+
+    monkeypatch.setitem(sys.modules, "huggingface_hub", SimpleNamespace(snapshot_download=snapshot_download))
+    assert wm.download_model("me/lewm", revision="22b3") == tmp_path
+    assert calls == [("me/lewm", "22b3", ["*.json", "*.pt", "*.pth", "*.ckpt", "*.safetensors"])]
