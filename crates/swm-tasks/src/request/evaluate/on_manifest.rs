@@ -35,7 +35,7 @@ impl Evaluate {
         &self,
         manifest: Manifest,
         registry: &Registry,
-        mut foreign: Option<&mut Foreign<'_>>,
+        foreign: Option<&mut Foreign<'_>>,
         report: &mut dyn Report,
     ) -> Result<Evaluated, TaskError> {
         let given = foreign.as_deref();
@@ -105,7 +105,7 @@ impl Evaluate {
             entrant: &entrant,
             num_envs: self.num_envs,
             threads: self.threads,
-            foreign: foreign.as_deref_mut(),
+            foreign,
             report,
         };
         if let (Some(shard), Some(dir)) = (self.shard, out) {

@@ -87,7 +87,7 @@ impl Evaluate {
         let evaluation = evaluated?;
         let goals = evaluation.protocol.as_ref().and_then(|protocol| protocol.goal_images.as_ref());
         if let Some(note) = goals.and_then(GoalImages::note) {
-            report.note(&Message::new(note.to_string()));
+            report.note(&Message::new(note.clone()));
         }
         let written = match &self.out {
             Some(dir) => write_report(dir, &evaluation, &video, format),
