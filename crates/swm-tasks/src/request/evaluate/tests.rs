@@ -1,3 +1,5 @@
+//! Tests of evaluations as requests: refusals, results that are there already, and parts.
+
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
