@@ -43,7 +43,6 @@ fn files_are_named() {
     hdf5(&path("main.hdf5"), &["episode_0/actions", "episode_0/observations", "episode_1/actions"]);
     hdf5(&path("maniskill.h5"), &["traj_0/actions", "traj_0/success"]);
     hdf5(&path("aloha.hdf5"), &["action", "observations/qpos"]);
-    zip_of(&path("ogbench.npz"), &["observations.npy", "actions.npy", "terminals.npy", "qpos.npy"]);
     zip_of(&path("other.npz"), &["x.npy"]);
     zip_of(&path("umi.zarr.zip"), &[".zgroup", "data/.zgroup"]);
     zip_of(&path("chunk_0.pt"), &["chunk_0/data.pkl", "chunk_0/version"]);
@@ -57,7 +56,6 @@ fn files_are_named() {
         ("main.hdf5", "the data of a Minari dataset"),
         ("maniskill.h5", "ManiSkill"),
         ("aloha.hdf5", "an episode of ALOHA"),
-        ("ogbench.npz", "a dataset of OGBench or PLDM"),
         ("other.npz", "an archive of NumPy arrays"),
         ("umi.zarr.zip", "a Zarr store"),
         ("chunk_0.pt", "a file of PyTorch"),
@@ -80,7 +78,6 @@ fn folders_are_named() {
         ("pusht.zarr", &[".zgroup", "meta/episode_ends/.zarray"][..], "a Zarr replay buffer"),
         ("other.zarr", &["zarr.json"][..], "a Zarr store"),
         ("rlds", &["dataset_info.json", "features.json"][..], "an RLDS dataset"),
-        ("pusht_noise", &["train/states.pth", "val/states.pth"][..], "a dataset of DINO-WM"),
         ("bag", &["metadata.yaml", "bag_0.mcap"][..], "a ROS 2 recording"),
     ] {
         for file in files {

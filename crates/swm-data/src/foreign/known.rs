@@ -137,7 +137,7 @@ fn has_path(folder: &Path, pattern: &str) -> bool {
 }
 
 fn has_entries(path: &Path, patterns: &[&str]) -> bool {
-    if !begins(path, b"PK\x03\x04") {
+    if !is_zip(path) {
         return false;
     }
     let archive = File::open(path).ok().and_then(|file| zip::ZipArchive::new(BufReader::new(file)).ok());
@@ -145,6 +145,11 @@ fn has_entries(path: &Path, patterns: &[&str]) -> bool {
         let names: Vec<&str> = archive.file_names().take(LOOKED_AT).collect();
         patterns.iter().all(|pattern| names.iter().any(|name| fits(pattern, name)))
     })
+}
+
+/// Whether a file begins as a zip archive.
+pub(super) fn is_zip(path: &Path) -> bool {
+    path.is_file() && begins(path, b"PK\x03\x04")
 }
 
 fn begins(path: &Path, start: &[u8]) -> bool {
