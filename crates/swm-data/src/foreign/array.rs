@@ -9,7 +9,6 @@ use swm_core::{Column, Dtype, SliceMut};
 
 use crate::dataset::{Steps, copy_rows};
 use crate::error::{Result, invalid, wrong_type};
-use crate::formats::hdf5;
 
 /// Rows of one type and shape.
 pub(super) trait Array: Send + Sync + fmt::Debug {
@@ -57,7 +56,6 @@ pub(super) fn numbers(array: &dyn Array, scratch: &mut Scratch) -> Result<Vec<f6
 /// What one handle keeps between reads.
 #[derive(Default)]
 pub(super) struct Scratch {
-    pub(super) hdf5: hdf5::Scratch,
     pub(super) bytes: Vec<u8>,
     held: Vec<Held>,
 }
@@ -113,13 +111,13 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    pub(super) fn new(values: Column, shape: &[usize]) -> Shared {
+    pub(super) fn of(values: Column, shape: &[usize]) -> Shared {
         Arc::new(Self { values, shape: shape.to_vec() })
     }
 
     /// One mark a row.
     pub(super) fn marks(marks: Vec<bool>) -> Shared {
-        Self::new(Column::Bool(marks), &[])
+        Self::of(Column::Bool(marks), &[])
     }
 }
 
@@ -142,36 +140,6 @@ impl Array for Memory {
     }
 }
 
-/// The same values in every row.
-#[derive(Debug)]
-pub(super) struct Constant {
-    pub(super) value: Column,
-    pub(super) rows: usize,
-}
-
-impl Array for Constant {
-    fn dtype(&self) -> Dtype {
-        self.value.dtype()
-    }
-
-    fn rows(&self) -> usize {
-        self.rows
-    }
-
-    fn shape(&self) -> &[usize] {
-        &[]
-    }
-
-    fn read(&self, rows: Steps, mut out: SliceMut<'_>, _scratch: &mut Scratch) -> Result<()> {
-        for _ in 0..rows.count {
-            let (mut one, rest) = out.split_at(1);
-            copy_rows(self.value.as_slice(), 1, Steps { first: 0, count: 1, stride: 1 }, one.reborrow());
-            out = rest;
-        }
-        Ok(())
-    }
-}
-
 /// Vectors of several arrays one behind the other, as f64, and of each only the first values if so told.
 #[derive(Debug)]
 pub(super) struct Joined {
@@ -181,7 +149,7 @@ pub(super) struct Joined {
 
 impl Joined {
     /// Of each array, so many values of a row.
-    pub(super) fn new(parts: Vec<(Shared, usize)>) -> Result<Shared> {
+    pub(super) fn of(parts: Vec<(Shared, usize)>) -> Result<Shared> {
         let shape = [parts.iter().map(|(_, width)| width).sum()];
         let rows = parts.first().map_or(0, |(array, _)| array.rows());
         for (array, width) in &parts {
@@ -256,74 +224,6 @@ impl Array for Divided {
             SliceMut::F64(out) => out.iter_mut().for_each(|value| *value /= f64::from(self.1)),
             out => return Err(wrong_type(format!("it holds {}, not floats", out.dtype()))),
         }
-        Ok(())
-    }
-}
-
-/// Rows of another shape: the values are the same.
-#[derive(Debug)]
-pub(super) struct Reshaped(pub(super) Shared, pub(super) Vec<usize>);
-
-impl Array for Reshaped {
-    fn dtype(&self) -> Dtype {
-        self.0.dtype()
-    }
-
-    fn rows(&self) -> usize {
-        self.0.rows()
-    }
-
-    fn shape(&self) -> &[usize] {
-        &self.1
-    }
-
-    fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
-        self.0.read(rows, out, scratch)
-    }
-}
-
-/// An array whose rows are episodes of so many steps, padded: a row for every step.
-#[derive(Debug)]
-pub(super) struct Unstacked {
-    array: Shared,
-    steps: usize,
-    shape: Vec<usize>,
-}
-
-impl Unstacked {
-    pub(super) fn new(array: Shared) -> Result<(Arc<Self>, usize)> {
-        let Some((&steps, shape)) = array.shape().split_first() else {
-            return Err(wrong_type("it has no axis of steps"));
-        };
-        let shape = shape.to_vec();
-        Ok((Arc::new(Self { array, steps, shape }), steps))
-    }
-}
-
-impl Array for Unstacked {
-    fn dtype(&self) -> Dtype {
-        self.array.dtype()
-    }
-
-    fn rows(&self) -> usize {
-        self.array.rows() * self.steps
-    }
-
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-
-    fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
-        let whole = values(
-            self.array.as_ref(),
-            Steps { first: rows.first / self.steps.max(1), count: 1, stride: 1 },
-            scratch,
-        )?;
-        let within = Steps { first: rows.first % self.steps.max(1), ..rows };
-        if within.end().is_none_or(|end| end > self.steps) {
-            return Err(invalid("rows of two episodes were asked for at once"));
-        }
-        copy_rows(whole.as_slice(), self.dim(), within, out);
         Ok(())
     }
 }

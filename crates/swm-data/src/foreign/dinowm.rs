@@ -93,9 +93,9 @@ fn find(folder: &Path) -> Result<Found> {
     match velocities {
         Some(velocities) if states.shape().len() == 1 && velocities.shape().len() == 1 => {
             let whole = vec![(states.clone(), states.dim()), (velocities.clone(), velocities.dim())];
-            found.sources.push(step("states.pth + velocities.pth", "state", Joined::new(whole)?));
+            found.sources.push(step("states.pth + velocities.pth", "state", Joined::of(whole)?));
             let own = vec![(states.clone(), states.dim().min(2)), (velocities.clone(), velocities.dim())];
-            found.sources.push(step("states.pth[:2] + velocities.pth", "proprio", Joined::new(own)?));
+            found.sources.push(step("states.pth[:2] + velocities.pth", "proprio", Joined::of(own)?));
         }
         velocities => {
             found.sources.push(step("states.pth", "state", states));
@@ -180,7 +180,7 @@ fn images(folder: &Path, found: &mut Found) -> Result<()> {
         match super::video::files(numbered().map(|(episode, rows)| (file(episode, "mp4"), rows))) {
             Ok(arrays) => found.sources.push(Source::step("obses/episode_*.mp4", "pixels", arrays, spans)),
             Err(FormatError::Unsupported(reason)) => {
-                found.skipped.push(("pixels".to_owned(), reason.to_string()))
+                found.skipped.push(("pixels".to_owned(), reason.to_string()));
             }
             Err(error) => return Err(error.at("obses/episode_000.mp4")),
         }

@@ -91,7 +91,7 @@ pub(crate) fn recognize(path: &Path) -> Option<String> {
 }
 
 /// What an HDF5 file is that has no index of episodes. `members` are names at the root, and of objects in groups there, `group/name`.
-pub(crate) fn hdf5(members: &[String]) -> Option<String> {
+pub(crate) fn of_hdf5(members: &[String]) -> Option<String> {
     named(|sign| match sign {
         Sign::Hdf5(names) => names.iter().all(|name| members.iter().any(|member| fits(name, member))),
         _ => false,

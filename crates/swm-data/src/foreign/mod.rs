@@ -20,12 +20,15 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
-pub(crate) use known::{hdf5, mcap, recognize};
+pub(crate) use known::{mcap, of_hdf5, recognize};
+
+/// Opens a dataset of one layout.
+type Open = fn(&Path, &OpenOptions) -> Result<Box<dyn Dataset>, DataError>;
 
 /// How datasets of one layout are recognized and opened.
 pub(crate) struct Reader {
     detect: fn(&Path) -> bool,
-    open: fn(&Path, &OpenOptions) -> Result<Box<dyn Dataset>, DataError>,
+    open: Open,
 }
 
 /// Every layout; more particular ones come first.

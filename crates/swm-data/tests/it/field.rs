@@ -246,8 +246,7 @@ fn copies_are_exact_and_keep_how_they_were_read() {
         copy(&mut sources, &pieces, &target, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
         let [mut source] = sources;
         let mut written = open(&target).unwrap();
-        let found =
-            compare(source.as_mut(), written.as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap();
+        let found = compare(source.as_mut(), written.as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap();
         assert!(found.equal, "{sample}: {found:?}");
         assert!(record.is_some() && written.metadata().unwrap().source == record, "{sample}");
     }

@@ -83,26 +83,6 @@ impl Archive {
         }
     }
 
-    /// The tensors of a dictionary, by name.
-    pub(super) fn tensors(&self) -> Result<Vec<(String, Tensor)>> {
-        let Object::Dict(entries) = &self.root else {
-            return Err(wrong_type(format!("it holds {}, not a dictionary of tensors", self.root.name())));
-        };
-        let inner = entries.iter().find_map(|(key, value)| match (key, value) {
-            (Object::Text(key), Object::Dict(inner)) if key == "_tensordict" => Some(inner),
-            _ => None,
-        });
-        let tensor = |(key, value): &(Object, Object)| match (key, value) {
-            (Object::Text(name), Object::Tensor(layout)) => Some(
-                self.open_tensor(layout)
-                    .at(format_args!("tensor `{name}`"))
-                    .map(|tensor| (name.clone(), tensor)),
-            ),
-            _ => None,
-        };
-        inner.unwrap_or(entries).iter().filter_map(tensor).collect()
-    }
-
     fn open_tensor(&self, layout: &Layout) -> Result<Tensor> {
         let &(start, size) = self
             .storages

@@ -171,7 +171,7 @@ impl Machine<'_> {
         let dict = self.top()?;
         match &mut self.arena[dict] {
             Node::Dict(entries) => {
-                entries.extend(values.as_chunks::<2>().0.iter().map(|&[key, value]| (key, value)))
+                entries.extend(values.as_chunks::<2>().0.iter().map(|&[key, value]| (key, value)));
             }
             // Attributes and entries of an object that stands for its state.
             _ => return Err(invalid("its pickle sets entries of what is no dictionary")),
@@ -386,7 +386,7 @@ impl Machine<'_> {
                 self.push(object);
             }
             "torch._utils _rebuild_parameter" | "torch Size" if !parts.is_empty() => {
-                self.stack.push(Item::At(parts[0]))
+                self.stack.push(Item::At(parts[0]));
             }
             "collections OrderedDict" if parts.is_empty() => self.push_node(Node::Dict(Vec::new())),
             "tensordict._reductions _make_td" if parts.len() == 2 => self.stack.push(Item::At(parts[1])),

@@ -89,7 +89,7 @@ impl Hdf5Dataset {
         let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
-                if let Some(reason) = foreign::hdf5(&Members::names(&library)) {
+                if let Some(reason) = foreign::of_hdf5(&Members::names(&library)) {
                     return Err(DataError::not_a_dataset(path, reason));
                 }
                 let why = outside.iter().find(|(there, _)| there == name).map(|(_, why)| format!(": {why}"));
