@@ -9,6 +9,7 @@ use swm_core::{Column, Dtype, SliceMut};
 
 use crate::dataset::{Steps, copy_rows};
 use crate::error::{Result, invalid, wrong_type};
+use crate::formats::hdf5;
 
 /// Rows of one type and shape.
 pub(super) trait Array: Send + Sync + fmt::Debug {
@@ -56,6 +57,7 @@ pub(super) fn numbers(array: &dyn Array, scratch: &mut Scratch) -> Result<Vec<f6
 /// What one handle keeps between reads.
 #[derive(Default)]
 pub(super) struct Scratch {
+    pub(super) hdf5: hdf5::Scratch,
     pub(super) bytes: Vec<u8>,
     held: Vec<Held>,
 }
@@ -136,6 +138,36 @@ impl Array for Memory {
 
     fn read(&self, rows: Steps, out: SliceMut<'_>, _scratch: &mut Scratch) -> Result<()> {
         copy_rows(self.values.as_slice(), self.dim(), rows, out);
+        Ok(())
+    }
+}
+
+/// The same values in every row.
+#[derive(Debug)]
+pub(super) struct Constant {
+    pub(super) value: Column,
+    pub(super) rows: usize,
+}
+
+impl Array for Constant {
+    fn dtype(&self) -> Dtype {
+        self.value.dtype()
+    }
+
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn shape(&self) -> &[usize] {
+        &[]
+    }
+
+    fn read(&self, rows: Steps, mut out: SliceMut<'_>, _scratch: &mut Scratch) -> Result<()> {
+        for _ in 0..rows.count {
+            let (mut one, rest) = out.split_at(1);
+            copy_rows(self.value.as_slice(), 1, Steps { first: 0, count: 1, stride: 1 }, one.reborrow());
+            out = rest;
+        }
         Ok(())
     }
 }
@@ -225,5 +257,27 @@ impl Array for Divided {
             out => return Err(wrong_type(format!("it holds {}, not floats", out.dtype()))),
         }
         Ok(())
+    }
+}
+
+/// Rows of another shape: the values are the same.
+#[derive(Debug)]
+pub(super) struct Reshaped(pub(super) Shared, pub(super) Vec<usize>);
+
+impl Array for Reshaped {
+    fn dtype(&self) -> Dtype {
+        self.0.dtype()
+    }
+
+    fn rows(&self) -> usize {
+        self.0.rows()
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.1
+    }
+
+    fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
+        self.0.read(rows, out, scratch)
     }
 }

@@ -123,6 +123,12 @@ impl Found {
                 reason: "the dataset has no images; leave it out".to_owned(),
             });
         }
+        if fields.iter().any(|field| field.name == "reward") {
+            self.notes.push(
+                "`reward` of a row is that of the action taken from it; recordings of this program have it in the row that it led to"
+                    .to_owned(),
+            );
+        }
         let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
         let mut info = DatasetInfo::new(path, format, schema, std::mem::take(&mut self.lengths));
         info.rows_per_second = options.fps.or(self.fps);

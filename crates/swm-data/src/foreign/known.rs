@@ -152,7 +152,7 @@ pub(super) fn is_zip(path: &Path) -> bool {
     path.is_file() && begins(path, b"PK\x03\x04")
 }
 
-fn begins(path: &Path, start: &[u8]) -> bool {
+pub(super) fn begins(path: &Path, start: &[u8]) -> bool {
     let mut found = Vec::new();
     let read = File::open(path).and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
     read.is_ok() && found == start

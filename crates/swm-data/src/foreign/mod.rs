@@ -5,11 +5,15 @@
 //! recording is no termination; what a file does not hold is missing, and never made up.
 
 mod array;
+mod d4rl;
 mod dataset;
 mod dinowm;
 mod found;
+mod grouped;
+mod hdf5;
 mod images;
 mod known;
+mod libero;
 mod npz;
 mod torch;
 mod video;
@@ -32,8 +36,12 @@ pub(crate) struct Reader {
 }
 
 /// Every layout; more particular ones come first.
-pub(crate) const READERS: &[Reader] =
-    &[Reader { detect: dinowm::detect, open: dinowm::open }, Reader { detect: npz::detect, open: npz::open }];
+pub(crate) const READERS: &[Reader] = &[
+    Reader { detect: dinowm::detect, open: dinowm::open },
+    Reader { detect: npz::detect, open: npz::open },
+    Reader { detect: grouped::detect, open: grouped::open },
+    Reader { detect: d4rl::detect, open: d4rl::open },
+];
 
 /// Opens a dataset of another program; `None` if it is of no layout that is read.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Option<Result<Box<dyn Dataset>, DataError>> {

@@ -28,6 +28,9 @@ fn rows(dataset: &mut dyn Dataset, column: usize, episode: usize, first: usize, 
 }
 
 fn numbers(column: &Column) -> Vec<f64> {
+    if let Column::Bool(marks) = column {
+        return marks.iter().map(|&mark| f64::from(u8::from(mark))).collect();
+    }
     (0..column.len()).map(|at| column.as_slice().as_f64(at).unwrap()).collect()
 }
 
@@ -127,6 +130,13 @@ const SAMPLES: &[&str] = &[
     "pointmaze-medium-navigate-v0.npz",
     "visual-cube-single-play-v0.npz",
     "pldm_maze.npz",
+    "robomimic_can.hdf5",
+    "trajectory.rgbd.pd_ee_delta_pose.physx_cpu.h5",
+    "minari_box_hdf5",
+    "minari_hdf5",
+    "minari_raw_hdf5",
+    "halfcheetah-medium-v2.hdf5",
+    "antmaze-large-play-v2.hdf5",
 ];
 
 const OGBENCH: &[(&str, &str, f64)] = &[
@@ -199,6 +209,111 @@ fn archives_of_pldm_repeat_their_last_action() {
         [("proprio_states", "proprio", 1.0), ("locations", "locations", 1.0), ("actions", "action", 1.0)];
     let mut dataset = check("pldm_maze.npz", &OpenOptions::default(), &names);
     assert_only_last_is_missing(dataset.as_mut(), "action");
+}
+
+#[test]
+fn episodes_of_robomimic_are_sorted_by_their_numbers() {
+    let names = [
+        ("actions", "action", 1.0),
+        ("obs/robot0_eef_pos", "obs.robot0_eef_pos", 1.0),
+        ("obs/robot0_eef_quat", "obs.robot0_eef_quat", 1.0),
+        ("obs/object", "obs.object", 1.0),
+    ];
+    let mut dataset = check("robomimic_can.hdf5", &OpenOptions::default(), &names);
+    assert_eq!(lengths(dataset.as_ref()), [5, 7, 6]);
+    assert_only_last_is_missing(dataset.as_mut(), "action");
+    assert_eq!(dataset.info().rows_per_second, Some(20.0));
+    assert!(dataset.schema().index("terminated").is_none());
+    assert_eq!(bools(dataset.as_mut(), "success", 0), [false, false, false, true, false]);
+    assert!(dataset.info().mapping.contains(&("pixels".to_owned(), "obs/agentview_image".to_owned())));
+    let wrist = OpenOptions::default().camera(Some("robot0_eye_in_hand".to_owned()));
+    let wrist = opened(&golden("robomimic_can.hdf5"), &wrist).unwrap();
+    assert!(wrist.info().mapping.contains(&("pixels".to_owned(), "obs/robot0_eye_in_hand_image".to_owned())));
+    let valid = OpenOptions::default().split(Some("valid".to_owned()));
+    assert_eq!(lengths(opened(&golden("robomimic_can.hdf5"), &valid).unwrap().as_ref()), [6]);
+}
+
+#[test]
+fn libero_writes_observations_a_step_late() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("demo.hdf5");
+    // Joints before step s are s + 0.1, s + 0.2, …; the action of step s is s.
+    let joints = |step: usize| (1..=7).map(move |joint| step as f64 + joint as f64 / 10.0);
+    let write = |late: usize, moved: f64| {
+        let file = hdf5_metno::File::create(&path).unwrap();
+        for name in ["demo_0", "demo_1"] {
+            let group = file.create_group(&format!("data/{name}/obs")).unwrap();
+            let seen: Vec<f64> =
+                (0..4).flat_map(|step| joints(step + late).map(|value| value + moved)).collect();
+            let states: Vec<f64> = (0..4).flat_map(|step| std::iter::once(0.0).chain(joints(step))).collect();
+            let actions = [0.0, 1.0, 2.0, 3.0];
+            group
+                .new_dataset::<f64>()
+                .shape((4, 7))
+                .create("joint_states")
+                .unwrap()
+                .write_raw(&seen)
+                .unwrap();
+            let group = file.group(&format!("data/{name}")).unwrap();
+            group.new_dataset::<f64>().shape((4, 8)).create("states").unwrap().write_raw(&states).unwrap();
+            group.new_dataset::<f64>().shape((4, 1)).create("actions").unwrap().write_raw(&actions).unwrap();
+        }
+    };
+    let first = |options: &OpenOptions| {
+        let mut dataset = opened(&path, options)?;
+        let action = column_of(dataset.as_ref(), "action");
+        let missing = numbers(&rows(dataset.as_mut(), action, 1, 3, 1))[0].is_nan();
+        Ok::<_, DataError>((numbers(&rows(dataset.as_mut(), action, 1, 0, 1))[0], missing))
+    };
+    write(1, 0.0);
+    assert_eq!(first(&OpenOptions::default()).unwrap(), (1.0, true));
+    write(0, 0.0);
+    assert_eq!(first(&OpenOptions::default()).unwrap(), (0.0, false));
+    write(0, 0.5);
+    assert!(first(&OpenOptions::default()).unwrap_err().to_string().contains("`shift`"));
+    assert_eq!(first(&OpenOptions::default().shift(Some(1))).unwrap(), (1.0, true));
+}
+
+#[test]
+fn trajectories_of_maniskill_have_one_observation_more() {
+    let names = [("actions", "action", 1.0), ("env_states/actors/cube", "env_states.actors.cube", 1.0)];
+    let sample = "trajectory.rgbd.pd_ee_delta_pose.physx_cpu.h5";
+    let mut dataset = check(sample, &OpenOptions::default(), &names);
+    assert_eq!(lengths(dataset.as_ref()), [5, 7]);
+    assert_only_last_is_missing(dataset.as_mut(), "action");
+}
+
+#[test]
+fn episodes_of_minari_are_sorted_by_their_numbers() {
+    let names = [
+        ("observations", "observation", 1.0),
+        ("observation", "observations.observation", 1.0),
+        ("desired_goal", "desired_goal", 1.0),
+        ("pair/1", "observations.pair.1", 1.0),
+        ("actions", "action", 1.0),
+        ("rewards", "reward", 1.0),
+        ("terminations", "terminated", 1.0),
+        ("truncations", "truncated", 1.0),
+    ];
+    for sample in ["minari_box_hdf5", "minari_hdf5", "minari_raw_hdf5"] {
+        let mut dataset = check(sample, &OpenOptions::default(), &names);
+        assert_eq!(lengths(dataset.as_ref()), naturals(&json_of(sample)["rows_per_episode"]), "{sample}");
+        assert_only_last_is_missing(dataset.as_mut(), "reward");
+    }
+}
+
+#[test]
+fn ends_of_d4rl_are_time_limits_or_ends_of_the_task() {
+    let names = [("observations", "state", 1.0), ("actions", "action", 1.0), ("rewards", "reward", 1.0)];
+    let mut cheetah = check("halfcheetah-medium-v2.hdf5", &OpenOptions::default(), &names);
+    assert_eq!(lengths(cheetah.as_ref()), [8, 6, 7]);
+    assert_only_last_is_missing(cheetah.as_mut(), "action");
+    assert!(cheetah.schema().index("terminated").is_some());
+    let ant = check("antmaze-large-play-v2.hdf5", &OpenOptions::default(), &names);
+    assert_eq!(lengths(ant.as_ref()), [8, 6]);
+    assert!(ant.schema().index("terminated").is_none());
+    let refused = opened(&golden("antmaze-large-play-v2.hdf5"), &OpenOptions::default().max_steps(Some(5)));
+    assert!(refused.err().unwrap().to_string().contains("leave it out"));
 }
 
 #[test]
