@@ -24,6 +24,8 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
+#[cfg(feature = "lerobot")]
+pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
 
 /// Opens a dataset of one layout.
