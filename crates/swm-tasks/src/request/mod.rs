@@ -18,7 +18,7 @@ use swm_core::settings::{Settings, read_of};
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
 pub use scenario::{Scenario, factor_values};
-pub use source::{check_recorded_in, open_dataset};
+pub use source::{check_recorded_in, open_dataset, open_dataset_with};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {

@@ -28,6 +28,7 @@ mod man;
 mod manifest;
 mod memory;
 mod new_env;
+mod opening;
 mod output;
 mod plan;
 mod plan_problem;
