@@ -14,10 +14,12 @@ use std::sync::LazyLock;
 use swm_core::Registry;
 use swm_core::registry::Absent;
 
+use crate::adapt;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
 use crate::foreign;
 use crate::formats::{self, disk};
+use crate::open_options::OpenOptions;
 use crate::tools::part_folder;
 
 pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair, StoredImages};
@@ -79,6 +81,16 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
 ///
 /// As of [`open`].
 pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
+    open_with(registry, path, &OpenOptions::default())
+}
+
+/// As [`open_in`], with options: what the files of another program do not hold, or hold in several forms.
+///
+/// # Errors
+///
+/// As of [`open`]; [`DataError::Option`]: an option is wrong, or would not act.
+pub fn open_with(registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
+    options.check()?;
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if !metadata.is_file() && !metadata.is_dir() {
         return Err(DataError::not_a_dataset(path, "it is neither a regular file nor a folder"));
@@ -88,7 +100,13 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
     }
     match detect(registry, path) {
         Some(format) => {
-            let dataset = format.open(path)?;
+            let dataset = match format.open(path) {
+                // An HDF5 file without our index may have the layout of another program.
+                Err(error @ DataError::NotADataset { .. }) => {
+                    foreign::open(path, options).unwrap_or(Err(error))?
+                }
+                opened => adapt::opened_with(opened?, options)?,
+            };
             check_rows(dataset.as_ref())?;
             Ok(dataset)
         }
@@ -97,6 +115,11 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
         }
         None if path.join("meta/info.json").is_file() => {
             Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
+        }
+        None if let Some(opened) = foreign::open(path, options) => {
+            let dataset = opened?;
+            check_rows(dataset.as_ref())?;
+            Ok(dataset)
         }
         None if let Some(reason) = foreign::recognize(path) => Err(DataError::not_a_dataset(path, reason)),
         None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),

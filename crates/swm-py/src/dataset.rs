@@ -1,5 +1,6 @@
 //! Datasets of every format: opening, joining, reading.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -9,7 +10,9 @@ use pyo3::prelude::*;
 use swm::core::{Batch, Cancel, Column, ImageSize, Metadata, Schema, SliceMut};
 use swm::data::adapt::{Cached, Columns, Concat, Subset};
 use swm::data::stats::{Statistics, StatisticsOptions};
-use swm::data::{DataError, Dataset, DatasetInfo, MemoryDataset, RenderOptions, Rendered, Steps, format};
+use swm::data::{
+    DataError, Dataset, DatasetInfo, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps, format,
+};
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _};
@@ -68,13 +71,23 @@ impl Reader {
 
 #[pymethods]
 impl Reader {
-    /// Opens a file or folder, of the named format or of that which its content tells.
+    /// Opens a file or folder, of the named format or of that which its content tells. `options`: JSON of how a dataset of another
+    /// program is opened.
     #[staticmethod]
-    #[pyo3(signature = (path, format=None))]
-    fn open(py: Python<'_>, path: PathBuf, format: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (path, format=None, options=None))]
+    fn open(py: Python<'_>, path: PathBuf, format: Option<&str>, options: Option<&str>) -> PyResult<Self> {
+        let options: OpenOptions = match options {
+            Some(text) => {
+                serde_json::from_str(text).map_err(|error| PyValueError::new_err(error.to_string()))?
+            }
+            None => OpenOptions::default(),
+        };
         let opened = py.detach(|| match format {
-            Some(name) => format::by_name(registry(), name)?.open(&path),
-            None => swm::data::open_in(registry(), &path),
+            // What the content tells may be read as the dataset of another program, and with options.
+            Some(name) if format::detect(registry(), &path).is_none_or(|found| found.name != name) => {
+                format::by_name(registry(), name)?.open(&path)
+            }
+            _ => swm::data::open_with(registry(), &path, &options),
         });
         opened.or_raise().map(Self::new)
     }
@@ -200,6 +213,18 @@ impl Reader {
     #[getter]
     fn skipped(&self) -> Vec<(String, String)> {
         self.info.skipped.to_vec()
+    }
+
+    /// Of a dataset of another program: its columns, and their names in its files.
+    #[getter]
+    fn mapping(&self) -> BTreeMap<String, String> {
+        self.info.mapping.iter().cloned().collect()
+    }
+
+    /// What a user of a dataset of another program has to know.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.info.notes.to_vec()
     }
 
     /// Whether it holds checksums.

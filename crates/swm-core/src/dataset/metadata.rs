@@ -49,6 +49,9 @@ pub struct Metadata {
     /// Rows from one checkpoint to the next in the column `checkpoint`; `None`: it has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoints: Option<u32>,
+    /// How the episodes were read from files of another program: the format, the names of columns there, the options. Copies keep it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<serde_json::Value>,
     /// Which part of a divided recording it is; `None`: it is not divided.
     #[serde(default, rename = "swm_part", skip_serializing_if = "Option::is_none")]
     pub part: Option<RecordingPart>,
@@ -146,6 +149,7 @@ impl Metadata {
             frame_skip: run.options.frame_skip,
             rows_per_second: Some((run.spec.time_step_s * f64::from(run.options.frame_skip)).recip()),
             checkpoints: run.options.checkpoints,
+            source: None,
             part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
             made_from: run.spec.made_from.clone(),

@@ -47,6 +47,10 @@ pub struct DatasetInfo {
     pub rows_per_second: Option<f64>,
     /// Columns that this program cannot represent, with the reason.
     pub skipped: Arc<[(String, String)]>,
+    /// For columns of a dataset of another program, the names in its files.
+    pub mapping: Arc<[(String, String)]>,
+    /// What a user of a dataset of another program has to know about it, one line each.
+    pub notes: Arc<[String]>,
     /// Whether it holds checksums, which [`Dataset::check_episode`] compares.
     pub has_checksums: bool,
 }
@@ -62,6 +66,8 @@ impl DatasetInfo {
             runs: Arc::default(),
             rows_per_second: None,
             skipped: Arc::default(),
+            mapping: Arc::default(),
+            notes: Arc::default(),
             has_checksums: false,
         }
     }

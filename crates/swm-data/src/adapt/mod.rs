@@ -6,6 +6,7 @@ mod columns;
 mod concat;
 mod constants;
 mod joined;
+mod opened;
 mod subset;
 
 pub use cached::Cached;
@@ -13,4 +14,5 @@ pub use columns::Columns;
 pub use concat::Concat;
 pub use constants::{Constants, fill_factors};
 pub use joined::Joined;
+pub(crate) use opened::opened_with;
 pub use subset::{Subset, split_episodes};

@@ -13,12 +13,12 @@ use crate::error::DataError;
 
 /// Fills `out` with the bytes from `at` on, without moving the file's cursor: handles share the file.
 #[cfg(unix)]
-pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
+pub(crate) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, out, at)
 }
 
 #[cfg(windows)]
-pub(super) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
+pub(crate) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
     while !out.is_empty() {
         match std::os::windows::fs::FileExt::seek_read(file, out, at)? {
             0 => return Err(io::ErrorKind::UnexpectedEof.into()),

@@ -5,7 +5,7 @@ use swm_core::{Dtype, SliceMut};
 
 /// How the elements of a column stand in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Element {
+pub(crate) enum Element {
     /// One byte, 0 or 1: h5py's enumeration.
     Bool,
     I8,
@@ -32,7 +32,7 @@ pub(super) enum Element {
 
 impl Element {
     /// The column type that holds every value: small numbers are widened; a u64 beyond the range of i64 is an error of reading.
-    pub(super) fn dtype(self) -> Dtype {
+    pub(crate) fn dtype(self) -> Dtype {
         match self {
             Element::Bool => Dtype::Bool,
             Element::U8 => Dtype::U8,
@@ -45,7 +45,7 @@ impl Element {
     }
 
     /// Bytes per element in the file; `None` for what stands on the heap.
-    pub(super) fn size(self) -> Option<usize> {
+    pub(crate) fn size(self) -> Option<usize> {
         match self {
             Element::Bool | Element::I8 | Element::U8 => Some(1),
             Element::I16 | Element::U16 | Element::F16 | Element::Bf16 => Some(2),
@@ -58,7 +58,7 @@ impl Element {
 }
 
 /// Fills `out`, which has as many values as `bytes` holds elements.
-pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
+pub(crate) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
     macro_rules! numbers {
         ($out:ident, $from:ty, $size:literal) => {
             for (value, bytes) in $out.iter_mut().zip(bytes.as_chunks::<$size>().0) {
@@ -109,7 +109,7 @@ pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> R
 }
 
 /// A u64 as the i64 that columns hold.
-pub(super) fn signed(value: u64) -> Result<i64> {
+pub(crate) fn signed(value: u64) -> Result<i64> {
     i64::try_from(value).map_err(|_| {
         unsupported(format!(
             "it holds the u64 {value}, and whole numbers are read up to {}; store it as text or f64",
@@ -119,7 +119,7 @@ pub(super) fn signed(value: u64) -> Result<i64> {
 }
 
 /// A number of half precision: 1 bit of sign, 5 of exponent, 10 of fraction.
-pub(super) fn half(bits: u16) -> f32 {
+pub(crate) fn half(bits: u16) -> f32 {
     let (sign, exponent, fraction) = (u32::from(bits >> 15) << 31, bits >> 10 & 31, u32::from(bits & 1023));
     match exponent {
         // Subnormal: so many 2⁻²⁴.
@@ -130,7 +130,7 @@ pub(super) fn half(bits: u16) -> f32 {
 }
 
 /// Text up to the padding.
-pub(super) fn text(bytes: &[u8]) -> Result<String> {
+pub(crate) fn text(bytes: &[u8]) -> Result<String> {
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
     let text = std::str::from_utf8(&bytes[..end]);
     text.map(str::to_owned).map_err(|_| invalid("a text is not valid UTF-8"))

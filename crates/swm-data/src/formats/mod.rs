@@ -1,11 +1,11 @@
 //! The formats, one file or folder each, and what they share. Each exports one entry of the table in `format.rs`.
 
 pub(crate) mod disk;
-mod element;
+pub(crate) mod element;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
 mod labels;
 #[cfg(feature = "lerobot")]
 pub(crate) mod lerobot;
 pub(crate) mod mcap;
-mod npz;
+pub(crate) mod npz;

@@ -58,7 +58,7 @@ pub struct ColumnComparison {
     pub psnr: Option<f64>,
 }
 
-/// Compares all values of the `wanted` columns. Numbers may differ by `tolerance`. `watch` is told after each episode how many rows it has.
+/// Compares all values of the `wanted` columns. `ep_idx`, which copies have of datasets without it, counts only where both have it. Numbers may differ by `tolerance`. `watch` is told after each episode how many rows it has.
 ///
 /// # Errors
 ///
@@ -75,6 +75,7 @@ pub fn compare(
     let mut shared = Vec::new();
     for (at, field) in left.fields().iter().enumerate().filter(|(_, field)| wanted(&field.name)) {
         match right.index(&field.name).map(|index| (index, &right.fields()[index])) {
+            None if field.name == EP_IDX => {}
             None => found.schema.push(format!("only the first has `{}`", field.name)),
             Some((index, other)) if other.dtype == field.dtype && other.shape == field.shape => {
                 shared.push((
@@ -91,7 +92,9 @@ pub fn compare(
             )),
         }
     }
-    let more = right.fields().iter().filter(|field| wanted(&field.name) && left.index(&field.name).is_none());
+    let is_more =
+        |field: &&Field| wanted(&field.name) && field.name != EP_IDX && left.index(&field.name).is_none();
+    let more = right.fields().iter().filter(is_more);
     found.schema.extend(more.map(|field| format!("only the second has `{}`", field.name)));
 
     for episode in 0..a.num_episodes().min(b.num_episodes()) {

@@ -38,12 +38,7 @@ fn zip_of(path: &Path, names: &[&str]) {
 fn files_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    hdf5(&path("robomimic.hdf5"), &["data/demo_0/actions", "data/demo_10/actions"]);
-    hdf5(&path("d4rl.hdf5"), &["observations", "actions", "rewards", "terminals", "timeouts"]);
-    hdf5(&path("main.hdf5"), &["episode_0/actions", "episode_0/observations", "episode_1/actions"]);
-    hdf5(&path("maniskill.h5"), &["traj_0/actions", "traj_0/success"]);
     hdf5(&path("aloha.hdf5"), &["action", "observations/qpos"]);
-    zip_of(&path("ogbench.npz"), &["observations.npy", "actions.npy", "terminals.npy", "qpos.npy"]);
     zip_of(&path("other.npz"), &["x.npy"]);
     zip_of(&path("umi.zarr.zip"), &[".zgroup", "data/.zgroup"]);
     zip_of(&path("chunk_0.pt"), &["chunk_0/data.pkl", "chunk_0/version"]);
@@ -52,12 +47,7 @@ fn files_are_named() {
     fs::write(path("a.parquet"), b"PAR1").unwrap();
     fs::write(path("a.npy"), b"\x93NUMPY\x01\0").unwrap();
     for (name, part) in [
-        ("robomimic.hdf5", "robomimic, LIBERO or MimicGen"),
-        ("d4rl.hdf5", "a dataset of D4RL"),
-        ("main.hdf5", "the data of a Minari dataset"),
-        ("maniskill.h5", "ManiSkill"),
         ("aloha.hdf5", "an episode of ALOHA"),
-        ("ogbench.npz", "a dataset of OGBench or PLDM"),
         ("other.npz", "an archive of NumPy arrays"),
         ("umi.zarr.zip", "a Zarr store"),
         ("chunk_0.pt", "a file of PyTorch"),
@@ -80,7 +70,6 @@ fn folders_are_named() {
         ("pusht.zarr", &[".zgroup", "meta/episode_ends/.zarray"][..], "a Zarr replay buffer"),
         ("other.zarr", &["zarr.json"][..], "a Zarr store"),
         ("rlds", &["dataset_info.json", "features.json"][..], "an RLDS dataset"),
-        ("pusht_noise", &["train/states.pth", "val/states.pth"][..], "a dataset of DINO-WM"),
         ("bag", &["metadata.yaml", "bag_0.mcap"][..], "a ROS 2 recording"),
     ] {
         for file in files {

@@ -11,6 +11,8 @@ mod damage;
 mod damage_mcap;
 #[cfg(unix)]
 mod exhaustion;
+#[cfg(feature = "video")]
+mod field;
 mod folders;
 mod golden;
 mod hostile_hdf5;

@@ -9,7 +9,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::settings::read as read_settings;
 use swm_core::{EnvEntry, Manifest, Metadata, Registry};
 use swm_data::recording::WriterLock;
-use swm_data::{DataError, Dataset};
+use swm_data::{DataError, Dataset, OpenOptions};
 
 use super::{Fix, Message, TaskError, failed, wrong};
 use crate::evaluation::read_manifest;
@@ -20,10 +20,26 @@ use crate::evaluation::read_manifest;
 ///
 /// Nothing is at the path ([`TaskError::Request`]), or it cannot be read.
 pub fn open_dataset(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>, TaskError> {
+    open_dataset_with(registry, path, &OpenOptions::default())
+}
+
+/// As [`open_dataset`], with options: what the files of another program do not hold, or hold in several forms.
+///
+/// # Errors
+///
+/// As of [`open_dataset`]; an option is wrong, or missing ([`TaskError::Request`]).
+pub fn open_dataset_with(
+    registry: &Registry,
+    path: &Path,
+    options: &OpenOptions,
+) -> Result<Box<dyn Dataset>, TaskError> {
     match std::fs::metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(DataError::io(path, "open", error))),
         // What else is in the way is found when it is opened.
-        _ => swm_data::open_in(registry, path).map_err(failed),
+        _ => swm_data::open_with(registry, path, options).map_err(|error| match error {
+            error @ DataError::Option { .. } => wrong(error),
+            error => failed(error),
+        }),
     }
 }
 

@@ -15,6 +15,7 @@ use swm_data::tools::parts::arrange;
 use swm_data::{DataError, Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
+use super::opening::OpenArgs;
 use super::output::{counted, create_parent};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, interrupt, usage};
@@ -78,9 +79,10 @@ impl TargetArgs {
         registry: &Registry,
         source: &Path,
         to: &Path,
+        how: &OpenArgs,
         output: &Output,
     ) -> Result<Box<dyn Dataset>, Failure> {
-        let dataset = inputs::open(registry, source)?;
+        let dataset = inputs::open_with(registry, source, how)?;
         for (column, reason) in &*dataset.info().skipped {
             output.note(format!("note: the copy has no column `{column}` of {}: {reason}", source.display()));
         }
@@ -213,13 +215,15 @@ pub(super) struct Convert {
     /// The file or folder to write.
     target: PathBuf,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) to: TargetArgs,
 }
 
 impl Convert {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         self.to.check(registry)?;
-        let mut sources = vec![self.to.open(registry, &self.source, &self.target, output)?];
+        let mut sources = vec![self.to.open(registry, &self.source, &self.target, &self.opening, output)?];
         let pieces = all(&sources);
         inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
@@ -268,7 +272,7 @@ impl Merge {
         inputs::check_distinct(&paths)?;
         let mut sources = Vec::with_capacity(paths.len());
         for source in &paths {
-            sources.push(self.to.open(registry, source, &self.out, output)?);
+            sources.push(self.to.open(registry, source, &self.out, &OpenArgs::default(), output)?);
         }
         check_recordings(&sources, &all(&sources)).map_err(usage)?;
         images::check_alike(&sources, &self.command())?;
@@ -337,7 +341,8 @@ impl Split {
                 self.out
             )));
         }
-        let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), output)?];
+        let mut sources =
+            vec![self.to.open(registry, &self.source, Path::new(&self.out), &OpenArgs::default(), output)?];
         let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed)
             .map_err(|error| usage(format!("--parts {}: {error}", self.parts.join(","))))?;
         let sum: f64 = fractions.iter().sum();

@@ -12,11 +12,21 @@ use swm_tasks::request;
 
 pub(super) use request::check_recorded_in as check_env;
 
+use super::opening::OpenArgs;
 use super::{Failure, Output, usage};
 
 /// Opens a dataset that the user named.
 pub(super) fn open(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>, Failure> {
     Ok(request::open_dataset(registry, path)?)
+}
+
+/// Opens a dataset that the user named, as the options describe it.
+pub(super) fn open_with(
+    registry: &Registry,
+    path: &Path,
+    how: &OpenArgs,
+) -> Result<Box<dyn Dataset>, Failure> {
+    Ok(request::open_dataset_with(registry, path, &how.options()?)?)
 }
 
 /// Refuses a path where nothing is.

@@ -1,11 +1,13 @@
 //! `swm inspect`: what a dataset holds.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
 use swm_core::{FieldKind, Metadata, Registry};
 
+use super::opening::OpenArgs;
 use super::output::{counted, table};
 use super::{Failure, Output, inputs};
 
@@ -17,11 +19,13 @@ use super::{Failure, Output, inputs};
 pub(super) struct Inspect {
     /// The dataset.
     file: PathBuf,
+    #[command(flatten)]
+    opening: OpenArgs,
 }
 
 impl Inspect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let dataset = inputs::open(registry, &self.file)?;
+        let dataset = inputs::open_with(registry, &self.file, &self.opening)?;
         let lengths = &dataset.info().lengths;
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();
@@ -41,6 +45,8 @@ impl Inspect {
             "metadata": dataset.metadata(),
             "runs": dataset.info().runs.iter().map(|(first, run)| json!({"first_episode": first, "metadata": run})).collect::<Vec<_>>(),
             "skipped": *dataset.info().skipped,
+            "mapping": dataset.info().mapping.iter().cloned().collect::<BTreeMap<_, _>>(),
+            "notes": *dataset.info().notes,
             "checkpoint_rows": dataset.metadata().and_then(|metadata| metadata.checkpoints),
         });
         output.result(&result, || {
@@ -69,6 +75,12 @@ impl Inspect {
                 counted(steps, "row"),
                 table(&["column", "dtype", "shape", "per"], &rows),
             );
+            for (new, old) in dataset.info().mapping.iter().filter(|(new, old)| new != old) {
+                text += &format!("{new} ← {old}\n");
+            }
+            for note in &*dataset.info().notes {
+                text += &format!("note: {note}\n");
+            }
             for (name, reason) in &*dataset.info().skipped {
                 text += &format!("skipped `{name}`: {reason}\n");
             }

@@ -27,6 +27,7 @@ mod manifest;
 #[cfg(feature = "baselines")]
 mod memory;
 mod new_env;
+mod opening;
 mod output;
 mod plan;
 mod plan_problem;

@@ -9,6 +9,7 @@ use swm_core::error::{did_you_mean, nearest};
 use swm_data::recording::EP_IDX;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
+use super::opening::OpenArgs;
 use super::output::{counted, table};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
@@ -51,12 +52,14 @@ pub(super) struct Stats {
     #[arg(long)]
     no_store: bool,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) threads: ThreadsArg,
 }
 
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = inputs::open(registry, &self.file)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening)?;
         let (named, is_named) = (self.quantiles.clone(), self.columns.is_some());
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {

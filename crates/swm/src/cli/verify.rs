@@ -9,6 +9,7 @@ use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, format};
 
+use super::opening::OpenArgs;
 use super::output::{Told, compact, counted, table};
 use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
@@ -40,6 +41,8 @@ pub(super) struct Verify {
     #[arg(long, requires = "fix")]
     dry_run: bool,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) threads: ThreadsArg,
 }
 
@@ -62,7 +65,7 @@ impl Verify {
             }
             _ => Vec::new(),
         };
-        let mut dataset = inputs::open(registry, &self.file)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening)?;
         let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
         let bar = output.bar(rows as u64, "rows");
         let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
@@ -132,6 +135,8 @@ by how much, and where first; for images also the PSNR in dB (differences \
 above 35 dB are hard to see). Episodes are compared by their place. Where the second dataset holds episodes of the first at \
 another place, as after `swm split`, that is said.
 
+Options of datasets of other programs are those of the first dataset.
+
 Exit status 1 if they differ.")]
 pub(super) struct Diff {
     /// The first dataset.
@@ -147,6 +152,8 @@ pub(super) struct Diff {
     /// All columns but these.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     ignore: Vec<String>,
+    #[command(flatten)]
+    opening: OpenArgs,
 }
 
 impl Diff {
@@ -155,7 +162,7 @@ impl Diff {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let [mut first, mut second] =
-            [inputs::open(registry, &self.first)?, inputs::open(registry, &self.second)?];
+            [inputs::open_with(registry, &self.first, &self.opening)?, inputs::open(registry, &self.second)?];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
                 return Err(usage(

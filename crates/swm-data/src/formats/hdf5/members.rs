@@ -72,7 +72,7 @@ impl Members {
 }
 
 /// Why values of a dataset would come from elsewhere than the file, if they would. Nothing is read of them for that.
-fn foreign_part(dataset: &h5::Dataset) -> Result<Option<String>> {
+pub(super) fn foreign_part(dataset: &h5::Dataset) -> Result<Option<String>> {
     let storage = dataset.dcpl().map_err(library_error)?;
     if storage.get_layout().map_err(library_error)? == Layout::Virtual {
         let reason = "it is a virtual dataset, made of pieces of others, which are not read; copy its values into the file";

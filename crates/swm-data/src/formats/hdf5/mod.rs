@@ -19,10 +19,14 @@ mod reader;
 mod repair;
 mod storage;
 mod superblock;
+mod tree;
 mod writer;
 
 use crate::entry::Format;
 use crate::recording::BackendWriter;
+
+pub(crate) use storage::Scratch;
+pub(crate) use tree::{Bytes, Table, Tree};
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format::new(

@@ -30,7 +30,7 @@ const METADATA_READ_ATTEMPTS: u32 = 20;
 /// Cache for chunks that the library decodes; the reference's chunks of 100 frames exceed its default of 1 MiB.
 const CHUNK_CACHE_BYTES: usize = 64 << 20;
 /// A row above this size is taken for damage.
-const MAX_ROW_BYTES: usize = 256 << 20;
+pub(super) const MAX_ROW_BYTES: usize = 256 << 20;
 
 /// An open HDF5 dataset.
 #[derive(Debug)]
@@ -89,7 +89,7 @@ impl Hdf5Dataset {
         let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
-                if let Some(reason) = foreign::hdf5(&Members::names(&library)) {
+                if let Some(reason) = foreign::of_hdf5(&Members::names(&library)) {
                     return Err(DataError::not_a_dataset(path, reason));
                 }
                 let why = outside.iter().find(|(there, _)| there == name).map(|(_, why)| format!(": {why}"));
@@ -241,7 +241,7 @@ impl Dataset for Hdf5Dataset {
 }
 
 /// Opens with the library. A file that was not closed can only be opened as one that is being written.
-fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
+pub(super) fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
     let mut builder = h5::File::with_options();
     builder
         .fapl()

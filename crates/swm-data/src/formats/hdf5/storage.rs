@@ -56,7 +56,7 @@ struct Chunk {
 
 /// Buffers of one reader.
 #[derive(Debug, Default)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     fetched: Fetched,
     rows: Vec<u8>,
     blosc: blosc::Scratch,

@@ -2,8 +2,9 @@
 //! deflated.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use swm_core::SliceMut;
 use zip::result::ZipError;
@@ -12,7 +13,7 @@ use zip::{CompressionMethod, ZipArchive};
 use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
-use crate::formats::disk::{open_regular, read_exact_at};
+use crate::formats::disk::{new_file, open_regular, read_exact_at};
 use crate::formats::element::Element;
 
 /// Where numpy puts the only array of an archive.
@@ -31,9 +32,12 @@ const LOOKED_AT: usize = 1 << 16;
 const END: &[u8] = b"PK\x05\x06";
 const MAX_END: u64 = 22 + 65_535;
 
+/// Files that were made for decoded arrays.
+static SPOOLED: AtomicUsize = AtomicUsize::new(0);
+
 /// An open array: rows of one shape.
 #[derive(Debug)]
-pub(in crate::formats) struct Array {
+pub(crate) struct Array {
     elements: ArrayType,
     /// Whether the values have to be [swapped](ArrayType::swap) where they are read.
     is_big_endian: bool,
@@ -52,22 +56,33 @@ enum Values {
 
 impl Array {
     /// Opens the array of an archive that any program wrote.
-    pub(in crate::formats) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        Self::open_member(path, ENTRY, None)
+    }
+
+    /// Opens an array of an archive of several. A compressed one that is too large for memory is decoded into a file of the folder
+    /// `storage`, which has no name.
+    pub(crate) fn open_member(path: &Path, member: &str, storage: Option<&Path>) -> Result<Self> {
         let file = open_regular(path)?;
         let length = file.metadata()?.len();
         check_end(&file, length)?;
-        let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(archive_error)?;
-        let entry = archive.by_name(ENTRY).map_err(archive_error)?;
+        let mut archive =
+            ZipArchive::new(BufReader::new(&file)).map_err(|error| archive_error(error, member))?;
+        let entry = archive.by_name(member).map_err(|error| archive_error(error, member))?;
         let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
         if entry.compressed_size() > length || size / MAX_RATIO > entry.compressed_size() {
             return Err(invalid(format!("its array claims to have {size} bytes")));
         }
         if !stored {
             if size > MAX_INFLATED {
-                return Err(unsupported(format!(
-                    "compressed, it takes {} GB of memory; store it uncompressed, as `numpy.savez` does",
-                    size >> 30
-                )));
+                let Some(folder) = storage else {
+                    return Err(unsupported(format!(
+                        "compressed, it takes {} GB of memory; store it uncompressed, as `numpy.savez` does, or open it with the \
+                         option `storage`, a folder with so much room",
+                        size >> 30
+                    )));
+                };
+                return Self::spooled(entry, size, folder);
             }
             let mut bytes = Vec::new();
             entry.take(size).read_to_end(&mut bytes)?;
@@ -96,9 +111,28 @@ impl Array {
         Self::new(head, available, Values::File(file, values))
     }
 
+    /// Decodes an array into a file without a name, which is gone when it is closed.
+    fn spooled(mut entry: impl Read, size: u64, folder: &Path) -> Result<Self> {
+        let name = format!(".swm-{}-{}", std::process::id(), SPOOLED.fetch_add(1, Ordering::Relaxed));
+        let path = folder.join(name);
+        let mut file = new_file(&path)?;
+        std::fs::remove_file(&path)?;
+        io::copy(&mut entry.by_ref().take(size), &mut file)?;
+        let mut bytes = vec![0; size.min(MAX_HEAD) as usize];
+        read_exact_at(&file, &mut bytes, 0)?;
+        let head = Head::parse(&bytes)?;
+        if head.is_by_column && head.shape.len() > 1 {
+            return Err(unsupported(
+                "it is stored column by column (`fortran_order`); store `numpy.ascontiguousarray` of it",
+            ));
+        }
+        let (start, available) = (head.bytes as u64, size.saturating_sub(head.bytes as u64));
+        Self::new(head, available, Values::File(file, start))
+    }
+
     /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
     /// writer was killed.
-    pub(in crate::formats) fn open_growing(path: &Path, rows: usize) -> Result<Self> {
+    pub(crate) fn open_growing(path: &Path, rows: usize) -> Result<Self> {
         let file = open_regular(path)?;
         let length = file.metadata()?.len();
         let mut head = growing::head(&file)?;
@@ -144,21 +178,21 @@ impl Array {
         }
     }
 
-    pub(in crate::formats) fn elements(&self) -> ArrayType {
+    pub(crate) fn elements(&self) -> ArrayType {
         self.elements
     }
 
-    pub(in crate::formats) fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.shape[0]
     }
 
     /// Shape of one row.
-    pub(in crate::formats) fn row_shape(&self) -> &[usize] {
+    pub(crate) fn row_shape(&self) -> &[usize] {
         &self.shape[1..]
     }
 
     /// Reads rows `first`, `first + stride`, …, `count` of them.
-    pub(in crate::formats) fn read(
+    pub(crate) fn read(
         &self,
         (first, count, stride): (usize, usize, usize),
         mut out: SliceMut<'_>,
@@ -180,7 +214,7 @@ impl Array {
 
     /// Why a column of u64 is left out, if it holds a number beyond the range of i64, which is what columns hold. What else is wrong
     /// is told where it is read.
-    pub(in crate::formats) fn too_large(&self) -> Option<String> {
+    pub(crate) fn too_large(&self) -> Option<String> {
         if self.elements != ArrayType::Plain(Element::U64) {
             return None;
         }
@@ -197,7 +231,7 @@ impl Array {
     }
 
     /// All values of so many rows, as they are stored but for the order of bytes.
-    pub(in crate::formats) fn bytes<'a>(
+    pub(crate) fn bytes<'a>(
         &'a self,
         first: usize,
         count: usize,
@@ -221,7 +255,7 @@ impl Array {
     }
 
     /// All rows as integers; `None` for other types.
-    pub(in crate::formats) fn integers(&self) -> Result<Vec<i64>> {
+    pub(crate) fn integers(&self) -> Result<Vec<i64>> {
         let mut scratch = Vec::new();
         let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
         if rows.saturating_mul(width) > MAX_INTEGERS {
@@ -255,8 +289,19 @@ fn by_row(bytes: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     sorted
 }
 
+/// Names of the arrays of an archive, without `.npy`.
+pub(crate) fn members(path: &Path) -> Result<Vec<String>> {
+    let file = open_regular(path)?;
+    check_end(&file, file.metadata()?.len())?;
+    let archive = ZipArchive::new(BufReader::new(&file)).map_err(|error| archive_error(error, ""))?;
+    let mut names: Vec<String> =
+        archive.file_names().filter_map(|name| name.strip_suffix(".npy").map(str::to_owned)).collect();
+    names.sort();
+    Ok(names)
+}
+
 /// Whether a zip archive ends here. The zip crate would look for the record through all of the file, however large.
-fn check_end(file: &File, length: u64) -> Result<()> {
+pub(crate) fn check_end(file: &File, length: u64) -> Result<()> {
     let count = length.min(MAX_END);
     let mut tail = vec![0; count as usize];
     read_exact_at(file, &mut tail, length - count)?;
@@ -267,10 +312,10 @@ fn check_end(file: &File, length: u64) -> Result<()> {
 }
 
 /// Why the archive or its entry cannot be opened.
-fn archive_error(error: ZipError) -> FormatError {
+fn archive_error(error: ZipError, member: &str) -> FormatError {
     match error {
         ZipError::UnsupportedArchive(_) => unsupported(error.to_string()),
-        ZipError::FileNotFound => missing(format!("{error}: `{ENTRY}`")),
+        ZipError::FileNotFound => missing(format!("{error}: `{member}`")),
         error => FormatError::other(error),
     }
 }

@@ -17,7 +17,7 @@ pub(super) const TEXT_CHARACTERS: usize = 256;
 
 /// The elements of an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::formats) enum ArrayType {
+pub(crate) enum ArrayType {
     /// Numbers, and text of one byte per character.
     Plain(Element),
     /// Text of so many characters, four bytes each.
@@ -63,7 +63,7 @@ impl ArrayType {
     }
 
     /// The column type that holds every value.
-    pub(in crate::formats) fn dtype(self) -> Dtype {
+    pub(crate) fn dtype(self) -> Dtype {
         match self {
             Self::Plain(element) => element.dtype(),
             Self::Wide(_) => Dtype::Str,

@@ -4,5 +4,5 @@ mod archive;
 mod growing;
 mod header;
 
-pub(super) use archive::Array;
+pub(crate) use archive::{Array, check_end, members};
 pub(super) use growing::GrowingArray;

@@ -92,6 +92,9 @@ class NativeDataset(Dataset):
         episodes: The episodes to take, in this order; ``None``: all.
         rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
+        options: How a dataset of another program is opened: ``map`` (new names of columns to those in its files),
+            ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
+            ``shift``. :func:`load_dataset` takes each of them as an argument.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
@@ -115,6 +118,7 @@ class NativeDataset(Dataset):
         render: tuple[int, int] | None = None,
         episodes: Sequence[int] | None = None,
         rewards: Rewards = "recorded",
+        options: Mapping[str, Any] | None = None,
     ) -> None:
         for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
             if isinstance(keys, str):
@@ -124,6 +128,7 @@ class NativeDataset(Dataset):
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
         self._render = render
+        self._options: str | None = json.dumps(dict(options)) if options else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []
@@ -164,7 +169,7 @@ class NativeDataset(Dataset):
         return self._reader is not None and self._reader.runs != "[]"
 
     def _open(self) -> _swm.Reader:
-        reader = _swm.Reader.open(self.path, self.native_format)
+        reader = _swm.Reader.open(self.path, self.native_format, self._options)
         if self._render is not None:
             reader = reader.rendered(self._render)
         if self.episodes is not None:
@@ -241,6 +246,16 @@ class NativeDataset(Dataset):
     def runs(self) -> list[tuple[int, dict[str, Any]]]:
         """``(first episode, metadata)`` of every run that recorded into it."""
         return [(first, metadata) for first, metadata in json.loads(self.reader.runs)]
+
+    @property
+    def mapping(self) -> dict[str, str]:
+        """The columns of a dataset of another program, and their names in its files."""
+        return self.reader.mapping
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user of a dataset of another program has to know."""
+        return self.reader.notes
 
     @property
     def skipped(self) -> list[tuple[str, str]]:

@@ -37,6 +37,8 @@ __all__ = [
     "split_held_out",
 ]
 
+_OPENING = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift")
+"""Arguments of :func:`load_dataset` that say how a dataset of another program is opened."""
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
@@ -48,7 +50,9 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
             repository that :func:`download` has fetched, or ``lerobot://<repo id>``.
         cache_dir: Default: ``$STABLEWM_HOME``, else ``~/.stable_worldmodel``.
         format: Default: what the path says.
-        **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``.
+        **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
+            OGBench, PLDM, robomimic, LIBERO, ManiSkill, Minari, D4RL) also ``map``, ``camera``, ``flip``, ``fps``, ``env``,
+            ``env_options``, ``split``, ``max_steps``, ``shift``: see ``options`` of :class:`NativeDataset`.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5, keys_to_load=["pixels", "action"])
@@ -60,12 +64,16 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         return known.open_reader(str(name), **kwargs)
     path = _find(str(name), get_cache_dir(cache_dir, "datasets"))
     known = get_format(format) if format else detect_format(path)
+    options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+    if options:
+        kwargs["options"] = options
     if known is None:
         try:
-            _swm.Reader.open(path)
-        except _swm.DataError as error:  # names what it is
-            raise ValueError(f"No format detected; {error}") from None
-        raise ValueError(f"No format detected for {str(path)!r}; pass format=, one of {list(FORMATS)}")
+            return NativeDataset(path, **kwargs)  # of another program
+        except _swm.DataError as error:
+            if "is not a dataset" not in str(error):
+                raise
+            raise ValueError(f"No format detected; {error}") from None  # names what it is
     return known.open_reader(path, **kwargs)
 
 

@@ -91,7 +91,7 @@ pub(crate) fn recognize(path: &Path) -> Option<String> {
 }
 
 /// What an HDF5 file is that has no index of episodes. `members` are names at the root, and of objects in groups there, `group/name`.
-pub(crate) fn hdf5(members: &[String]) -> Option<String> {
+pub(crate) fn of_hdf5(members: &[String]) -> Option<String> {
     named(|sign| match sign {
         Sign::Hdf5(names) => names.iter().all(|name| members.iter().any(|member| fits(name, member))),
         _ => false,
@@ -137,7 +137,7 @@ fn has_path(folder: &Path, pattern: &str) -> bool {
 }
 
 fn has_entries(path: &Path, patterns: &[&str]) -> bool {
-    if !begins(path, b"PK\x03\x04") {
+    if !is_zip(path) {
         return false;
     }
     let archive = File::open(path).ok().and_then(|file| zip::ZipArchive::new(BufReader::new(file)).ok());
@@ -147,7 +147,12 @@ fn has_entries(path: &Path, patterns: &[&str]) -> bool {
     })
 }
 
-fn begins(path: &Path, start: &[u8]) -> bool {
+/// Whether a file begins as a zip archive.
+pub(super) fn is_zip(path: &Path) -> bool {
+    path.is_file() && begins(path, b"PK\x03\x04")
+}
+
+pub(super) fn begins(path: &Path, start: &[u8]) -> bool {
     let mut found = Vec::new();
     let read = File::open(path).and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
     read.is_ok() && found == start

@@ -1,0 +1,104 @@
+//! A dataset of one of our formats with options of opening: other names of columns, a rate, an environment.
+
+use std::sync::Arc;
+
+use swm_core::{Metadata, Schema, SliceMut};
+
+use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
+use crate::error::DataError;
+use crate::open_options::OpenOptions;
+
+/// A dataset whose description differs.
+struct Opened {
+    inner: Box<dyn Dataset>,
+    info: DatasetInfo,
+}
+
+/// The dataset as the options describe it. Those that only files of other programs need are refused.
+pub(crate) fn opened_with(
+    inner: Box<dyn Dataset>,
+    options: &OpenOptions,
+) -> Result<Box<dyn Dataset>, DataError> {
+    if *options == OpenOptions::default() {
+        return Ok(inner);
+    }
+    let refuse = |option, reason| Err(DataError::Option { option, reason });
+    options.only(&format!("the format `{}`", inner.info().format), &["map", "fps", "env"])?;
+    let mut info = inner.info().clone();
+    let mut fields = info.schema.fields().to_vec();
+    for (new, old) in &options.map {
+        let Some(at) = inner.schema().index(old) else {
+            let known: Vec<_> = inner.schema().fields().iter().map(|field| field.name.as_str()).collect();
+            return refuse("map", format!("there is no column `{old}`; there are {}", known.join(", ")));
+        };
+        new.clone_into(&mut fields[at].name);
+    }
+    if !options.map.is_empty() {
+        info.schema = Schema::new(fields)
+            .map_err(|error| DataError::Option { option: "map", reason: error.to_string() })?;
+        let names = info.schema.fields().iter().zip(inner.schema().fields());
+        info.mapping = names.map(|(new, old)| (new.name.clone(), old.name.clone())).collect();
+    }
+    let mut runs = info.runs.to_vec();
+    if runs.is_empty() {
+        runs.push((0, Metadata::unknown()));
+    }
+    for (_, run) in &mut runs {
+        run.rows_per_second = options.fps.or(run.rows_per_second);
+        match (&options.env, run.known_env()) {
+            (Some(env), Some(known)) if env != known => {
+                return refuse("env", format!("the dataset was recorded in {known}; leave it out"));
+            }
+            (Some(env), None) => {
+                env.clone_into(&mut run.env);
+                run.settings = options.env_options.clone();
+            }
+            _ => {}
+        }
+    }
+    info.runs = Arc::from(runs);
+    info.rows_per_second = options.fps.or(info.rows_per_second);
+    Ok(Box::new(Opened { inner, info }))
+}
+
+impl Dataset for Opened {
+    fn info(&self) -> &DatasetInfo {
+        &self.info
+    }
+
+    fn rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        self.inner.rows(column, episode, steps, out)
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { inner: self.inner.share(), info: self.info.clone() })
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        self.inner.check_whole()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        self.inner.check_episode(episode)
+    }
+
+    fn encoding(&self, column: usize) -> Option<&str> {
+        self.inner.encoding(column)
+    }
+
+    fn encoded_rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        rows: std::ops::Range<usize>,
+        out: &mut EncodedRows,
+    ) -> Result<(), DataError> {
+        self.inner.encoded_rows(column, episode, rows, out)
+    }
+}

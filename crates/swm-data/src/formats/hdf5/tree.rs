@@ -1,0 +1,203 @@
+//! Arrays in the groups of an HDF5 file of another program. As for our own layout, only what lies in the file itself is read: no link by
+//! name is followed, and no value of another file.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use hdf5_metno as h5;
+use hdf5_metno::types::{IntSize, TypeDescriptor, VarLenArray, VarLenAscii, VarLenUnicode};
+use hdf5_metno::{IndexType, IterationOrder, LinkType, LocationType};
+use swm_core::{Dtype, Field, SliceMut};
+
+use super::handles::library_error;
+use super::layout::element_of;
+use super::members::foreign_part;
+use super::reader::{MAX_ROW_BYTES, open_library};
+use super::storage::{ColumnStorage, Scratch};
+use super::superblock;
+use crate::dataset::Steps;
+use crate::error::{DataError, FormatError, Result, guarded, invalid, unsupported, wrong_type};
+
+/// Groups are nested less deeply.
+const MAX_DEPTH: usize = 16;
+/// Members of a group that are looked at.
+const MAX_MEMBERS: usize = 1 << 20;
+
+/// An open file, whose groups are walked.
+#[derive(Clone, Debug)]
+pub(crate) struct Tree {
+    library: h5::File,
+    file: Arc<File>,
+    length: u64,
+}
+
+/// An array of numbers, marks or texts.
+#[derive(Debug)]
+pub(crate) struct Table {
+    field: Field,
+    rows: usize,
+    storage: ColumnStorage,
+    file: Arc<File>,
+}
+
+/// An array whose rows are lists of bytes, each of any length: encoded images.
+#[derive(Debug)]
+pub(crate) struct Bytes(h5::Dataset);
+
+impl Tree {
+    pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
+        let unclean = superblock::ensure_readable(path)?.is_unclean();
+        let library = open_library(path, unclean)?;
+        let io = |source| DataError::io(path, "open", source);
+        let file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
+        Ok(Self { library, file: Arc::new(file), length })
+    }
+
+    /// The groups and the arrays in a group, by name, as bytes are sorted; the root is `/`.
+    pub(crate) fn members(&self, group: &str) -> Result<(Vec<String>, Vec<String>)> {
+        let group = self.library.group(group).map_err(library_error)?;
+        let links = group.links(IndexType::Name, IterationOrder::Native).map_err(library_error)?;
+        let (mut groups, mut tables) = (Vec::new(), Vec::new());
+        // A link by name may lead to another file.
+        for (name, link) in links.into_iter().take(MAX_MEMBERS) {
+            if link.link_type != LinkType::Hard || name.contains('/') {
+                continue;
+            }
+            match group.loc_type_by_name(&name).map_err(library_error)? {
+                LocationType::Group => groups.push(name),
+                LocationType::Dataset => tables.push(name),
+                _ => {}
+            }
+        }
+        groups.sort();
+        tables.sort();
+        Ok((groups, tables))
+    }
+
+    /// Paths of all arrays below a group, which is at this path, relative to it.
+    pub(crate) fn tables(&self, group: &str) -> Result<Vec<String>> {
+        let mut found = Vec::new();
+        self.walk(group, "", 0, &mut found)?;
+        Ok(found)
+    }
+
+    fn walk(&self, group: &str, below: &str, depth: usize, found: &mut Vec<String>) -> Result<()> {
+        if depth > MAX_DEPTH || found.len() > MAX_MEMBERS {
+            return Err(unsupported("its groups are nested too deeply, or hold too many arrays"));
+        }
+        let (groups, tables) = self.members(&format!("{group}/{below}"))?;
+        found.extend(tables.iter().map(|name| format!("{below}{name}")));
+        for name in groups {
+            self.walk(group, &format!("{below}{name}/"), depth + 1, found)?;
+        }
+        Ok(())
+    }
+
+    /// An array of a group; parts of the path below it are links of the file itself.
+    fn dataset(&self, group: &str, below: &str) -> Result<h5::Dataset> {
+        let mut at = self.library.group(group).map_err(library_error)?;
+        let mut parts = below.split('/').peekable();
+        while let Some(part) = parts.next() {
+            let links = at.links(IndexType::Name, IterationOrder::Native).map_err(library_error)?;
+            let link = links.into_iter().find(|(name, _)| name == part);
+            if !link.is_some_and(|(_, link)| link.link_type == LinkType::Hard) {
+                return Err(FormatError::Missing(format!("`{below}` is not in `{group}`").into()));
+            }
+            if parts.peek().is_none() {
+                let dataset = at.dataset(part).map_err(library_error)?;
+                return match foreign_part(&dataset)? {
+                    None => Ok(dataset),
+                    Some(reason) => Err(unsupported(reason)),
+                };
+            }
+            at = at.group(part).map_err(library_error)?;
+        }
+        Err(invalid("an array has no name"))
+    }
+
+    /// An array of a group.
+    pub(crate) fn table(&self, group: &str, below: &str) -> Result<Table> {
+        let dataset = self.dataset(group, below)?;
+        let shape = dataset.space().map_err(library_error)?.shape();
+        let element = element_of(&dataset.dtype().map_err(library_error)?)?;
+        let Some((&rows, shape)) = shape.split_first() else {
+            return Err(unsupported("it is a single value, not one per row"));
+        };
+        let bytes = shape.iter().try_fold(element.size().unwrap_or(1), |all, &size| all.checked_mul(size));
+        match bytes {
+            Some(0) => return Err(unsupported(format!("its rows are empty, {shape:?}"))),
+            Some(bytes) if bytes <= MAX_ROW_BYTES => {}
+            _ => return Err(invalid(format!("a row has the shape {shape:?}"))),
+        }
+        let field = Field::step(below, element.dtype(), shape);
+        let storage =
+            ColumnStorage::of(dataset, &field, element, rows, self.length).map_err(library_error)?;
+        if let Some(row) = storage.first_row_behind(self.length).filter(|&row| row < rows) {
+            return Err(invalid(format!("it was cut short: row {row} lies behind its end")));
+        }
+        if storage.is_by_library() && matches!(element, crate::formats::element::Element::FixedText(_)) {
+            return Err(unsupported("compressed text of fixed length is not read"));
+        }
+        Ok(Table { field, rows, storage, file: self.file.clone() })
+    }
+
+    /// An array of a group whose rows are lists of bytes; `None` if it is none.
+    pub(crate) fn bytes(&self, group: &str, below: &str) -> Result<Option<Bytes>> {
+        let dataset = self.dataset(group, below)?;
+        let kind = dataset.dtype().map_err(library_error)?.to_descriptor();
+        let is_bytes = matches!(kind, Ok(TypeDescriptor::VarLenArray(inner)) if *inner == TypeDescriptor::Unsigned(IntSize::U1));
+        Ok((is_bytes && dataset.ndim() == 1).then_some(Bytes(dataset)))
+    }
+
+    /// A text in an attribute of a group.
+    pub(crate) fn attribute(&self, group: &str, name: &str) -> Option<String> {
+        let attribute = self.library.group(group).ok()?.attr(name).ok()?;
+        match attribute.dtype().ok()?.to_descriptor().ok()? {
+            TypeDescriptor::VarLenUnicode => {
+                attribute.read_scalar::<VarLenUnicode>().ok().map(|text| text.to_string())
+            }
+            TypeDescriptor::VarLenAscii => {
+                attribute.read_scalar::<VarLenAscii>().ok().map(|text| text.to_string())
+            }
+            TypeDescriptor::FixedAscii(_) => {
+                let text = attribute.read_scalar::<h5::types::FixedAscii<4096>>().ok()?;
+                Some(text.to_string())
+            }
+            _ => None,
+        }
+    }
+}
+
+impl Table {
+    pub(crate) fn dtype(&self) -> Dtype {
+        self.field.dtype
+    }
+
+    pub(crate) fn shape(&self) -> &[usize] {
+        &self.field.shape
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.rows
+    }
+
+    /// Reads rows that exist into `out`, which fits.
+    pub(crate) fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
+        self.storage.read(&self.file, &self.field, rows, out, scratch)
+    }
+}
+
+impl Bytes {
+    pub(crate) fn len(&self) -> usize {
+        self.0.size()
+    }
+
+    /// The bytes of some rows.
+    pub(crate) fn read(&self, first: usize, count: usize) -> Result<Vec<Vec<u8>>> {
+        let read = guarded(|| Ok(self.0.read_slice_1d::<VarLenArray<u8>, _>(first..first + count)));
+        let rows = read.map_err(|_| wrong_type("its rows cannot be read"))?.map_err(library_error)?;
+        Ok(rows.iter().map(|row| row.to_vec()).collect())
+    }
+}
