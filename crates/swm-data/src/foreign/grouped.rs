@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::Value;
-use swm_core::{Column, FieldKind};
+use swm_core::{Column, Dtype, FieldKind};
 
-use super::array::{Constant, Memory, Scratch, Shared, numbers};
+use super::array::{Constant, Joined, Memory, Reshaped, Scratch, Shared, numbers};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use super::hdf5::{Rows, array};
@@ -184,7 +184,7 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
                 continue;
             };
             let (array, count) = (arrays.len(), rows.rows().saturating_sub(moved));
-            arrays.push(rows);
+            arrays.push(if path == "rewards" { floats(rows)? } else { rows });
             let tail = last.as_mut().and_then(|last| last[episode].take()).filter(|tail| tail.rows() > 0);
             let tail = tail.map(|tail| {
                 let row = tail.rows() - 1;
@@ -198,6 +198,16 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
     }
     found.skipped.extend(reasons.into_iter().map(|(path, reason)| (path.replace('/', "."), reason)));
     Ok(found)
+}
+
+/// Whole numbers as floats, of which one can be missing; they are marks of success.
+fn floats(rows: Rows) -> Result<Rows> {
+    match (rows.dtype(), rows.shape()) {
+        (Dtype::U8 | Dtype::I32 | Dtype::I64, []) => {
+            Ok(Arc::new(Reshaped(Joined::of(vec![(rows, 1)])?, Vec::new())))
+        }
+        _ => Ok(rows),
+    }
 }
 
 /// Why an array is no column: it is of another form in some episode, or has not a row for each step.

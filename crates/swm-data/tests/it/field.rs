@@ -256,6 +256,13 @@ fn libero_writes_observations_a_step_late() {
                 .unwrap();
             let group = file.group(&format!("data/{name}")).unwrap();
             group.new_dataset::<f64>().shape((4, 8)).create("states").unwrap().write_raw(&states).unwrap();
+            group
+                .new_dataset::<u8>()
+                .shape(4)
+                .create("rewards")
+                .unwrap()
+                .write_raw(&[0_u8, 0, 0, 1])
+                .unwrap();
             group.new_dataset::<f64>().shape((4, 1)).create("actions").unwrap().write_raw(&actions).unwrap();
         }
     };
@@ -267,6 +274,11 @@ fn libero_writes_observations_a_step_late() {
     };
     write(1, 0.0);
     assert_eq!(first(&OpenOptions::default()).unwrap(), (1.0, true));
+    let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
+    let reward = column_of(dataset.as_ref(), "reward");
+    assert_eq!(numbers(&rows(dataset.as_mut(), reward, 0, 0, 3)), [0.0, 0.0, 1.0]);
+    assert_only_last_is_missing(dataset.as_mut(), "reward");
+    drop(dataset);
     write(0, 0.0);
     assert_eq!(first(&OpenOptions::default()).unwrap(), (0.0, false));
     write(0, 0.5);
