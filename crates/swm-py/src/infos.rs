@@ -138,7 +138,7 @@ fn values(option: &str, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, V
         .collect()
 }
 
-/// Values of factors from a dict, each as its factor's own type; choices also by name.
+/// Values of factors from a dict, each checked against its factor's type and shape; choices also by name.
 pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
     let mut given = values("variation_values", given)?;
     for (name, value) in &mut given {
@@ -157,7 +157,12 @@ pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTre
                     return Err(no_choice(factor, &text));
                 }
             }
-            *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
+            let fitting = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
+            // As requests have them, so that a recording is the same from wherever it is asked for.
+            *value = match dtype {
+                Dtype::Str => fitting,
+                _ => Value::vector(&fitting.to_f64s(name).or_raise()?),
+            };
         }
     }
     Ok(given)
