@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -31,7 +32,8 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 def run(folder: Path, *command: str, steps: int = 12, eval: int = 0, code: int = 0, save: int = 1000) -> str:
     options = f"{SMALL} --steps {steps} --eval {eval} --save {save} --dataset tworoom.h5"
-    env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(swm.__file__).parents[1])}
+    # Processes of one training meet on this machine's own address.
+    env = {**os.environ, "OMP_NUM_THREADS": "1", "GLOO_SOCKET_IFNAME": "lo", "PYTHONPATH": str(Path(swm.__file__).parents[1])}
     done = subprocess.run(
         [sys.executable, *command, *options.split()], capture_output=True, text=True, timeout=300, check=False, env=env, cwd=folder
     )
@@ -53,3 +55,17 @@ def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
     # Nothing is left to do: the model is as it was.
     assert "goes on from step 12" in run(tmp_path, str(EXAMPLE), "--out", "parts")
     assert isinstance(swm.load_pretrained(tmp_path / "parts"), swm.wm.LeWM)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the name of the loopback interface is Linux's")
+def test_two_processes_train_one_model_each_on_its_part_of_the_clips(tmp_path: Path) -> None:
+    run(tmp_path, str(EXAMPLE), "--out", "alone")
+    for name in ("both", "again"):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        launcher = f"-m torch.distributed.run --nproc-per-node 2 --master-addr 127.0.0.1 --master-port {port}".split()
+        assert "step 12: loss" in run(tmp_path, *launcher, str(EXAMPLE), "--out", name)
+    alone, both, again = (torch.load(tmp_path / name / "weights.pt", weights_only=True) for name in ("alone", "both", "again"))
+    assert all(torch.equal(value, again[name]) for name, value in both.items())
+    assert any(not torch.equal(value, alone[name]) for name, value in both.items())
