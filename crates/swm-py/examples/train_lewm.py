@@ -6,13 +6,14 @@
     torchrun --nproc-per-node 4 train_lewm.py --dataset tworoom.h5 --out lewm-tworoom # four; --batch is that of each
     python train_lewm.py --size 32 --patch 8 --width 48 --depth 2 --steps 200         # small, for a CPU
 
-The same command goes on where it was stopped. The losses are the paper's (arXiv 2603.19312): the error of the predicted next
-embedding, and SIGReg, which keeps embeddings from collapsing.
+The same command goes on where it was stopped, with more --steps too. The losses are the paper's (arXiv 2603.19312): the error
+of the predicted next embedding, and SIGReg, which keeps embeddings from collapsing.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import time
 from pathlib import Path
@@ -66,6 +67,13 @@ class Training(torch.nn.Module):
         return prediction + self.weight * normality, prediction, normality
 
 
+def learning_rate(options: argparse.Namespace, step: int) -> float:
+    """Rises over the first twentieth of all steps, then falls to zero along a cosine."""
+    warm = max(1, options.steps // 20)
+    fallen = max(0, step - warm) / max(1, options.steps - warm)
+    return options.lr * min(1.0, (step + 1) / warm) * 0.5 * (1 + math.cos(math.pi * fallen))
+
+
 def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.Module, dict[str, Any], Any]:
     """The trained model, its config, and the scaler of its actions."""
     device = torch.device(options.device)
@@ -78,13 +86,11 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
     torch.manual_seed(options.seed)
     training = Training(from_config(config), options.sigreg).to(device)
     optimizer = torch.optim.AdamW(training.parameters(), lr=options.lr, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, options.lr, total_steps=options.steps + 1, pct_start=0.05)
     last, step = options.out / "training.state", 0
     if last.exists():
         stored = torch.load(last, map_location=device, weights_only=True)
         training.load_state_dict(stored["training"])
         optimizer.load_state_dict(stored["optimizer"])
-        schedule.load_state_dict(stored["schedule"])
         loader.load_state_dict(stored["loader"])
         step = stored["step"]
         print(f"goes on from step {step} of {last}")
@@ -94,7 +100,7 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
 
     def save() -> None:
         if rank == 0:
-            state = {"training": training.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict()}
+            state = {"training": training.state_dict(), "optimizer": optimizer.state_dict()}
             torch.save({**state, "loader": loader.state_dict(), "step": step}, last.with_suffix(".new"))
             os.replace(last.with_suffix(".new"), last)  # Whole, or not at all.
 
@@ -109,8 +115,9 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(training.parameters(), 1.0)
+            for group in optimizer.param_groups:
+                group["lr"] = learning_rate(options, step)
             optimizer.step()
-            schedule.step()
             step += 1
             if rank == 0 and (step % options.every == 0 or step == options.steps):
                 rate = (step - first) / (time.monotonic() - begin)

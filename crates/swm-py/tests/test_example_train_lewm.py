@@ -55,6 +55,8 @@ def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
     # Nothing is left to do: the model is as it was.
     assert "goes on from step 12" in run(tmp_path, str(EXAMPLE), "--out", "parts")
     assert isinstance(swm.load_pretrained(tmp_path / "parts"), swm.wm.LeWM)
+    # More steps are taken from there on.
+    assert "step 14: loss" in run(tmp_path, str(EXAMPLE), "--out", "parts", steps=14)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the name of the loopback interface is Linux's")
