@@ -118,6 +118,8 @@ impl MazeEnv {
         check_goal(&self.spec, row)?;
         let qpos = needed(&self.spec.id, row, "goal", "qpos", self.sim.model().nq())?;
         let task_state = &mut self.task_state;
+        // A recorded goal is that of no task.
+        task_state.task = 0;
         task_state.goal = if self.body.has_ball() { soccer::ball_place(&qpos) } else { [qpos[0], qpos[1]] };
         task_state.goal_qpos = qpos;
         task_state.goal_qvel.fill(0.0);
