@@ -169,7 +169,8 @@ impl CellLedger {
                 None if parts::range(shard, of, cells * pairs).is_empty() => {}
                 None => missing.push(format!("{shard}/{of} is missing")),
                 Some(path) => {
-                    let part = Ledger::read(path, &identity)?;
+                    let part =
+                        Ledger::read(path, &identity).map_err(|error| Message::new(error.to_string()))?;
                     if !part.is_finished() {
                         missing.push(format!("{shard}/{of} is not finished"));
                     }

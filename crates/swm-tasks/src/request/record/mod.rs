@@ -150,6 +150,7 @@ impl Record {
         }
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let options = scenario.options(world.entry(), &world.spec().factors, report)?;
+        self.check_absent(registry)?;
         Ok((world, options))
     }
 
@@ -180,6 +181,7 @@ impl Record {
         record: impl FnOnce(Range<u64>, Cancel, &mut dyn EpisodeSink, &mut Count) -> Result<(), BoxError>,
     ) -> Result<Recorded, TaskError> {
         self.check_target(registry)?;
+        self.check_absent(registry)?;
         let last_run = self.last_run(registry);
         create_parent(&self.out)?;
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
@@ -238,10 +240,16 @@ impl Record {
         if let Some(format) = &self.format {
             swm_data::format::by_name(registry, format).map_err(failed)?;
         }
-        if self.mode == WriteMode::Error && self.out.exists() {
-            return Err(self.exists(registry).into());
-        }
         Ok(())
+    }
+
+    /// Refuses to write a file that is there, where nothing of it may change. What is asked for is checked first: an answer to this
+    /// would only bring the next refusal.
+    fn check_absent(&self, registry: &Registry) -> Result<(), TaskError> {
+        match self.mode == WriteMode::Error && self.out.exists() {
+            true => Err(self.exists(registry).into()),
+            false => Ok(()),
+        }
     }
 
     /// How to go on with a file that is there.
