@@ -8,7 +8,7 @@ pub const MAX_STEPS: u64 = 100;
 /// More environments than anybody needs.
 const MANY_ENVS: usize = 1 << 15;
 
-/// No more environments than episodes, for each takes time and memory to make. Numbers above [`MANY_ENVS`] stay, so that the world
+/// No more environments than episodes, for each takes time and memory to make. Numbers above 32768 stay, so that the world
 /// refuses those that it never takes, whatever the number of episodes.
 pub fn envs_at_most(num_envs: usize, episodes: u64) -> usize {
     let most = usize::try_from(episodes.max(1)).unwrap_or(usize::MAX);
