@@ -205,7 +205,7 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
         world.collect(episodes=1)
     with pytest.raises(ValueError, match="1 or more"):
         world.collect(tmp_path / "a.h5", episodes=0)
-    with pytest.raises(swm.SwmError, match="append, overwrite or error"):
+    with pytest.raises(swm.SwmError, match="there are `append`, `overwrite`, `error`"):
         world.collect(tmp_path / "a.h5", episodes=1, mode="both", progress=False)
     unrecorded = make(1, unrecorded=["goal"])
     unrecorded.set_policy("random")

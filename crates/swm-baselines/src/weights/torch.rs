@@ -84,6 +84,10 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
     });
     let inside = nested.and_then(|key| PytorchReader::with_top_level_key(from, key).ok());
     let reader = inside.unwrap_or(reader);
+    // A file of ours can be empty: the state of a training before its first step.
+    if reader.tensors().is_empty() {
+        return Err(Failed::Other(BaselineError::weights(path, "holds no tensors")));
+    }
     let all = reader.tensors().iter().map(|(name, tensor)| (name.as_str(), tensor.shape()));
     check_sizes(path, all).map_err(Failed::Other)?;
     let mut tensors = BTreeMap::new();

@@ -31,6 +31,7 @@ __all__ = [
     "dataset_formats",
     "detect_dataset",
     "divisors",
+    "env_aliases",
     "env_ids",
     "environments",
     "episode_seed",
