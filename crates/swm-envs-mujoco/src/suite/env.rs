@@ -190,11 +190,6 @@ impl Env for SuiteEnv {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        let is_empty = episode.options.goal.as_ref().is_some_and(std::collections::BTreeMap::is_empty);
-        if is_empty && !self.spec.goal_columns.is_empty() {
-            let reason = format!("a goal needs the columns {}", self.spec.goal_columns.join(", "));
-            return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
-        }
         self.fov = self.space.sample(&self.spec.id, episode)?;
         (self.total_reward, self.control_steps) = (0.0, 0);
         self.begin(episode).map_err(|error| error.at_reset(&self.spec.id))?;
@@ -202,14 +197,8 @@ impl Env for SuiteEnv {
             Some(row) => self.start_from(row)?,
             None => None,
         };
-        for (column, value) in episode.options.goal.iter().flatten() {
-            if !self.spec.goal_columns.contains(&column.as_str()) {
-                let reason = format!("`{column}` is no goal of this task");
-                return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
-            }
-            self.task.set_goal(&mut self.stage, column, &value.to_f64s(column)?);
-        }
-        if episode.options.goal.is_some() {
+        if let Some(row) = &episode.options.goal {
+            self.set_goal(row)?;
             self.see_goal().map_err(|error| error.at_reset(&self.spec.id))?;
         }
         if let Some(observed) = observed {

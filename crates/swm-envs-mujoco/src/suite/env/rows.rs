@@ -6,7 +6,7 @@ use swm_core::{Dtype, EnvError, Field, Value};
 use swm_fov::FovSpace;
 
 use super::SuiteEnv;
-use crate::given::{needed, recorded};
+use crate::given::{check_goal, needed, recorded};
 use crate::suite::{Domain, Stage};
 use crate::views::Views;
 
@@ -53,6 +53,21 @@ impl SuiteEnv {
         sim.forward_without_actuation().map_err(|error| error.at_reset(id))?;
         sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
         Ok(self.recorded_observation(row))
+    }
+
+    /// Sets the goal from the columns of a recorded row.
+    pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let Self { spec, stage, task, .. } = self;
+        check_goal(spec, row)?;
+        if row.is_empty() && !spec.goal_columns.is_empty() {
+            let reason = format!("a goal needs the columns {}", spec.goal_columns.join(", "));
+            return Err(EnvError::Reset { env: spec.id.clone(), reason });
+        }
+        for column in row.keys() {
+            let dim = spec.fields.iter().find(|field| field.name == *column).map_or(0, Field::dim);
+            task.set_goal(stage, column, &needed(&spec.id, row, "goal", column, dim)?);
+        }
+        Ok(())
     }
 
     /// The recorded observation, if its task can recall it: other programs may call something else so.
