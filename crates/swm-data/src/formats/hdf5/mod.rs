@@ -11,6 +11,7 @@ mod encoding;
 mod fetch;
 mod ffi;
 mod handles;
+mod heap;
 mod layout;
 mod library;
 mod lz4;

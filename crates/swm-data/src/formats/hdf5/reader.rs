@@ -16,7 +16,7 @@ use super::handles::library_error;
 use super::layout::{EP_LEN, EP_OFFSET, element_of, is_opaque};
 use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
-use super::superblock;
+use super::{library, superblock};
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::{DataError, FormatError};
 use crate::foreign;
@@ -128,6 +128,9 @@ impl Hdf5Dataset {
                 Element::Bf16 if is_opaque && storage.is_by_library() => Some(OPAQUE.to_owned()),
                 Element::FixedText(_) if storage.is_by_library() && attributes.columns.is_none() => {
                     Some(FIXED_TEXT.to_owned())
+                }
+                Element::Text | Element::AsciiText if storage.is_by_library() && rows > 0 => {
+                    Some(library::TEXT.to_owned())
                 }
                 Element::U64 => too_large(&storage, &file, &field, rows),
                 _ => None,

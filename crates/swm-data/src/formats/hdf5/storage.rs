@@ -15,6 +15,7 @@ use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
 use super::encoding::StoredForm;
 use super::fetch::Fetched;
+use super::heap::{self, Heap};
 use super::{blosc, library};
 use crate::dataset::{EncodedRow, EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
@@ -61,6 +62,7 @@ pub(crate) struct Scratch {
     rows: Vec<u8>,
     blosc: blosc::Scratch,
     inflated: Inflated,
+    heap: Heap,
 }
 
 /// Adjacent chunks are fetched together, and gaps between strided rows with them, up to this size.
@@ -122,11 +124,24 @@ impl ColumnStorage {
                 let mut bytes = std::mem::take(&mut scratch.rows);
                 bytes.resize(rows.count * row_bytes, 0);
                 let read = self.read_bytes(file, rows, &mut bytes, scratch);
-                let converted = read.and_then(|()| element::from_bytes(self.element, &bytes, out));
+                let converted = read.and_then(|()| match out {
+                    SliceMut::Str(out) if self.element.size().is_none() => {
+                        texts(file, &bytes, out, &mut scratch.heap)
+                    }
+                    out => element::from_bytes(self.element, &bytes, out),
+                });
                 scratch.rows = bytes;
                 converted
             }
         }
+    }
+
+    /// The bytes of rows of which each is one element of any length.
+    pub(super) fn read_lists(&self, file: &File, rows: Steps, scratch: &mut Scratch) -> Result<Vec<Vec<u8>>> {
+        let mut bytes = vec![0; rows.count * heap::REFERENCE];
+        self.read_bytes(file, rows, &mut bytes, scratch)?;
+        let references = bytes.as_chunks::<{ heap::REFERENCE }>().0.iter();
+        references.map(|reference| Ok(scratch.heap.get(file, reference)?.to_vec())).collect()
     }
 
     /// Reads the stored form of rows, one after the other.
@@ -136,6 +151,7 @@ impl ColumnStorage {
         };
         scratch.fetched.forget();
         scratch.inflated.forget();
+        scratch.heap.forget();
         let mut done = 0;
         while done < rows.count {
             let row = rows.first + done * rows.stride;
@@ -228,6 +244,14 @@ impl ColumnStorage {
     }
 }
 
+/// The texts that references name.
+fn texts(file: &File, references: &[u8], out: &mut [String], heap: &mut Heap) -> Result<()> {
+    for (text, reference) in out.iter_mut().zip(references.as_chunks().0) {
+        *text = element::text(heap.get(file, reference)?)?;
+    }
+    Ok(())
+}
+
 /// Rows of a compressed chunk of `total` bytes.
 fn read_compressed(
     file: &File,
@@ -314,10 +338,10 @@ fn direct(
     rows: usize,
     file_length: u64,
 ) -> hdf5_metno::Result<Option<Access>> {
-    let (Some(size), ByteOrder::LittleEndian | ByteOrder::None) =
-        (element.size(), dataset.dtype()?.byte_order())
-    else {
-        return Ok(None);
+    let size = match (element.size(), dataset.dtype()?.byte_order()) {
+        (Some(size), ByteOrder::LittleEndian | ByteOrder::None) => size,
+        (None, _) if heap::is_common(dataset)? => heap::REFERENCE,
+        _ => return Ok(None),
     };
     let row_bytes = field.dim() * size;
     let mut filters = &dataset.dcpl()?.get_filters()?[..];

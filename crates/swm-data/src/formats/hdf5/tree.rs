@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_metno as h5;
-use hdf5_metno::types::{IntSize, TypeDescriptor, VarLenArray, VarLenAscii, VarLenUnicode};
+use hdf5_metno::types::{IntSize, TypeDescriptor, VarLenAscii, VarLenUnicode};
 use hdf5_metno::{IndexType, IterationOrder, LinkType, LocationType};
 use swm_core::{Dtype, Field, SliceMut};
 
@@ -15,9 +15,10 @@ use super::layout::element_of;
 use super::members::foreign_part;
 use super::reader::{MAX_ROW_BYTES, open_library};
 use super::storage::{ColumnStorage, Scratch};
-use super::superblock;
+use super::{library, superblock};
 use crate::dataset::Steps;
-use crate::error::{DataError, FormatError, Result, guarded, invalid, unsupported, wrong_type};
+use crate::error::{DataError, FormatError, Result, invalid, unsupported};
+use crate::formats::element::Element;
 
 /// Groups are nested less deeply.
 const MAX_DEPTH: usize = 16;
@@ -43,7 +44,11 @@ pub(crate) struct Table {
 
 /// An array whose rows are lists of bytes, each of any length: encoded images.
 #[derive(Debug)]
-pub(crate) struct Bytes(h5::Dataset);
+pub(crate) struct Bytes {
+    rows: usize,
+    storage: ColumnStorage,
+    file: Arc<File>,
+}
 
 impl Tree {
     pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
@@ -137,8 +142,14 @@ impl Tree {
         if let Some(row) = storage.first_row_behind(self.length).filter(|&row| row < rows) {
             return Err(invalid(format!("it was cut short: row {row} lies behind its end")));
         }
-        if storage.is_by_library() && matches!(element, crate::formats::element::Element::FixedText(_)) {
-            return Err(unsupported("compressed text of fixed length is not read"));
+        match element {
+            Element::FixedText(_) if storage.is_by_library() => {
+                return Err(unsupported("compressed text of fixed length is not read"));
+            }
+            Element::Text | Element::AsciiText if storage.is_by_library() && rows > 0 => {
+                return Err(unsupported(library::TEXT));
+            }
+            _ => {}
         }
         Ok(Table { field, rows, storage, file: self.file.clone() })
     }
@@ -148,7 +159,18 @@ impl Tree {
         let dataset = self.dataset(group, below)?;
         let kind = dataset.dtype().map_err(library_error)?.to_descriptor();
         let is_bytes = matches!(kind, Ok(TypeDescriptor::VarLenArray(inner)) if *inner == TypeDescriptor::Unsigned(IntSize::U1));
-        Ok((is_bytes && dataset.ndim() == 1).then_some(Bytes(dataset)))
+        if !is_bytes || dataset.ndim() != 1 {
+            return Ok(None);
+        }
+        // References, as those of texts.
+        let (element, rows) = (Element::Text, dataset.size());
+        let field = Field::step(below, element.dtype(), &[]);
+        let storage =
+            ColumnStorage::of(dataset, &field, element, rows, self.length).map_err(library_error)?;
+        match rows > 0 && storage.is_by_library() {
+            true => Err(unsupported("lists of bytes are not read in such chunks or with such filters")),
+            false => Ok(Some(Bytes { rows, storage, file: self.file.clone() })),
+        }
     }
 
     /// A text in an attribute of a group.
@@ -191,13 +213,11 @@ impl Table {
 
 impl Bytes {
     pub(crate) fn len(&self) -> usize {
-        self.0.size()
+        self.rows
     }
 
     /// The bytes of some rows.
     pub(crate) fn read(&self, first: usize, count: usize) -> Result<Vec<Vec<u8>>> {
-        let read = guarded(|| Ok(self.0.read_slice_1d::<VarLenArray<u8>, _>(first..first + count)));
-        let rows = read.map_err(|_| wrong_type("its rows cannot be read"))?.map_err(library_error)?;
-        Ok(rows.iter().map(|row| row.to_vec()).collect())
+        self.storage.read_lists(&self.file, Steps { first, count, stride: 1 }, &mut Scratch::default())
     }
 }
