@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::path::Path;
 
 use swm_core::{Metadata, RecordingPart};
 
@@ -69,6 +70,16 @@ pub fn arrange(datasets: Vec<Box<dyn Dataset>>) -> Result<Vec<Box<dyn Dataset>>,
         return Err(DataError::request(dataset.path(), reason));
     }
     if held.len() == datasets.len() { sort(datasets) } else { Ok(datasets) }
+}
+
+/// Datasets that are no part of a recording, where others in the list are.
+pub fn beside_parts(datasets: &[Box<dyn Dataset>]) -> Vec<&Path> {
+    let is_part = |dataset: &dyn Dataset| part_of(dataset).is_some();
+    let all = || datasets.iter().map(AsRef::as_ref);
+    match all().any(is_part) {
+        true => all().filter(|dataset| !is_part(*dataset)).map(Dataset::path).collect(),
+        false => Vec::new(),
+    }
 }
 
 /// Orders the parts of one recording, of which some may be missing. Datasets that are no part come first.

@@ -1,5 +1,5 @@
 //! Proving a dataset sound: every row of every column can be read, checksums are right, episodes have rows, episode
-//! columns do not change within an episode, numbers are finite.
+//! columns do not change within an episode, steps count, numbers are finite.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -13,6 +13,8 @@ use crate::recording::EP_IDX;
 
 /// The column that is missing in the last row of an episode, by design.
 const ACTION: &str = "action";
+/// The column that counts the steps of an episode.
+const STEP_IDX: &str = "step_idx";
 /// The column of goal images.
 const GOAL: &str = "goal";
 /// Problems are listed up to this number.
@@ -135,8 +137,12 @@ impl EpisodeCheck {
         for (column, field) in schema.fields().iter().enumerate() {
             let mut column_check = ColumnCheck { rows, width: field.dim(), ..ColumnCheck::default() };
             let mut first: Option<swm_core::Column> = None;
+            let mut steps = (field.name == STEP_IDX && field.dim() == 1).then(Steps::default);
             let read = blocks(dataset, column, episode, |start, values| {
                 column_check.take(start, values.as_slice());
+                if let Some(steps) = &mut steps {
+                    steps.take(start, values.as_slice());
+                }
                 if field.kind == FieldKind::Episode || field.name == EP_IDX {
                     let width = field.dim();
                     let first = first.get_or_insert_with(|| values.as_slice().range(0, width).to_column());
@@ -161,6 +167,12 @@ impl EpisodeCheck {
             if let Some(row) = column_check.infinite {
                 problem(Some(&field.name), format!("row {row} holds an infinite number"));
             }
+            if let Some((row, before, number)) = steps.and_then(|steps| steps.wrong) {
+                problem(
+                    Some(STEP_IDX),
+                    format!("it does not count: row {row} holds {number} after {before}"),
+                );
+            }
             found.missing[column] = column_check.missing;
             // Recordings leave out an action at the end, and what a first row cannot have; a column may be unused.
             let everywhere = column_check.missing == column_check.rows && field.name != ACTION;
@@ -184,6 +196,34 @@ fn said(error: DataError, episode: Option<usize>, column: Option<&str>) -> Strin
             reason.to_string()
         }
         error => error.to_string(),
+    }
+}
+
+/// The numbers of steps, which rise by as much from each row to the next: by 1, or by the frames between two recorded rows.
+#[derive(Default)]
+struct Steps {
+    last: Option<i64>,
+    /// By how much the second is above the first.
+    stride: Option<i64>,
+    /// The first row that does not follow the one before, both numbers.
+    wrong: Option<(usize, i64, i64)>,
+}
+
+impl Steps {
+    fn take(&mut self, start: usize, values: Slice<'_>) {
+        let number = |at: usize| match values {
+            Slice::I32(values) => Some(i64::from(values[at])),
+            Slice::I64(values) => Some(values[at]),
+            _ => None,
+        };
+        for (row, number) in (0..values.len()).map_while(number).enumerate() {
+            if let Some(last) = self.last.replace(number) {
+                let rise = number.saturating_sub(last);
+                if rise < 1 || rise != *self.stride.get_or_insert(rise) {
+                    self.wrong.get_or_insert((start + row, last, number));
+                }
+            }
+        }
     }
 }
 

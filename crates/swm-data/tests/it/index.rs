@@ -43,6 +43,28 @@ fn rows_of_another_episode_are_refused_in_hdf5() {
     assert!(!episodes.is_empty() && episodes.iter().all(|&episode| episode == Some(2)), "{report:?}");
 }
 
+#[test]
+fn steps_that_do_not_count_are_a_problem() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let wrong = |first: [i64; 5]| -> Vec<String> {
+        let steps: Vec<i64> = first.into_iter().chain([0]).collect();
+        let file = hdf5_metno::File::open_rw(&path).unwrap();
+        file.dataset("step_idx").unwrap().write(&ndarray::arr1(&steps)).unwrap();
+        file.close().unwrap();
+        let report = verify(open(&path).unwrap().as_mut(), &mut |_| {});
+        let steps = report.problems.into_iter().filter(|found| found.column.as_deref() == Some("step_idx"));
+        steps.map(|found| format!("{:?}: {}", found.episode, found.reason)).collect()
+    };
+    // From 0 on, from elsewhere, and with frames between the rows.
+    for steps in [[0, 1, 2, 3, 4], [7, 8, 9, 10, 11], [0, 5, 10, 15, 20]] {
+        assert_eq!(wrong(steps), [""; 0]);
+    }
+    assert_eq!(wrong([0, 1, 1, 2, 3]), ["Some(0): it does not count: row 2 holds 1 after 1"]);
+    assert_eq!(wrong([0, 1, 5, 6, 7]), ["Some(0): it does not count: row 2 holds 5 after 1"]);
+}
+
 /// Files of other programs: their episodes may have any numbers, and any order.
 #[test]
 fn rows_of_two_episodes_are_refused_in_files_of_others() {

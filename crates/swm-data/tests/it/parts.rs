@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use swm_core::{Metadata, RecordingPart};
 use swm_data::tools::copy::{all, copy};
-use swm_data::tools::parts::{arrange, range};
+use swm_data::tools::parts::{arrange, beside_parts, range};
 use swm_data::tools::verify::verify;
 use swm_data::{Dataset, MemoryDataset, WriteMode};
 
@@ -74,6 +74,8 @@ fn datasets_that_are_no_parts_stay_in_their_order() {
     };
     let arranged = arrange(vec![plain("b"), plain("a")]).unwrap();
     assert_eq!(arranged.iter().map(Dataset::path).collect::<Vec<_>>(), ["b", "a"].map(Path::new));
+    assert!(beside_parts(&arranged).is_empty());
+    assert_eq!(beside_parts(&[part(1, 1, 2, 2), plain("c")]), [Path::new("c")]);
 }
 
 #[test]

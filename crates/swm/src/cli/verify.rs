@@ -58,7 +58,9 @@ impl Verify {
                 }
                 if plan.is_empty() {
                     output.note("nothing to fix");
-                } else if !self.dry_run {
+                }
+                if !self.dry_run {
+                    // Without a step, too: a dataset that it must not change is refused.
                     format.repair(&self.file, true)?;
                 }
                 plan
