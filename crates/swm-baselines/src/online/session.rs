@@ -228,7 +228,7 @@ impl OnlineTraining {
         }
         let mut all: Vec<Box<dyn MetricSink + '_>> = vec![
             Box::new(JsonLines::after(run, saved.unwrap_or(0))?),
-            Box::new(TensorBoard::new(run, saved)?),
+            Box::new(TensorBoard::new(run, saved)),
         ];
         all.extend(sinks);
         let source = match held {

@@ -151,22 +151,17 @@ impl MetricSink for JsonLines {
     }
 }
 
-/// Event files for TensorBoard.
+/// An event file for TensorBoard, made at the first record: a run that is resumed at its end gets none.
 pub struct TensorBoard {
     run: RunFolder,
-    events: EventWriter,
+    resumed: Option<u64>,
+    events: Option<EventWriter>,
 }
 
 impl TensorBoard {
-    /// A new event file. `resumed`: the step that is gone on after.
-    ///
-    /// # Errors
-    ///
-    /// The file cannot be written.
-    pub fn new(run: &RunFolder, resumed: Option<u64>) -> Result<Self, BaselineError> {
-        let events = EventWriter::create(run.path(), resumed)
-            .map_err(|error| run.io("write an event file in", run.path(), error))?;
-        Ok(Self { run: run.clone(), events })
+    /// `resumed`: the step that is gone on after.
+    pub fn new(run: &RunFolder, resumed: Option<u64>) -> Self {
+        Self { run: run.clone(), resumed, events: None }
     }
 }
 
@@ -178,13 +173,19 @@ impl MetricSink for TensorBoard {
         };
         let tags: Vec<(String, f64)> = record.values.iter().chain([&speed]).map(tag).collect();
         let points = tags.iter().map(|(tag, value)| (tag.as_str(), *value));
-        self.events
-            .scalars(record.step, points)
-            .map_err(|error| self.run.io("write", self.events.path(), error))
+        let events = match &mut self.events {
+            Some(events) => events,
+            none => none.insert(
+                EventWriter::create(self.run.path(), self.resumed)
+                    .map_err(|error| self.run.io("write an event file in", self.run.path(), error))?,
+            ),
+        };
+        events.scalars(record.step, points).map_err(|error| self.run.io("write", events.path(), error))
     }
 
     fn flush(&mut self) -> Result<(), BaselineError> {
-        self.events.flush().map_err(|error| self.run.io("write", self.events.path(), error))
+        let Some(events) = &mut self.events else { return Ok(()) };
+        events.flush().map_err(|error| self.run.io("write", events.path(), error))
     }
 }
 

@@ -254,7 +254,7 @@ impl Training {
         let Self { run, model, data, config, .. } = self;
         let from = run.steps()?.last().copied();
         let mut all: Vec<Box<dyn MetricSink + '_>> =
-            vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
+            vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from))];
         all.extend(sinks);
         fit(run, model.as_mut(), data, &config.fit, &mut all, diagnosis, cancel)
     }

@@ -188,7 +188,7 @@ fn settings() -> FitSettings {
 fn train(run: &RunFolder, mut model: Toy, settings: &FitSettings) -> Result<State, BaselineError> {
     let from = run.steps()?.last().copied();
     let mut sinks: Vec<Box<dyn MetricSink>> =
-        vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
+        vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from))];
     fit(run, &mut model, &data(), settings, &mut sinks, None, &Cancel::new())
 }
 

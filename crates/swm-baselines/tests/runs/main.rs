@@ -209,7 +209,13 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let error = resume(2).err().unwrap().to_string();
     assert!(error.contains("it has learned for 9 steps, and 2 were asked for"), "{error}");
     assert!(std::fs::read(path.join("config.json")).unwrap() == config);
-    assert!(resume(9).is_ok());
+    let event_files = || {
+        let names = std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().file_name());
+        names.filter(|name| name.to_string_lossy().starts_with("events.")).count()
+    };
+    let before = event_files();
+    resume(9).unwrap().run(Vec::new()).unwrap();
+    assert!(before > 0 && before == event_files(), "a finished run gets no file for TensorBoard");
 }
 
 #[test]
