@@ -57,7 +57,43 @@ const EXCEPTIONS: &[(&str, Exceptions<'_>)] = &[
     ("swm/FetchPickAndPlaceDict-v3", MOCAP),
 ];
 
+/// The families of the table. Each is a test of its own, so that they run side by side and none runs for minutes.
+const FAMILIES: [&str; 4] = ["DeepMind Control Suite", "Fetch", "Meta-World", "OGBench"];
+
+fn conforms(family: &str) {
+    let entries: Vec<_> = ENVS.iter().filter(|entry| entry.family.starts_with(family)).collect();
+    let of_family = |id: &str| entries.iter().any(|entry| entry.id == id);
+    let exceptions: Vec<_> = EXCEPTIONS.iter().filter(|(id, _)| of_family(id)).copied().collect();
+    assert_all_conform(entries.iter().copied(), &exceptions);
+}
+
 #[test]
-fn all_environments_conform() {
-    assert_all_conform(ENVS, EXCEPTIONS);
+fn control_suite_conforms() {
+    conforms(FAMILIES[0]);
+}
+
+#[test]
+fn fetch_conforms() {
+    conforms(FAMILIES[1]);
+}
+
+#[test]
+fn meta_world_conforms() {
+    conforms(FAMILIES[2]);
+}
+
+#[test]
+fn ogbench_conforms() {
+    conforms(FAMILIES[3]);
+}
+
+#[test]
+fn every_environment_and_exception_is_of_one_of_these_families() {
+    for entry in ENVS {
+        let families = FAMILIES.iter().filter(|family| entry.family.starts_with(**family)).count();
+        assert_eq!(families, 1, "{}: {}", entry.id, entry.family);
+    }
+    for (id, _) in EXCEPTIONS {
+        assert!(ENVS.iter().any(|entry| entry.id == *id), "{id} has exceptions, and is not in the table");
+    }
 }
