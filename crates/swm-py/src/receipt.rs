@@ -47,7 +47,7 @@ fn compare_receipts(sides: Vec<(String, Vec<String>)>) -> PyResult<String> {
 /// Runs a receipt's policy and its reference policies again and compares; gives a JSON object. `oracle`: the oracle too. `policy`, of
 /// a receipt of a policy in Python: what that is called and the policy itself; `plan_steps` as of `evaluate_manifest`.
 #[pyfunction]
-#[pyo3(signature = (receipt, policy=None, plan_steps=None, num_envs=16, threads=None, oracle=false, tick=None))]
+#[pyo3(signature = (receipt, policy=None, plan_steps=None, num_envs=8, threads=None, oracle=false, tick=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
 fn verify_receipt(
     py: Python<'_>,

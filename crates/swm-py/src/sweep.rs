@@ -30,7 +30,7 @@ fn sweep_json(path: PathBuf) -> PyResult<String> {
 /// whether that held it already. `values`: `sampled`, `extremes`, or `grid` with so many `points`. `begin` is called with the number of
 /// evaluations, `tick` with how many are done. The others are those of `evaluate_manifest`.
 #[pyfunction]
-#[pyo3(signature = (manifest, policy, foreign=None, factors=Vec::new(), values="sampled", points=None, policy_seed=0, out=None, num_envs=16, threads=None, plan_steps=None, again=false, shard=None, join=false, begin=None, tick=None))]
+#[pyo3(signature = (manifest, policy, foreign=None, factors=Vec::new(), values="sampled", points=None, policy_seed=0, out=None, num_envs=8, threads=None, plan_steps=None, again=false, shard=None, join=false, begin=None, tick=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
 fn sweep_manifest(
     py: Python<'_>,
