@@ -170,6 +170,16 @@ fn what_differs_is_named() {
         r["references"][0]["role"] = role;
     });
     assert_eq!(swapped, ["references"]);
+    // Its noise is not that of the references of this candidate; a policy without noise acts as before.
+    assert_eq!(differs(&|r| r["references"][1]["candidate"]["seed"] = 9.into()), ["references"]);
+    assert_eq!(differs(&|r| r["episodes"][2]["total_reward"] = 1e-3.into()), ["outcomes"]);
+    let mut other = receipt.clone();
+    other["plan_steps"] = 2.into();
+    std::fs::write(&changed, other.to_string()).unwrap();
+    let output = swm(&["verify-result", &changed, "--json", "--quiet"]).output().unwrap();
+    let result: Json = serde_json::from_slice(&output.stdout).unwrap();
+    let notes = result["notes"].to_string();
+    assert!(notes.contains("after plans of 2 actions, and not of the policy's 4"), "{result}");
     // Older receipts say nothing of the plans after the first.
     std::fs::write(&changed, without_plan_costs(receipt.clone()).to_string()).unwrap();
     assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);

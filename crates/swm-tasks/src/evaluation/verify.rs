@@ -160,6 +160,15 @@ pub fn verify_by(
             differ(Part::Solver, &receipt.plan_steps.to_string(), &steps, "actions of a plan");
         }
     }
+    if foreign.is_none() {
+        let usual = candidate.plan_steps(registry, entry, manifest);
+        if receipt.plan_steps != usual {
+            let steps = receipt.plan_steps;
+            notes.push(format!(
+                "costs are those after plans of {steps} actions, and not of the policy's {usual}"
+            ));
+        }
+    }
     // Where starts differ, the run says so in its digests: no need to stop at the first.
     let (resets, none) = (manifest.resets()?, BTreeMap::new());
     let count = |_, _: &EpisodeResult| {
@@ -185,7 +194,11 @@ pub fn verify_by(
             differences.insert(part, format!("{count} episode(s) differ, the first is {first}: {what}"));
         }
     }
-    for reference in receipt.references.iter().filter(|known| oracle || known.role != Role::Oracle) {
+    for reference in &receipt.references {
+        if reference.role == Role::Oracle && !oracle {
+            notes.push("the oracle was not run again: its episodes are as the receipt has them".to_owned());
+            continue;
+        }
         let again = run_pairs(
             registry,
             manifest,
@@ -280,10 +293,14 @@ fn contradictions(receipt: &Receipt, roles: &[(Role, Candidate)]) -> Vec<(Part, 
         if regret.is_some() && *regret != expected {
             wrong("the regret is not that of the episodes");
         }
-        let is_other =
-            |(known, expected): &(Role, Candidate)| known == role && candidate.policy != expected.policy;
-        if *role != Role::Oracle && roles.iter().any(is_other) {
-            wrong("it is another policy");
+        if let Some((_, expected)) = roles.iter().find(|(known, _)| known == role) {
+            // An oracle may have been chosen.
+            if *role != Role::Oracle && candidate.policy != expected.policy {
+                wrong("it is another policy");
+            }
+            if candidate.seed != expected.seed {
+                wrong(&format!("its noise has seed {}, and not {}", candidate.seed, expected.seed));
+            }
         }
     }
     found

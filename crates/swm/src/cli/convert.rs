@@ -11,7 +11,7 @@ use swm_data::format::StoredImages;
 use swm_data::tools::alike::check_recordings;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
-use swm_data::tools::parts::arrange;
+use swm_data::tools::parts::{arrange, beside_parts};
 use swm_data::{DataError, Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
@@ -276,6 +276,12 @@ impl Merge {
         }
         check_recordings(&sources, &all(&sources)).map_err(usage)?;
         images::check_alike(&sources, &self.command())?;
+        for other in beside_parts(&sources) {
+            output.note(format!(
+                "note: {} is no part of the recording that the other datasets are parts of; it is joined at its place in the list",
+                other.display()
+            ));
+        }
         let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
