@@ -24,6 +24,7 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
+pub(crate) use found::source_record;
 #[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
