@@ -17,6 +17,7 @@ mod libero;
 mod npz;
 mod torch;
 mod video;
+mod zarr;
 
 use std::path::Path;
 
@@ -42,6 +43,7 @@ pub(crate) struct Reader {
 pub(crate) const READERS: &[Reader] = &[
     Reader { detect: dinowm::detect, open: dinowm::open },
     Reader { detect: npz::detect, open: npz::open },
+    Reader { detect: zarr::detect, open: zarr::open },
     Reader { detect: grouped::detect, open: grouped::open },
     Reader { detect: d4rl::detect, open: d4rl::open },
 ];

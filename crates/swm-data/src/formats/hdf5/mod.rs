@@ -13,7 +13,7 @@ mod ffi;
 mod handles;
 mod layout;
 mod library;
-mod lz4;
+pub(crate) mod lz4;
 mod members;
 mod reader;
 mod repair;
@@ -25,6 +25,7 @@ mod writer;
 use crate::entry::Format;
 use crate::recording::BackendWriter;
 
+pub(crate) use blosc::unshuffle;
 pub(crate) use storage::Scratch;
 pub(crate) use tree::{Bytes, Table, Tree};
 
