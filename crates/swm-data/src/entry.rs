@@ -4,8 +4,10 @@ use std::path::Path;
 
 use swm_core::Entry;
 
+use crate::adapt;
 use crate::dataset::{Dataset, DatasetWriter, WriteOptions};
 use crate::error::DataError;
+use crate::open_options::OpenOptions;
 use crate::recording;
 
 /// What opening gives: a reader or a writer of whatever format.
@@ -15,6 +17,8 @@ pub type Opened<T> = Result<Box<T>, DataError>;
 pub type Detect = fn(&Path) -> bool;
 /// Opens a dataset for reading.
 pub type Open = fn(&Path) -> Opened<dyn Dataset>;
+/// Opens a dataset for reading, with options.
+pub type OpenWith = fn(&Path, &OpenOptions) -> Opened<dyn Dataset>;
 /// Opens a dataset for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
 pub type Create = fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>;
 /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
@@ -46,6 +50,7 @@ pub struct Format {
     pub images: StoredImages,
     detect: Detect,
     open: Open,
+    open_with: Option<OpenWith>,
     create: Create,
     repair: Repair,
 }
@@ -56,7 +61,8 @@ impl Format {
         let create: Create =
             |path, _| Err(DataError::request(path, "datasets of this format are read, not written"));
         let (extensions, images): (&[&str], _) = (&[], StoredImages::Exact);
-        Self { name, about, extensions, images, detect, open, create, repair: |_, _| Ok(Vec::new()) }
+        let repair: Repair = |_, _| Ok(Vec::new());
+        Self { name, about, extensions, images, detect, open, open_with: None, create, repair }
     }
 
     /// Its file extensions without the dot, the preferred one first.
@@ -70,6 +76,13 @@ impl Format {
     #[must_use]
     pub const fn images(mut self, images: StoredImages) -> Self {
         self.images = images;
+        self
+    }
+
+    /// How it is opened, where more options act than those that name columns, a rate and an environment.
+    #[must_use]
+    pub const fn opener(mut self, open: OpenWith) -> Self {
+        self.open_with = Some(open);
         self
     }
 
@@ -99,6 +112,18 @@ impl Format {
     /// Nothing is there, or it is damaged, of another format, or from a newer version.
     pub fn open(&self, path: &Path) -> Opened<dyn Dataset> {
         (self.open)(path)
+    }
+
+    /// As [`Format::open`], with options.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Format::open`]; [`DataError::Option`]: an option is wrong, or would not act.
+    pub fn open_with(&self, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
+        match self.open_with {
+            Some(open) => open(path, options),
+            None => adapt::opened_with((self.open)(path)?, options, &[]),
+        }
     }
 
     /// Opens a dataset of this format for recording. Takes the file for itself until the writer is dropped; changes

@@ -14,7 +14,6 @@ use std::sync::LazyLock;
 use swm_core::Registry;
 use swm_core::registry::Absent;
 
-use crate::adapt;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
 use crate::foreign;
@@ -22,7 +21,7 @@ use crate::formats::{self, disk};
 use crate::open_options::OpenOptions;
 use crate::tools::part_folder;
 
-pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair, StoredImages};
+pub use crate::entry::{Create, Detect, Format, Open, OpenWith, Opened, Repair, StoredImages};
 
 /// Every format of this crate.
 pub const FORMATS: &[Format] = &[
@@ -100,12 +99,12 @@ pub fn open_with(registry: &Registry, path: &Path, options: &OpenOptions) -> Ope
     }
     match detect(registry, path) {
         Some(format) => {
-            let dataset = match format.open(path) {
+            let dataset = match format.open_with(path, options) {
                 // An HDF5 file without our index may have the layout of another program.
                 Err(error @ DataError::NotADataset { .. }) => {
                     foreign::open(path, options).unwrap_or(Err(error))?
                 }
-                opened => adapt::opened_with(opened?, options)?,
+                opened => opened?,
             };
             check_rows(dataset.as_ref())?;
             Ok(dataset)

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
 
+use crate::dataset::DatasetInfo;
 use crate::error::DataError;
 
 /// How a dataset is opened. Everything has a default, and what a file holds for certain needs no option.
@@ -30,7 +32,7 @@ pub struct OpenOptions {
     pub env: Option<String>,
     /// Settings of that environment.
     #[serde(skip_serializing_if = "serde_json::Map::is_empty")]
-    pub env_options: serde_json::Map<String, serde_json::Value>,
+    pub env_options: Map<String, Json>,
     /// A part of the dataset, such as `train` or `val`, where it has such parts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub split: Option<String>,
@@ -51,7 +53,7 @@ setters!(OpenOptions {
     flip: Option<Flip>,
     fps: Option<f64>,
     env: Option<String>,
-    env_options: serde_json::Map<String, serde_json::Value>,
+    env_options: Map<String, Json>,
     split: Option<String>,
     max_steps: Option<usize>,
     shift: Option<u8>,
@@ -84,6 +86,32 @@ impl FromStr for Flip {
 }
 
 impl OpenOptions {
+    /// Those that a dataset was opened with, but for `storage`.
+    #[must_use]
+    pub fn of(info: &DatasetInfo) -> Self {
+        serde_json::from_value(Json::Object((*info.opening).clone())).unwrap_or_default()
+    }
+
+    /// The options that are given, by name, for whoever opens the same again; without `storage`, which is of one machine.
+    pub(crate) fn record(&self) -> Map<String, Json> {
+        match serde_json::to_value(self) {
+            Ok(Json::Object(given)) => given,
+            _ => Map::new(),
+        }
+    }
+
+    /// Whether nothing is asked for.
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The names of the options that are given.
+    #[must_use]
+    pub fn given(&self) -> Vec<&'static str> {
+        self.others(&[])
+    }
+
     /// Refuses values that no dataset can have.
     ///
     /// # Errors
@@ -106,7 +134,7 @@ impl OpenOptions {
         }
     }
 
-    /// The options that are given, by name, but for those in `known`.
+    /// The names of the options that are given, but for those in `known`.
     pub(crate) fn others(&self, known: &[&str]) -> Vec<&'static str> {
         let given = [
             ("map", !self.map.is_empty()),

@@ -4,6 +4,8 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
+use serde_json::{Map, Value as Json};
+
 use super::{DataError, EncodedRows, Metadata};
 use crate::batch::{Batch, Field, Schema, SliceMut};
 use crate::error::BoxError;
@@ -51,6 +53,8 @@ pub struct DatasetInfo {
     pub mapping: Arc<[(String, String)]>,
     /// What a user of a dataset of another program has to know about it, one line each.
     pub notes: Arc<[String]>,
+    /// How it was opened, where something was asked for: by name, as whoever opens it again has to ask.
+    pub opening: Arc<Map<String, Json>>,
     /// Whether it holds checksums, which [`Dataset::check_episode`] compares.
     pub has_checksums: bool,
 }
@@ -68,6 +72,7 @@ impl DatasetInfo {
             skipped: Arc::default(),
             mapping: Arc::default(),
             notes: Arc::default(),
+            opening: Arc::default(),
             has_checksums: false,
         }
     }

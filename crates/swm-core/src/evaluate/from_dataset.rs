@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use rand::seq::index;
 
+use super::fit::check_fit;
 use super::goal_images::recorded_frame;
 use super::{DatasetProtocol, Evaluation, GoalImages};
 use crate::batch::Value;
@@ -58,8 +59,8 @@ impl World {
     ///
     /// # Errors
     ///
-    /// A budget of 0, a dataset without an episode that is long enough or without the columns that starts and goals take, and all of
-    /// [`World::run`].
+    /// A budget of 0, a dataset without an episode that is long enough or without the columns that starts and goals take, one that
+    /// [`check_fit`] refuses, and all of [`World::run`].
     pub fn evaluate_from_dataset(
         &mut self,
         source: &mut dyn Dataset,
@@ -103,6 +104,7 @@ impl World {
             );
             return Err(WorldError::Dataset(reason.into()));
         }
+        check_fit(source, &self.spec).map_err(WorldError::Dataset)?;
         let starts =
             choose_starts(&source.info().lengths, options.episodes, options.goal_offset, options.seed)
                 .map_err(WorldError::Dataset)?;

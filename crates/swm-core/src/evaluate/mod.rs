@@ -4,6 +4,7 @@
 //! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
 mod chosen;
+mod fit;
 mod from_dataset;
 mod goal_images;
 mod hash;
@@ -32,6 +33,7 @@ use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule, Symmetry};
 pub use chosen::ChosenPair;
+pub use fit::check_fit;
 pub use from_dataset::{EvalOptions, choose_starts};
 pub use goal_images::GoalImages;
 pub use hash::{sha256, sha256_of, sorted, witness};

@@ -1,12 +1,14 @@
 //! Datasets made of datasets: some episodes of one, several end to end, columns of two, constant columns, columns
-//! joined or kept in memory. Each is a [`Dataset`](crate::Dataset) again, so they nest, and everything that reads a dataset reads them.
+//! joined or kept in memory, images of another size. Each is a [`Dataset`](crate::Dataset) again, so they nest, and everything that reads a dataset reads them.
 
+mod area;
 mod cached;
 mod columns;
 mod concat;
 mod constants;
 mod joined;
 mod opened;
+mod resized;
 mod subset;
 
 pub use cached::Cached;
@@ -15,4 +17,5 @@ pub use concat::Concat;
 pub use constants::{Constants, fill_factors};
 pub use joined::Joined;
 pub(crate) use opened::opened_with;
+pub use resized::{Fit, Resized};
 pub use subset::{Subset, split_episodes};

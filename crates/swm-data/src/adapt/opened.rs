@@ -6,6 +6,7 @@ use swm_core::{Metadata, Schema, SliceMut};
 
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
+use crate::foreign::source_record;
 use crate::open_options::OpenOptions;
 
 /// A dataset whose description differs.
@@ -14,20 +15,25 @@ struct Opened {
     info: DatasetInfo,
 }
 
-/// The dataset as the options describe it. Those that only files of other programs need are refused.
+/// The dataset as the options describe it. Those in `known` acted already; others that only files of other programs need are refused.
 pub(crate) fn opened_with(
     inner: Box<dyn Dataset>,
     options: &OpenOptions,
+    known: &[&str],
 ) -> Result<Box<dyn Dataset>, DataError> {
-    if *options == OpenOptions::default() {
+    if options.is_default() {
         return Ok(inner);
     }
     let refuse = |option, reason| Err(DataError::Option { option, reason });
-    options.only(&format!("the format `{}`", inner.info().format), &["map", "fps", "env"])?;
+    let all: Vec<&str> = ["map", "fps", "env"].into_iter().chain(known.iter().copied()).collect();
+    options.only(&format!("the format `{}`", inner.info().format), &all)?;
     let mut info = inner.info().clone();
     let mut fields = info.schema.fields().to_vec();
     for (new, old) in &options.map {
-        let Some(at) = inner.schema().index(old) else {
+        // By its name here, or by that in the files.
+        let in_files = || info.mapping.iter().find(|(_, there)| there == old).map(|(new, _)| new);
+        let found = inner.schema().index(old).or_else(|| inner.schema().index(in_files()?));
+        let Some(at) = found else {
             let known: Vec<_> = inner.schema().fields().iter().map(|field| field.name.as_str()).collect();
             return refuse("map", format!("there is no column `{old}`; there are {}", known.join(", ")));
         };
@@ -37,13 +43,20 @@ pub(crate) fn opened_with(
         info.schema = Schema::new(fields)
             .map_err(|error| DataError::Option { option: "map", reason: error.to_string() })?;
         let names = info.schema.fields().iter().zip(inner.schema().fields());
-        info.mapping = names.map(|(new, old)| (new.name.clone(), old.name.clone())).collect();
+        // The names in the files, where these are others already.
+        let in_files = |name: &String| {
+            let known = info.mapping.iter().find(|(new, _)| new == name);
+            known.map_or_else(|| name.clone(), |(_, old)| old.clone())
+        };
+        info.mapping = names.map(|(new, old)| (new.name.clone(), in_files(&old.name))).collect();
     }
     let mut runs = info.runs.to_vec();
     if runs.is_empty() {
         runs.push((0, Metadata::unknown()));
     }
     for (_, run) in &mut runs {
+        let record = source_record(info.format, options, &info.mapping, None, None);
+        run.source = record.source;
         run.rows_per_second = options.fps.or(run.rows_per_second);
         match (&options.env, run.known_env()) {
             (Some(env), Some(known)) if env != known => {
@@ -58,6 +71,7 @@ pub(crate) fn opened_with(
     }
     info.runs = Arc::from(runs);
     info.rows_per_second = options.fps.or(info.rows_per_second);
+    info.opening = Arc::new(options.record());
     Ok(Box::new(Opened { inner, info }))
 }
 

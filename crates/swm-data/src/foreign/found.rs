@@ -31,6 +31,25 @@ pub(super) struct Found {
     pub(super) env: Option<&'static str>,
 }
 
+/// The record of how a dataset was read, which copies of it keep. `env` and `fps` are what the files say.
+pub(crate) fn source_record(
+    format: &str,
+    options: &OpenOptions,
+    mapping: &[(String, String)],
+    env: Option<&str>,
+    fps: Option<f64>,
+) -> Metadata {
+    let mapping: serde_json::Map<_, _> = mapping.iter().map(|(new, old)| (new.clone(), json!(old))).collect();
+    let mut metadata = Metadata::unknown();
+    if let Some(env) = options.env.as_deref().or(env) {
+        env.clone_into(&mut metadata.env);
+    }
+    metadata.settings = options.env_options.clone();
+    metadata.rows_per_second = options.fps.or(fps);
+    metadata.source = Some(json!({ "format": format, "columns": mapping, "options": options }));
+    metadata
+}
+
 /// A column.
 #[derive(Debug)]
 pub(super) struct Source {
@@ -132,27 +151,13 @@ impl Found {
         let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
         let mut info = DatasetInfo::new(path, format, schema, std::mem::take(&mut self.lengths));
         info.rows_per_second = options.fps.or(self.fps);
-        let metadata = self.metadata(format, options, &mapping);
+        let metadata = source_record(format, options, &mapping, self.env, self.fps);
         info.runs = Arc::new([(0, metadata)]);
         info.mapping = mapping.into();
         info.skipped = self.skipped.into();
         info.notes = self.notes.into();
+        info.opening = Arc::new(options.record());
         Ok(Box::new(ForeignDataset::new(info, columns)))
-    }
-
-    /// The record of how the dataset was read, which copies of it keep.
-    fn metadata(&self, format: &str, options: &OpenOptions, mapping: &[(String, String)]) -> Metadata {
-        let mapping: serde_json::Map<_, _> =
-            mapping.iter().map(|(new, old)| (new.clone(), json!(old))).collect();
-        let source = json!({ "format": format, "columns": mapping, "options": options });
-        let mut metadata = Metadata::unknown();
-        if let Some(env) = options.env.as_deref().or(self.env) {
-            env.clone_into(&mut metadata.env);
-        }
-        metadata.settings = options.env_options.clone();
-        metadata.rows_per_second = options.fps.or(self.fps);
-        metadata.source = Some(source);
-        metadata
     }
 
     /// Positions of columns that are images, with their layout.

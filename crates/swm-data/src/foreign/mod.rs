@@ -17,6 +17,7 @@ mod libero;
 mod npz;
 mod torch;
 mod video;
+mod zarr;
 
 use std::path::Path;
 
@@ -24,6 +25,7 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
+pub(crate) use found::source_record;
 #[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
@@ -41,6 +43,7 @@ pub(crate) struct Reader {
 pub(crate) const READERS: &[Reader] = &[
     Reader { detect: dinowm::detect, open: dinowm::open },
     Reader { detect: npz::detect, open: npz::open },
+    Reader { detect: zarr::detect, open: zarr::open },
     Reader { detect: grouped::detect, open: grouped::open },
     Reader { detect: d4rl::detect, open: d4rl::open },
 ];

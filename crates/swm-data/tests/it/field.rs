@@ -11,30 +11,36 @@ use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, Dataset, Flip, OpenOptions, Steps, WriteOptions, format, open, open_with};
 
-fn golden(name: &str) -> PathBuf {
+pub(crate) fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field").join(name)
 }
 
-fn opened(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
+pub(crate) fn opened(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
     open_with(format::built_in(), path, options)
 }
 
 /// Rows of a column, from one on.
-fn rows(dataset: &mut dyn Dataset, column: usize, episode: usize, first: usize, count: usize) -> Column {
+pub(crate) fn rows(
+    dataset: &mut dyn Dataset,
+    column: usize,
+    episode: usize,
+    first: usize,
+    count: usize,
+) -> Column {
     let field = dataset.schema().fields()[column].clone();
     let mut out = Column::zeros(field.dtype, count * field.dim());
     dataset.rows(column, episode, Steps { first, count, stride: 1 }, out.as_slice_mut()).unwrap();
     out
 }
 
-fn numbers(column: &Column) -> Vec<f64> {
+pub(crate) fn numbers(column: &Column) -> Vec<f64> {
     if let Column::Bool(marks) = column {
         return marks.iter().map(|&mark| f64::from(u8::from(mark))).collect();
     }
     (0..column.len()).map(|at| column.as_slice().as_f64(at).unwrap()).collect()
 }
 
-fn column_of(dataset: &dyn Dataset, name: &str) -> usize {
+pub(crate) fn column_of(dataset: &dyn Dataset, name: &str) -> usize {
     dataset.schema().index(name).unwrap_or_else(|| panic!("no column `{name}` in {:?}", dataset.schema()))
 }
 
@@ -47,7 +53,7 @@ fn naturals(value: &Value) -> Vec<usize> {
 }
 
 /// Whether the columns of a sample are those of its JSON. `names` gives ours, and what theirs are divided by.
-fn check(sample: &str, options: &OpenOptions, names: &[(&str, &str, f64)]) -> Box<dyn Dataset> {
+pub(crate) fn check(sample: &str, options: &OpenOptions, names: &[(&str, &str, f64)]) -> Box<dyn Dataset> {
     let expected = json_of(sample);
     let mut dataset = opened(&golden(sample), options).unwrap();
     let dataset_ref = dataset.as_mut();
@@ -96,7 +102,7 @@ fn check(sample: &str, options: &OpenOptions, names: &[(&str, &str, f64)]) -> Bo
 }
 
 /// The lengths of all episodes.
-fn lengths(dataset: &dyn Dataset) -> Vec<usize> {
+pub(crate) fn lengths(dataset: &dyn Dataset) -> Vec<usize> {
     (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).collect()
 }
 

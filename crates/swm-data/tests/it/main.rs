@@ -37,6 +37,8 @@ mod statistics;
 mod streams;
 mod tools;
 mod types;
+#[cfg(feature = "video")]
+mod zarr;
 
 use std::fs;
 use std::path::Path;

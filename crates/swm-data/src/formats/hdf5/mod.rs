@@ -14,7 +14,7 @@ mod handles;
 mod heap;
 mod layout;
 mod library;
-mod lz4;
+pub(crate) mod lz4;
 mod members;
 mod reader;
 mod repair;
@@ -26,6 +26,7 @@ mod writer;
 use crate::entry::Format;
 use crate::recording::BackendWriter;
 
+pub(crate) use blosc::unshuffle;
 pub(crate) use storage::Scratch;
 pub(crate) use tree::{Bytes, Table, Tree};
 

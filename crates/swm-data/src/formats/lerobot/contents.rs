@@ -1,5 +1,7 @@
-//! What a folder holds: its columns and where each comes from. Ours say it themselves (see `manifest`), others by their features.
+//! What a folder holds: its columns and where each comes from. Ours say it themselves (see `manifest`), others by their features (see
+//! `others`).
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -9,15 +11,15 @@ use serde_json::Value as Json;
 use swm_core::{Dtype, Field, Metadata, Schema};
 use swm_media::mp4::Mp4Reader;
 
-use super::episode_files::{EpisodeFiles, second, third};
-use super::info::{Info, Version};
+use super::episode_files::EpisodeFiles;
+use super::episodes;
+use super::info::Info;
 use super::manifest::{Manifest, is_video, whole};
-use super::rows::{Place, Places};
-use super::table::Table;
-use super::{episodes, images};
+use super::rows::Places;
 use crate::dataset::DatasetInfo;
-use crate::error::{At as _, Result, invalid, missing};
+use crate::error::{At as _, DataError, Result, invalid, missing};
 use crate::formats::disk::open_regular;
+use crate::open_options::OpenOptions;
 
 /// What all handles on a folder share; never changed after opening.
 pub(super) struct Shared {
@@ -28,10 +30,6 @@ pub(super) struct Shared {
     /// Their rows.
     pub(super) places: Places,
 }
-
-/// Columns that are made up for folders of other programs, and what they hold.
-const MADE_UP: [(&str, &str); 2] =
-    [("ep_idx", "the number of the episode"), ("step_idx", "the number of the row in its episode")];
 
 /// Where the values of a column come from.
 pub(super) enum Source {
@@ -44,91 +42,20 @@ pub(super) enum Source {
     /// The episode's number, the row's number.
     Episode,
     Step,
+    /// The text of the episode's task.
+    Task,
+    /// The text of each row's task, by its number in a column of the tables.
+    Tasks(BTreeMap<i64, String>),
 }
 
 impl Shared {
-    pub(super) fn open(path: &Path) -> Result<Self> {
-        let info = Info::read(path)?;
-        if let Some(manifest) = Manifest::read(path)? {
-            return Self::ours(path, manifest, info.total_episodes);
+    pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Self, DataError> {
+        let damaged = |error| DataError::damaged(path, error);
+        let info = Info::read(path).map_err(damaged)?;
+        match Manifest::read(path).map_err(damaged)? {
+            Some(manifest) => Self::ours(path, manifest, info.total_episodes).map_err(damaged),
+            None => super::others::open(path, &info, options),
         }
-        let cameras: Vec<String> = info
-            .features
-            .iter()
-            .filter(|(_, feature)| feature["dtype"] == "video")
-            .map(|(name, _)| name.clone())
-            .collect();
-        let episodes = match info.version()? {
-            Version::V2 => second(path, &info, &cameras)?,
-            Version::V3 => third(path, &info, &cameras)?,
-        };
-        Self::foreign(path, &info, &cameras, episodes)
-    }
-
-    /// A folder of another program, by what its tables and videos hold.
-    fn foreign(path: &Path, info: &Info, cameras: &[String], episodes: Vec<EpisodeFiles>) -> Result<Self> {
-        let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-        let Some(first) = episodes.first() else { return Err(missing("it holds no episode")) };
-        let places = Places::new(path, &episodes);
-        let listed = Place { data: first.data.clone(), first: first.first };
-        // One that cannot be found is told where it is read.
-        let place = places.of(&episodes, 0).unwrap_or(&listed);
-        let table = Table::open(&place.data)?;
-        let mut add = |name: &str, dtype, shape: &[usize], source| {
-            fields.push(Field::step(name, dtype, shape));
-            columns.push(source);
-        };
-        let is_camera = |feature: &Json| feature["dtype"] == "video" || feature["dtype"] == "image";
-        let first_camera = info.features.iter().find(|(_, feature)| is_camera(feature)).map(|(name, _)| name);
-        for (name, feature) in &info.features {
-            if let Some((_, meaning)) = MADE_UP.iter().find(|(made_up, _)| made_up == name) {
-                let reason = format!("`{name}` is {meaning} here; rename the feature to read it");
-                skipped.push((name.clone(), reason));
-                continue;
-            }
-            let known = if Some(name) == first_camera { "pixels" } else { name };
-            if cameras.contains(name) {
-                let size = first.videos.get(name).ok_or(missing("there is no video"));
-                match size.and_then(|(path, _)| video(path)).map(|video| video.size()) {
-                    Ok((height, width)) => {
-                        add(known, Dtype::U8, &[height, width, 3], Source::Video(name.clone()));
-                    }
-                    Err(error) => skipped.push((name.clone(), error.to_string())),
-                }
-                continue;
-            }
-            if feature["dtype"] == "image" {
-                let decoded = images::shape(feature)
-                    .and_then(|shape| images::check(&table, name, place.first, shape).map(|()| shape));
-                match decoded {
-                    Ok(shape) => add(known, Dtype::U8, &shape, Source::Images(name.clone())),
-                    Err(error) => skipped.push((name.clone(), error.to_string())),
-                }
-                continue;
-            }
-            let found = table.column(name).and_then(|values| {
-                let width = shape_of(feature)?.iter().product::<usize>();
-                match table.rows().checked_mul(width) == Some(values.len()) {
-                    true => Ok(values.dtype()),
-                    false => Err(invalid(format!("{} values in {} rows", values.len(), table.rows()))),
-                }
-            });
-            match found {
-                Ok(_) if name == "episode_index" => {}
-                Ok(dtype) => {
-                    let known = if name == "observation.state" { "proprio" } else { name };
-                    add(known, dtype, &shape_of(feature)?, Source::Table(name.clone()));
-                }
-                Err(error) => skipped.push((name.clone(), error.to_string())),
-            }
-        }
-        add("ep_idx", Dtype::I32, &[], Source::Episode);
-        add("step_idx", Dtype::I64, &[], Source::Step);
-        let schema = Schema::new(fields)?;
-        let mut found = dataset_info(path, schema, &episodes);
-        found.skipped = skipped.into();
-        found.rows_per_second = Some(info.fps);
-        Ok(Self { info: found, columns, episodes, places })
     }
 
     /// A folder that this program wrote, and in which it counted so many episodes.
@@ -170,7 +97,7 @@ fn at_rate(run: Metadata, rate: f64) -> Metadata {
     Metadata { rows_per_second, ..run }
 }
 
-fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> DatasetInfo {
+pub(super) fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> DatasetInfo {
     DatasetInfo::new(path, super::FORMAT.name, schema, episodes.iter().map(|files| files.rows).collect())
 }
 

@@ -30,6 +30,8 @@ pub(super) struct EpisodeFiles {
     pub(super) start: Option<usize>,
     /// By camera: the video, and the time in seconds at which the episode begins there; in folders of ours none, as there row n is frame n.
     pub(super) videos: BTreeMap<String, (PathBuf, Option<f64>)>,
+    /// The text of its task, where it has one task.
+    pub(super) task: Option<String>,
     /// By file, in folders of ours.
     pub(super) checksums: BTreeMap<PathBuf, u32>,
 }
@@ -59,7 +61,11 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         let rows = bounded(rows)?;
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
         let data = info.data(path, &numbers)?;
-        let mut found = EpisodeFiles { number: episode as i64, rows, data, ..EpisodeFiles::default() };
+        let task = match entry["tasks"].as_array().map(Vec::as_slice) {
+            Some([Json::String(task)]) => Some(task.clone()),
+            _ => None,
+        };
+        let mut found = EpisodeFiles { number: episode as i64, rows, data, task, ..EpisodeFiles::default() };
         for camera in cameras {
             found.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, Some(0.0)));
         }
@@ -90,6 +96,11 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
             };
             let (lengths, starts) = (integers("length")?, integers("dataset_from_index")?);
             let numbers_of = table.integers("episode_index");
+            // As many texts as episodes are one for each.
+            let tasks = match table.column("tasks") {
+                Ok(Column::Str(tasks)) if tasks.len() == table.rows() => tasks,
+                _ => Vec::new(),
+            };
             let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
             let size = |value: i64| {
                 usize::try_from(value).map_err(|_| invalid(format!("the number {value} is negative")))
@@ -113,6 +124,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                     rows: bounded(size(lengths[row])?)?,
                     data,
                     start: Some(start),
+                    task: tasks.get(row).cloned(),
                     ..EpisodeFiles::default()
                 };
                 for (camera, chunks, files, times) in &videos {

@@ -1,6 +1,7 @@
 //! LeRobot datasets: Parquet tables of numbers and H.264 videos. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
-//! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
-//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Videos are read in
+//! programs' folders the only camera, or the one that is asked for, becomes `pixels`, `observation.state` becomes `proprio`, as in the
+//! reference's reader, `next.reward` becomes `reward`, the text of the task a column, and `ep_idx` and `step_idx` are made up; ours also
+//! hold what the columns were called, see `manifest`. Videos are read in
 //! H.264 and in AV1, LeRobot's default codec, by the times of the rows (see `camera`), and images in the tables as PNG and JPEG; columns in
 //! other codecs are left out by name.
 
@@ -13,14 +14,17 @@ mod images;
 mod info;
 mod manifest;
 mod open_episode;
+mod others;
 mod parquet_file;
 mod reader;
 mod rows;
 mod statistics;
 mod table;
+mod tasks;
 mod values;
 mod writer;
 
+use crate::adapt;
 use crate::entry::{Format, StoredImages};
 use crate::recording::BackendWriter;
 
@@ -31,6 +35,10 @@ pub(crate) const FORMAT: Format = Format::new(
     |path| path.join(info::INFO).is_file(),
     |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
 )
+.opener(|path, options| {
+    let dataset = reader::LeRobotDataset::open_with(path, options)?;
+    adapt::opened_with(Box::new(dataset), options, &["camera"])
+})
 .extensions(&["lerobot"])
 .images(StoredImages::Video)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)))

@@ -14,9 +14,11 @@ use super::episode_files::EpisodeFiles;
 use super::images;
 use super::rows::Place;
 use super::table::Table;
+use super::tasks::TASK_INDEX;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::read_regular;
+use crate::open_options::OpenOptions;
 
 /// An open folder.
 pub(super) struct LeRobotDataset {
@@ -32,7 +34,12 @@ pub(super) struct LeRobotDataset {
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let shared = Shared::open(path).map_err(|error| DataError::damaged(path, error))?;
+        Self::open_with(path, &OpenOptions::default())
+    }
+
+    /// As [`LeRobotDataset::open`]; of the options, `camera` and `map` act here.
+    pub(super) fn open_with(path: &Path, options: &OpenOptions) -> Result<Self, DataError> {
+        let shared = Shared::open(path, options)?;
         Ok(Self {
             shared: Arc::new(shared),
             table: None,
@@ -81,6 +88,22 @@ impl LeRobotDataset {
             )));
         }
         copy_rows(values.range(first * width, rows * width), width, steps, out);
+        Ok(())
+    }
+
+    fn task_rows(
+        &mut self,
+        texts: &BTreeMap<i64, String>,
+        episode: usize,
+        steps: Steps,
+        out: &mut [String],
+    ) -> Result<()> {
+        let mut numbers = vec![0; out.len()];
+        self.table_rows(TASK_INDEX, episode, 1, steps, SliceMut::I64(&mut numbers))?;
+        for (out, number) in out.iter_mut().zip(numbers) {
+            let text = texts.get(&number).ok_or_else(|| missing(format!("there is no task {number}")))?;
+            out.clone_from(text);
+        }
         Ok(())
     }
 
@@ -179,6 +202,11 @@ impl Dataset for LeRobotDataset {
                 out.fill(i32::try_from(episode).unwrap_or(i32::MAX));
                 Ok(())
             }
+            (Source::Task, SliceMut::Str(out)) => {
+                out.fill(shared.episodes[episode].task.clone().unwrap_or_default());
+                Ok(())
+            }
+            (Source::Tasks(texts), SliceMut::Str(out)) => self.task_rows(texts, episode, steps, out),
             (Source::Step, SliceMut::I64(out)) => {
                 for (at, value) in out.iter_mut().enumerate() {
                     *value = (steps.first + at * steps.stride) as i64;

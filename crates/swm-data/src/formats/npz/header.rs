@@ -26,7 +26,7 @@ pub(crate) enum ArrayType {
 
 impl ArrayType {
     /// The elements that a descriptor of numpy names, and whether they are big-endian.
-    fn parse(descriptor: &str) -> Result<(Self, bool)> {
+    pub(crate) fn parse(descriptor: &str) -> Result<(Self, bool)> {
         let unknown = || unsupported(format!("elements of type `{descriptor}` are not supported"));
         let (order, name) = descriptor.split_at_checked(1).ok_or_else(unknown)?;
         let size = || name.get(1..).and_then(|size| size.parse::<usize>().ok());
@@ -71,7 +71,7 @@ impl ArrayType {
     }
 
     /// Bytes of one element.
-    pub(super) fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::Plain(element) => element.size().unwrap_or(0),
             Self::Wide(characters) => 4 * characters,
@@ -79,7 +79,7 @@ impl ArrayType {
     }
 
     /// Makes big-endian elements little-endian.
-    pub(super) fn swap(self, bytes: &mut [u8]) {
+    pub(crate) fn swap(self, bytes: &mut [u8]) {
         let size = match self {
             Self::Plain(Element::FixedText(_)) => 1,
             Self::Plain(element) => element.size().unwrap_or(1),
@@ -89,7 +89,7 @@ impl ArrayType {
     }
 
     /// Fills `out`, which has as many values as `bytes` holds elements.
-    pub(super) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
+    pub(crate) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
         match (self, out) {
             (Self::Plain(element), out) => element::from_bytes(element, bytes, out),
             (Self::Wide(_), SliceMut::Str(out)) => {

@@ -6,3 +6,4 @@ mod header;
 
 pub(crate) use archive::{Array, check_end, members};
 pub(super) use growing::GrowingArray;
+pub(crate) use header::ArrayType;

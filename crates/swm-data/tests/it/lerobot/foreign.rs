@@ -40,7 +40,7 @@ fn both_versions_hold_the_values_that_were_written() {
         assert_eq!(episodes[1].get::<i64>("step_idx").unwrap(), [0, 1, 2, 3, 4, 5]);
         assert_eq!(episodes[1].get::<i32>("ep_idx").unwrap(), [1; 6]);
         assert_eq!(episodes[1].get::<i64>("frame_index").unwrap(), [0, 1, 2, 3, 4, 5]);
-        assert_eq!(episodes[1].get::<bool>("next.done").unwrap()[4..], [false, true]);
+        assert_eq!(episodes[1].get::<bool>("terminated").unwrap()[4..], [false, true]);
         // A window, and a jump back.
         let pixels = dataset.schema().index("pixels").unwrap();
         for (first, stride) in [(3, 2), (0, 5)] {

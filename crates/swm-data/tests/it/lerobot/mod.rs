@@ -4,6 +4,7 @@ mod cameras;
 mod checks;
 mod foreign;
 mod images;
+mod options;
 mod rates;
 mod recording;
 mod rows;

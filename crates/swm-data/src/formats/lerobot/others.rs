@@ -1,0 +1,199 @@
+//! Folders of other programs: columns by what the tables and videos hold, and the names that they get here.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+use swm_core::{Dtype, Field, FieldKind, Schema};
+
+use super::contents::{Shared, Source, dataset_info, shape_of, video};
+use super::episode_files::{EpisodeFiles, second, third};
+use super::images;
+use super::info::{Info, Version};
+use super::rows::{Place, Places};
+use super::table::Table;
+use super::tasks;
+use crate::error::{DataError, Result, invalid, missing};
+use crate::foreign::source_record;
+use crate::open_options::OpenOptions;
+
+/// Columns that are made up, and what they hold.
+const MADE_UP: [(&str, &str); 2] =
+    [("ep_idx", "the number of the episode"), ("step_idx", "the number of the row in its episode")];
+
+/// Features that get another name, where no other feature has it.
+const NAMES: [(&str, &str); 5] = [
+    ("observation.state", "proprio"),
+    ("next.reward", "reward"),
+    ("next.done", "terminated"),
+    ("next.truncated", "truncated"),
+    ("next.success", "success"),
+];
+/// The column of the texts of tasks.
+const TASK: &str = "task";
+/// Names of the main camera, where there are several.
+const MAIN_CAMERAS: [&str; 4] =
+    ["pixels", "observation.image", "observation.images.image", "observation.images.pixels"];
+
+/// A column.
+struct Listed {
+    /// The name of the feature.
+    old: String,
+    field: Field,
+    source: Source,
+    is_camera: bool,
+}
+
+/// A folder of another program.
+pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Shared, DataError> {
+    let damaged = |error| DataError::damaged(path, error);
+    let cameras: Vec<String> = info
+        .features
+        .iter()
+        .filter(|(_, feature)| feature["dtype"] == "video")
+        .map(|(name, _)| name.clone())
+        .collect();
+    let episodes = match info.version().map_err(damaged)? {
+        Version::V2 => second(path, info, &cameras),
+        Version::V3 => third(path, info, &cameras),
+    }
+    .map_err(damaged)?;
+    let (mut listed, skipped) = list(path, info, &episodes).map_err(damaged)?;
+    if let Some(main) = main_camera(&listed, options)? {
+        "pixels".clone_into(&mut listed[main].field.name);
+    }
+    let features = |name: &str| info.features.contains_key(name);
+    for column in &mut listed {
+        let new = NAMES.iter().find(|(old, _)| *old == column.old).map(|(_, new)| *new);
+        if let Some(new) = new.filter(|new| !features(new)) {
+            new.clone_into(&mut column.field.name);
+        }
+    }
+    let renamed = listed.iter().filter(|column| column.field.name != column.old);
+    let mapping: Vec<(String, String)> =
+        renamed.map(|column| (column.field.name.clone(), column.old.clone())).collect();
+    let (fields, columns) = listed.into_iter().map(|column| (column.field, column.source)).unzip();
+    let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
+    let mut found = dataset_info(path, schema, &episodes);
+    if found.schema.index("reward").is_some() {
+        let note = "`reward` of a row is that of the action taken from it; recordings of this program have it in the row that it led to";
+        found.notes = Arc::new([note.to_owned()]);
+    }
+    found.skipped = skipped.into();
+    found.rows_per_second = Some(info.fps);
+    found.runs = Arc::new([(0, source_record(found.format, options, &mapping, None, Some(info.fps)))]);
+    found.mapping = mapping.into();
+    let places = Places::new(path, &episodes);
+    Ok(Shared { info: found, columns, episodes, places })
+}
+
+/// All columns under the names of the features, and what is left out, with the reason.
+fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<Listed>, Vec<(String, String)>)> {
+    let (mut listed, mut skipped) = (Vec::new(), Vec::new());
+    let first = episodes.first().ok_or_else(|| missing("it holds no episode"))?;
+    let places = Places::new(path, episodes);
+    let stated = Place { data: first.data.clone(), first: first.first };
+    // One that cannot be found is told where it is read.
+    let place = places.of(episodes, 0).unwrap_or(&stated);
+    let table = Table::open(&place.data)?;
+    for (name, feature) in &info.features {
+        if let Some((_, meaning)) = MADE_UP.iter().find(|(made_up, _)| made_up == name) {
+            let reason = format!("`{name}` is {meaning} here; rename the feature to read it");
+            skipped.push((name.clone(), reason));
+            continue;
+        }
+        let found = match feature["dtype"].as_str() {
+            Some("video") => {
+                of_videos(name, first).map(|shape| (Dtype::U8, shape, Source::Video(name.clone())))
+            }
+            Some("image") => images::shape(feature)
+                .and_then(|shape| images::check(&table, name, place.first, shape).map(|()| shape))
+                .map(|shape| (Dtype::U8, shape.to_vec(), Source::Images(name.clone()))),
+            _ => of_table(name, feature, &table)
+                .map(|(dtype, shape)| (dtype, shape, Source::Table(name.clone()))),
+        };
+        match found {
+            Ok(_) if name == "episode_index" => {}
+            Ok((dtype, shape, source)) => {
+                let is_camera = matches!(source, Source::Video(_) | Source::Images(_));
+                let field = Field::step(name, dtype, &shape);
+                listed.push(Listed { old: name.clone(), field, source, is_camera });
+            }
+            Err(error) => skipped.push((name.clone(), error.to_string())),
+        }
+    }
+    if !info.features.contains_key(TASK) {
+        match task(path, info, episodes, &table) {
+            Ok(column) => listed.push(column),
+            Err(error) => skipped.push((TASK.to_owned(), error.to_string())),
+        }
+    }
+    for (name, dtype, source) in
+        [("ep_idx", Dtype::I32, Source::Episode), ("step_idx", Dtype::I64, Source::Step)]
+    {
+        let field = Field::step(name, dtype, &[]);
+        listed.push(Listed { old: name.to_owned(), field, source, is_camera: false });
+    }
+    Ok((listed, skipped))
+}
+
+/// The size of the images of a camera.
+fn of_videos(name: &str, first: &EpisodeFiles) -> Result<Vec<usize>> {
+    let (path, _) = first.videos.get(name).ok_or_else(|| missing("there is no video"))?;
+    let (height, width) = video(path)?.size();
+    Ok(vec![height, width, 3])
+}
+
+fn of_table(name: &str, feature: &Json, table: &Table) -> Result<(Dtype, Vec<usize>)> {
+    let (values, shape) = (table.column(name)?, shape_of(feature)?);
+    match table.rows().checked_mul(shape.iter().product()) == Some(values.len()) {
+        true => Ok((values.dtype(), shape)),
+        false => Err(invalid(format!("{} values in {} rows", values.len(), table.rows()))),
+    }
+}
+
+/// The text of the task: one an episode, unless an episode has several.
+fn task(path: &Path, info: &Info, episodes: &[EpisodeFiles], table: &Table) -> Result<Listed> {
+    let (kind, source) = match episodes.iter().all(|episode| episode.task.is_some()) {
+        true => (FieldKind::Episode, Source::Task),
+        false if table.integers(tasks::TASK_INDEX).is_none() => {
+            return Err(missing(format!("the rows have no numbers of tasks (`{}`)", tasks::TASK_INDEX)));
+        }
+        false => (FieldKind::Step, Source::Tasks(tasks::read(path, info)?)),
+    };
+    let field = Field { kind, ..Field::step(TASK, Dtype::Str, &[]) };
+    Ok(Listed { old: "tasks".to_owned(), field, source, is_camera: false })
+}
+
+/// The camera that becomes `pixels`.
+fn main_camera(listed: &[Listed], options: &OpenOptions) -> Result<Option<usize>, DataError> {
+    let refuse = |reason| Err(DataError::Option { option: "camera", reason });
+    let cameras: Vec<usize> = (0..listed.len()).filter(|&at| listed[at].is_camera).collect();
+    let names = || cameras.iter().map(|&at| format!("`{}`", listed[at].old)).collect::<Vec<_>>().join(", ");
+    if let Some(wanted) = &options.camera {
+        let is_it =
+            |name: &str| name == wanted || name.strip_suffix(wanted).is_some_and(|rest| rest.ends_with('.'));
+        let fits: Vec<usize> = cameras.iter().copied().filter(|&at| is_it(&listed[at].old)).collect();
+        return match fits[..] {
+            [one] => Ok(Some(one)),
+            _ if cameras.is_empty() => {
+                refuse("the dataset has no images that can be read; leave it out".to_owned())
+            }
+            [] => refuse(format!("no camera is called `{wanted}`; there are {}", names())),
+            _ => refuse(format!("several cameras are called `{wanted}`; there are {}", names())),
+        };
+    }
+    if options.map.contains_key("pixels") {
+        return Ok(None);
+    }
+    let main: Vec<usize> =
+        cameras.iter().copied().filter(|&at| MAIN_CAMERAS.contains(&listed[at].old.as_str())).collect();
+    match (&cameras[..], &main[..]) {
+        ([], _) => Ok(None),
+        ([one], _) | (_, [one]) => Ok(Some(*one)),
+        _ => refuse(format!(
+            "the dataset has several cameras, {}; name the one that becomes `pixels`",
+            names()
+        )),
+    }
+}
