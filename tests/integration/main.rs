@@ -26,6 +26,7 @@ mod jobs;
 mod merging;
 mod newcomer;
 mod no_locks;
+mod other_programs;
 mod planning;
 mod preload;
 mod quality;

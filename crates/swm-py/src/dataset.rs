@@ -7,15 +7,16 @@ use std::sync::{Arc, Mutex};
 use numpy::{PyArray1, ToPyArray as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use swm::core::{Batch, Cancel, Column, ImageSize, Metadata, Schema, SliceMut};
-use swm::data::adapt::{Cached, Columns, Concat, Subset};
+use swm::core::evaluate::check_fit;
+use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, SliceMut};
+use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset};
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
     DataError, Dataset, DatasetInfo, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps, format,
 };
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
-use crate::errors::{DataFault, OrRaise as _};
+use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::interrupt::interruptible;
 use crate::world::registry;
@@ -26,6 +27,12 @@ pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Reader>()?;
     m.add_function(wrap_pyfunction!(dataset_formats, m)?)?;
     m.add_function(wrap_pyfunction!(detect_dataset, m)?)
+}
+
+/// How a dataset of another program is opened, from JSON.
+pub(crate) fn open_options(options: Option<&str>) -> PyResult<OpenOptions> {
+    let read = |text| serde_json::from_str(text).map_err(|error| PyValueError::new_err(error.to_string()));
+    options.map_or_else(|| Ok(OpenOptions::default()), read)
 }
 
 /// The column that stays dense under a frame skip.
@@ -76,12 +83,7 @@ impl Reader {
     #[staticmethod]
     #[pyo3(signature = (path, format=None, options=None))]
     fn open(py: Python<'_>, path: PathBuf, format: Option<&str>, options: Option<&str>) -> PyResult<Self> {
-        let options: OpenOptions = match options {
-            Some(text) => {
-                serde_json::from_str(text).map_err(|error| PyValueError::new_err(error.to_string()))?
-            }
-            None => OpenOptions::default(),
-        };
+        let options = open_options(options)?;
         let opened = py.detach(|| match format {
             // What the content tells may be read as the dataset of another program, and with options.
             Some(name) if format::detect(registry(), &path).is_none_or(|found| found.name != name) => {
@@ -176,6 +178,26 @@ impl Reader {
             options.factors.insert(name, value);
         }
         self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
+    }
+
+    /// Refuses rows of another program that cannot be of this environment; `settings` is JSON.
+    fn check_fit(&self, py: Python<'_>, env: &str, settings: &str) -> PyResult<()> {
+        let settings =
+            serde_json::from_str(settings).map_err(|error| DataFault::new_err(error.to_string()))?;
+        let entry = registry().env(env).or_raise()?;
+        let spec = entry.make(&EnvConfig { image: None, settings }).or_raise()?.spec().clone();
+        let mut dataset = self.share(py)?;
+        let fits = py.detach(|| check_fit(dataset.as_mut(), &spec));
+        fits.map_err(|error| SwmError::new_err(format!("the dataset {}: {error}", self.info.path.display())))
+    }
+
+    /// The same with images of another size, `image = (H, W)`, by area; `fit`: `stretch`, `crop` or `pad`.
+    #[pyo3(signature = (image, fit=None))]
+    fn resized(&self, py: Python<'_>, image: (usize, usize), fit: Option<&str>) -> PyResult<Self> {
+        let fit: Option<Fit> = fit.map(str::parse).transpose().map_err(PyValueError::new_err)?;
+        let size =
+            ImageSize::new(image.0, image.1).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        self.derive(py, |dataset| Resized::new(dataset, size, fit))
     }
 
     /// The file or folder.

@@ -9,6 +9,7 @@ use swm::core::error::BoxError;
 use swm::core::{Cancel, EnvConfig};
 use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
 
+use crate::dataset::open_options;
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
 use crate::infos;
@@ -78,7 +79,7 @@ fn verify_receipt(
 
 /// Replays episodes of a dataset on the simulator and compares; gives a JSON object.
 #[pyfunction]
-#[pyo3(signature = (path, episodes=None, set=None, tolerance=0.0, env=None, tick=None))]
+#[pyo3(signature = (path, episodes=None, set=None, tolerance=0.0, env=None, tick=None, options=None))]
 fn replay(
     py: Python<'_>,
     path: PathBuf,
@@ -87,11 +88,13 @@ fn replay(
     tolerance: f64,
     env: Option<&str>,
     tick: Option<&Bound<'_, PyAny>>,
+    options: Option<&str>,
 ) -> PyResult<String> {
     if tolerance.is_nan() || tolerance < 0.0 {
         return Err(SwmError::new_err(format!("tolerance={tolerance}: use a number of 0 or more")));
     }
-    let mut dataset = swm::data::open_in(registry(), &path).or_raise()?;
+    let options = open_options(options)?;
+    let mut dataset = swm::data::open_with(registry(), &path, &options).or_raise()?;
     let entry = match env {
         Some(id) => registry().env(id).or_raise()?,
         None => swm::replay::recorded_env(registry(), &dataset, &path).map_err(boxed)?,

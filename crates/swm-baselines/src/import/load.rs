@@ -319,6 +319,7 @@ impl Parts<'_> {
             model_config: baseline.model_config().clone(),
             data: DataConfig {
                 path: request.dataset.clone().unwrap_or_default(),
+                opening: request.opening.clone(),
                 env: place.env,
                 env_settings: place.env_settings,
                 frame_skip: place.frame_skip,
@@ -365,6 +366,7 @@ impl Parts<'_> {
             high: vec![1.0; action],
         };
         let data = request.dataset.as_ref().zip(scales.dataset.as_ref()).map(|(path, known)| LearnedData {
+            opening: request.opening.clone(),
             path: path.clone(),
             episodes: known.episodes,
             rows: known.rows,

@@ -31,6 +31,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
+use swm_data::OpenOptions;
 use swm_tasks::request::{Fix, Message, Report, Request, TaskError};
 
 use crate::error::BaselineError;
@@ -57,6 +58,8 @@ swm_core::settings! {
         env_option: Map<String, Json> = Map::new() => "none",
         /// The dataset that it was trained on: it says how vectors were scaled, and which environment it is.
         dataset: Option<PathBuf> = None => "none",
+        /// How it is opened, where it is of another program: map, camera, flip, split, … by name.
+        opening: OpenOptions = OpenOptions::default() => "none",
         /// A file of statistics in place of a dataset, such as `swm stats` writes.
         stats: Option<PathBuf> = None => "none",
         /// Means of actions.

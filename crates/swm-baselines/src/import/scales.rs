@@ -8,7 +8,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::{Metadata, Registry};
 use swm_data::Dataset;
 use swm_data::stats::{Statistics, StatisticsOptions};
-use swm_tasks::request::{Fix, Message, TaskError, open_dataset};
+use swm_tasks::request::{Fix, Message, TaskError, open_dataset_with};
 
 use super::Import;
 use super::source::give;
@@ -37,7 +37,7 @@ pub(super) fn find(request: &Import, registry: &Registry, columns: &[&str]) -> R
     let mut of = BTreeMap::new();
     let mut dataset = None;
     if let Some(path) = &request.dataset {
-        let mut opened = open_dataset(registry, path)?;
+        let mut opened = open_dataset_with(registry, path, &request.opening)?;
         dataset = Some(known(opened.as_ref()));
         let has = |name: &&str| opened.schema().index(name).is_some();
         let keys: Vec<String> =

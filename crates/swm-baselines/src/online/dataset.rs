@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
 use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Metadata, Slice};
-use swm_data::Dataset;
 use swm_data::tools::sample_digest;
+use swm_data::{Dataset, OpenOptions};
 
 use super::agent::OnlineAgent;
 use super::interface::{ACTION, GOAL_PREFIX, Goals, Interface, OBSERVED, REWARD};
@@ -27,6 +27,9 @@ const LEAST_STD: f64 = 1e-2;
 pub struct LearnedData {
     /// The dataset.
     pub path: PathBuf,
+    /// How it is opened, where it is of another program.
+    #[serde(default, skip_serializing_if = "OpenOptions::is_default")]
+    pub opening: OpenOptions,
     /// Its number of episodes.
     pub episodes: usize,
     /// Steps of all episodes.
@@ -49,7 +52,8 @@ impl LearnedData {
         let recorded = observed.iter().map(|name| name.strip_prefix(GOAL_PREFIX).unwrap_or(name));
         let columns: Vec<&str> = recorded.chain([ACTION, REWARD]).collect();
         let sample = Some(sample_digest(dataset, &columns)?);
-        Ok(Self { path: dataset.path().to_owned(), episodes, rows, frame_skip, sample })
+        let (path, opening) = (dataset.path().to_owned(), OpenOptions::of(dataset.info()));
+        Ok(Self { path, opening, episodes, rows, frame_skip, sample })
     }
 }
 

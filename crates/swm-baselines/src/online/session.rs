@@ -307,7 +307,7 @@ fn reopened(
     interface: &Interface,
     agent: &str,
 ) -> Result<Box<dyn Dataset>, BaselineError> {
-    let dataset = swm_data::open_in(registry, &data.path).map_err(|error| {
+    let dataset = swm_data::open_with(registry, &data.path, &data.opening).map_err(|error| {
         run.wrong(format!(
             "its dataset is not there: {error}; bring it back, or name its place with --dataset"
         ))

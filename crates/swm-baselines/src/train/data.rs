@@ -13,7 +13,7 @@ use swm_data::adapt::{Subset, split_episodes};
 use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
 use swm_data::tools::sample_digest;
-use swm_data::{ClipOptions, DataError, Dataset, Loader, RenderOptions, Rendered};
+use swm_data::{ClipOptions, DataError, Dataset, Loader, OpenOptions, RenderOptions, Rendered};
 
 use super::scale::Scale;
 use crate::baseline::{InputSpec, Phase, PhaseGoals};
@@ -51,6 +51,9 @@ impl Default for Split {
 pub struct DataConfig {
     /// The dataset.
     pub path: PathBuf,
+    /// How it is opened, where it is of another program.
+    #[serde(default, skip_serializing_if = "OpenOptions::is_default")]
+    pub opening: OpenOptions,
     /// The environment that it was recorded in, if it says so.
     pub env: Option<String>,
     /// The environment's settings that were given; `None` where the environment is unknown, and in runs of earlier versions.
@@ -196,6 +199,7 @@ impl TrainData {
         let recorded = dataset.metadata().and_then(Metadata::of_known_env);
         let config = DataConfig {
             path: dataset.path().to_owned(),
+            opening: OpenOptions::of(dataset.info()),
             env: recorded.map(|recorded| recorded.env.clone()),
             env_settings: recorded.map(|recorded| recorded.settings.clone()),
             frame_skip: recorded.map(|recorded| recorded.frame_skip),

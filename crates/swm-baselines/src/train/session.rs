@@ -165,11 +165,12 @@ impl Training {
         if let Some(moved) = moved {
             config.data.path = moved.to_owned();
         }
-        let dataset = swm_data::open_in(registry, &config.data.path).map_err(|error| {
-            run.wrong(format!(
-                "its dataset is not there: {error}; bring it back, or name its place with --dataset"
-            ))
-        })?;
+        let dataset =
+            swm_data::open_with(registry, &config.data.path, &config.data.opening).map_err(|error| {
+                run.wrong(format!(
+                    "its dataset is not there: {error}; bring it back, or name its place with --dataset"
+                ))
+            })?;
         let model = restore(&config.model_config, device)?;
         known.check_model(&run, model.as_ref())?;
         let name = model.name();

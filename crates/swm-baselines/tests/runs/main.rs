@@ -23,7 +23,7 @@ use swm_core::{
 use swm_core::{BoxError, EpisodeEnd};
 use swm_data::ReplayBuffer;
 use swm_data::format::built_in;
-use swm_data::{Dataset, WriteMode};
+use swm_data::{Dataset, OpenOptions, WriteMode, open_with};
 use swm_solvers::MpcPolicy;
 
 use dot::{DOT, IMAGE, SIDE};
@@ -367,4 +367,28 @@ fn a_trained_model_is_measured_without_control() {
 
 fn rows_without_images() -> std::sync::Arc<Schema> {
     Schema::new(vec![Field::step("state", Dtype::F32, &[2])]).expect("one name")
+}
+
+/// The mapping is in the run: opened otherwise, the dataset would be another one.
+#[test]
+fn a_run_is_resumed_on_its_dataset_as_it_was_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let golden =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field/pusht_cchi_v7_replay.zarr");
+    let map =
+        [("action", "n_contacts"), ("target", "action")].map(|(new, old)| (new.to_owned(), old.to_owned()));
+    let options = OpenOptions::default().map(map.into()).fps(Some(10.0));
+    let dataset = open_with(built_in(), &golden, &options).unwrap();
+    let mut new = new_run("lewm");
+    new.changes["model"]["frameskip"] = json!(1);
+    let path = folder.path().join("run");
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
+    assert_eq!((&training.config().data.opening, training.config().data.action), (&options, 1));
+    training.run(vec![Box::new(BreakAt(4))]).unwrap_err();
+    drop(training);
+    let config: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path.join("config.json")).unwrap()).unwrap();
+    assert_eq!(config["data"]["opening"]["map"]["action"], "n_contacts");
+    let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+    assert_eq!(resumed.run(Vec::new()).unwrap().step, 9);
 }

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use serde_json::{Map, Value as Json, json};
 use swm_core::evaluate::{ChosenPair, ManifestOptions, Tier, make_manifest};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Manifest, Registry, SuccessRule};
+use swm_data::OpenOptions;
 
+use super::source::check_opening;
 use super::stream::read_stream;
 use super::{
     Assignment, Fix, Message, Report, Request, Scenario, TaskError, check_recorded_in, create_parent, failed,
-    must_be_given, open_dataset, wrong,
+    must_be_given, open_dataset_with, wrong,
 };
 use crate::distractors;
 use crate::evaluation::{TierRules, holds_manifest, recorded_pairs, tier_rules, write_manifest};
@@ -38,6 +40,8 @@ swm_core::settings! {
         seed: u64 = 42,
         /// Take starts and goals from this dataset. Without it, the environment samples them.
         dataset: Option<PathBuf> = None => "none",
+        /// How a dataset of another program is opened: map, camera, flip, split, … by name.
+        opening: OpenOptions = OpenOptions::default() => "none",
         /// With a dataset: these pairs and no others.
         ///
         /// In place of `episodes`, `goal_offset` and `held_out`.
@@ -116,6 +120,7 @@ impl MakeManifest {
 
     /// Refuses settings that go with a dataset where there is none, and others than chosen pairs where there are such.
     fn check_pairs(&self) -> Result<(), TaskError> {
+        check_opening(self.dataset.is_some(), &self.opening)?;
         let default = Self::default();
         let given = [
             ("episodes", json!(self.episodes), self.episodes != default.episodes),
@@ -144,7 +149,8 @@ impl MakeManifest {
 
     fn make(&self, registry: &Registry, report: &mut dyn Report) -> Result<Manifest, TaskError> {
         let entry = registry.env(&self.env).map_err(failed)?;
-        let mut dataset = self.dataset.as_deref().map(|path| open_dataset(registry, path)).transpose()?;
+        let open = |path| open_dataset_with(registry, path, &self.opening);
+        let mut dataset = self.dataset.as_deref().map(open).transpose()?;
         if let Some(dataset) = &dataset {
             check_recorded_in(dataset.as_ref(), entry, self.frame_skip)?;
         }
@@ -291,8 +297,16 @@ mod tests {
             (
                 json!({ "held_out": 0.5 }),
                 "held_out=0.5: is about a dataset",
-                any(&[name_dataset, leave("held_out")]),
+                any(&[name_dataset.clone(), leave("held_out")]),
             ),
+            (
+                json!({ "opening": { "camera": "wrist" } }),
+                "camera: is about a dataset, and none is named",
+                any(&[name_dataset, leave("camera")]),
+            ),
+            (json!({ "dataset": data, "opening": { "camera": "wrist" } }), "has no use for it", None),
+            (json!({ "dataset": data, "opening": { "fps": -1 } }), "above 0", None),
+            (json!({ "dataset": data, "opening": { "lens": 1 } }), "lens: unknown", None),
             (
                 json!({ "dataset": data, "pairs": pair, "episodes": 3 }),
                 "episodes=3: does not go with pairs that are chosen",

@@ -36,7 +36,8 @@ pub use report::{Progress, Report, Stage};
 pub use scenario::{Scenario, factor_values};
 pub use shard::Shard;
 pub use source::{
-    ManifestSource, check_recorded_in, create_parent, make_folder, open_dataset, open_dataset_with,
+    ManifestSource, check_opening, check_recorded_in, create_parent, make_folder, open_dataset,
+    open_dataset_with,
 };
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 

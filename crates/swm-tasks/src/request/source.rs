@@ -43,6 +43,22 @@ pub fn open_dataset_with(
     }
 }
 
+/// Refuses options of opening a dataset where none is named.
+///
+/// # Errors
+///
+/// [`TaskError::Request`], which names the first of them.
+pub fn check_opening(has_dataset: bool, options: &OpenOptions) -> Result<(), TaskError> {
+    options.check().map_err(wrong)?;
+    match options.given().first() {
+        Some(&option) if !has_dataset => {
+            let message = Message::about_setting(option, "is about a dataset, and none is named");
+            Err(message.fix(Fix::Any(vec![Fix::give("dataset"), Fix::Leave(option)])).into())
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Refuses a dataset that was recorded in another environment than that of the request, or with another frame skip than the one
 /// that was asked for. A dataset that does not say how it was recorded passes.
 ///

@@ -6,13 +6,13 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Metadata, Registry};
-use swm_data::adapt::{fill_factors, split_episodes};
+use swm_data::adapt::{Fit, Resized, fill_factors, split_episodes};
 use swm_data::format::StoredImages;
 use swm_data::tools::alike::check_recordings;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::{arrange, beside_parts};
-use swm_data::{DataError, Dataset, WriteMode, WriteOptions};
+use swm_data::{DataError, Dataset, OpenOptions, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
 use super::opening::OpenArgs;
@@ -46,10 +46,15 @@ pub(super) struct TargetArgs {
     /// their dataset says.
     #[arg(long, value_name = "RATE", value_parser = rate)]
     fps: Option<f64>,
-    /// Render images of this size, HEIGHTxWIDTH, by replaying the episodes, in place of recorded ones; `none`: render nothing.
+    /// Images of this size, HEIGHTxWIDTH: those of datasets of other programs, and with --fit all, are resized; those of recordings of
+    /// this program are rendered by replaying the episodes, in place of recorded ones. `none`: as they are.
     /// Default: 64x64 where a recording without images is copied to `video` or `lerobot`, else none.
     #[arg(long)]
     image_size: Option<ImageArg>,
+    /// Resize images, by area: `stretch` them, `crop` their middle, or `pad` them with black. Needed where --image-size has another
+    /// shape than theirs.
+    #[arg(long, value_name = "HOW", requires = "image_size")]
+    fit: Option<Fit>,
     /// Replace an existing dataset. Without it, a dataset that holds the first episodes of this copy is continued, and anything else
     /// is refused.
     #[arg(long)]
@@ -79,7 +84,7 @@ impl TargetArgs {
         registry: &Registry,
         source: &Path,
         to: &Path,
-        how: &OpenArgs,
+        how: &OpenOptions,
         output: &Output,
     ) -> Result<Box<dyn Dataset>, Failure> {
         let dataset = inputs::open_with(registry, source, how)?;
@@ -108,9 +113,21 @@ impl TargetArgs {
             }
         };
         match size {
+            Some(size) if self.resizes(dataset.as_ref()) => {
+                Ok(Box::new(Resized::new(dataset, size, self.fit)?))
+            }
             Some(size) => images::rendered(dataset, registry, size),
+            None if self.fit.is_some() => {
+                Err(usage("--fit: no image is resized; give --image-size 64x64, or leave it out"))
+            }
             None => Ok(dataset),
         }
+    }
+
+    /// Whether images are resized, and not rendered anew.
+    fn resizes(&self, dataset: &dyn Dataset) -> bool {
+        let is_own = dataset.metadata().is_some_and(|run| run.known_env().is_some() && run.source.is_none());
+        self.fit.is_some() || !is_own && images::holds_images(dataset)
     }
 
     /// Copies, with a bar.
@@ -199,6 +216,7 @@ Examples:
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
   swm convert small.h5 pusht.video --image-size 96x96    (images of a recording without images are rendered)
+  swm convert robomimic.hdf5 small.h5 --camera agentview --image-size 64x64 --fit crop
   swm convert pusht.video again.h5 --overwrite
 
 The source's format is detected by its content, the target's by its extension or --format:
@@ -223,7 +241,8 @@ pub(super) struct Convert {
 impl Convert {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         self.to.check(registry)?;
-        let mut sources = vec![self.to.open(registry, &self.source, &self.target, &self.opening, output)?];
+        let how = self.opening.options()?;
+        let mut sources = vec![self.to.open(registry, &self.source, &self.target, &how, output)?];
         let pieces = all(&sources);
         inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
@@ -254,6 +273,8 @@ pub(super) struct Merge {
     #[arg(long)]
     partial: bool,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) to: TargetArgs,
 }
 
@@ -270,9 +291,10 @@ impl Merge {
             return Err(usage("one dataset was given; name two or more, or a folder of parts"));
         }
         inputs::check_distinct(&paths)?;
+        let how = self.opening.options()?;
         let mut sources = Vec::with_capacity(paths.len());
         for source in &paths {
-            sources.push(self.to.open(registry, source, &self.out, &OpenArgs::default(), output)?);
+            sources.push(self.to.open(registry, source, &self.out, &how, output)?);
         }
         check_recordings(&sources, &all(&sources)).map_err(usage)?;
         images::check_alike(&sources, &self.command())?;
@@ -333,6 +355,8 @@ pub(super) struct Split {
     #[arg(long, short)]
     out: String,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) to: TargetArgs,
 }
 
@@ -347,8 +371,8 @@ impl Split {
                 self.out
             )));
         }
-        let mut sources =
-            vec![self.to.open(registry, &self.source, Path::new(&self.out), &OpenArgs::default(), output)?];
+        let how = self.opening.options()?;
+        let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), &how, output)?];
         let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed)
             .map_err(|error| usage(format!("--parts {}: {error}", self.parts.join(","))))?;
         let sum: f64 = fractions.iter().sum();

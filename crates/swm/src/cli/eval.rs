@@ -9,6 +9,7 @@ use swm_core::{Cancel, Evaluation, Registry};
 use swm_tasks::request::{Evaluate, Evaluated, ImageChoice, ManifestSource, Request as _};
 
 use super::args::{ImageArg, OptionalEnvArgs, PartArgs, WorldArgs};
+use super::opening::DataArgs;
 use super::output::key_values;
 use super::receipt_text::receipt_text;
 use super::reporter::Reporter;
@@ -70,6 +71,8 @@ pub(super) struct Eval {
     pub(super) world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    #[command(flatten)]
+    opening: DataArgs,
     /// A folder for the result: receipt.json with --manifest, else result.json, images and videos.
     #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -117,6 +120,7 @@ impl Eval {
             episodes: self.episodes,
             seed: self.seed,
             dataset: self.dataset.clone(),
+            opening: self.opening.options()?,
             goal_offset: self.goal_offset,
             budget: self.budget,
             frame_skip: self.world.frame_skip,

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::opening::DataArgs;
+
 /// Make a run of a published checkpoint: of stable-worldmodel, or of the authors of DINO-WM.
 #[derive(Args)]
 #[command(after_help = "\
@@ -66,6 +68,8 @@ pub(super) struct Import {
     /// Read and describe it, with what must still be given; write nothing.
     #[arg(long, conflicts_with = "out")]
     check: bool,
+    #[command(flatten)]
+    opening: DataArgs,
 }
 
 #[cfg(not(feature = "baselines"))]
@@ -92,6 +96,7 @@ impl Import {
             set: _,
             out: _,
             check: _,
+            opening: _,
         } = self;
         let (feature, command) = crate::absent::BASELINES;
         Err(super::usage(format!("this program was built without the feature `{feature}`: {command}")))
@@ -153,6 +158,7 @@ mod work {
                 file: self.file,
                 encoder: self.encoder,
                 env: self.env,
+                opening: self.opening.options_of(self.dataset.as_ref())?,
                 dataset: self.dataset,
                 stats: self.stats,
                 action_mean: self.action_mean,

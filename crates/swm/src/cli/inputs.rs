@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 use swm_core::Registry;
 use swm_data::tools::alike::rate_doubt;
 use swm_data::tools::copy::{Piece, is_same};
-use swm_data::{DataError, Dataset};
+use swm_data::{DataError, Dataset, OpenOptions};
 use swm_tasks::request;
 
 pub(super) use request::check_recorded_in as check_env;
 
-use super::opening::OpenArgs;
 use super::{Failure, Output, usage};
 
 /// Opens a dataset that the user named.
@@ -24,9 +23,9 @@ pub(super) fn open(registry: &Registry, path: &Path) -> Result<Box<dyn Dataset>,
 pub(super) fn open_with(
     registry: &Registry,
     path: &Path,
-    how: &OpenArgs,
+    how: &OpenOptions,
 ) -> Result<Box<dyn Dataset>, Failure> {
-    Ok(request::open_dataset_with(registry, path, &how.options()?)?)
+    Ok(request::open_dataset_with(registry, path, how)?)
 }
 
 /// Refuses a path where nothing is.

@@ -25,7 +25,7 @@ pub(super) struct Inspect {
 
 impl Inspect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let dataset = inputs::open_with(registry, &self.file, &self.opening)?;
+        let dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
         let lengths = &dataset.info().lengths;
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();

@@ -11,6 +11,7 @@ use swm_core::{Manifest, Registry};
 use swm_tasks::request::{MakeManifest, Request as _};
 
 use super::args::{EnvArgs, ImageArg};
+use super::opening::DataArgs;
 use super::output::table;
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
@@ -95,6 +96,8 @@ struct Make {
     stream: Option<PathBuf>,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    #[command(flatten)]
+    opening: DataArgs,
     /// Replace an existing file.
     #[arg(long)]
     overwrite: bool,
@@ -153,6 +156,7 @@ impl Make {
             episodes: self.episodes,
             seed: self.seed,
             dataset: self.dataset.clone(),
+            opening: self.opening.options()?,
             pairs: self.pairs.clone(),
             goal_offset: self.goal_offset,
             held_out: self.held_out,

@@ -1,4 +1,5 @@
-//! Options of opening a dataset of another program.
+//! Options of opening a dataset of another program. Three groups, each in the next one, as some commands have an environment or a
+//! `--split` of their own.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -6,13 +7,13 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_data::{Flip, OpenOptions};
 
-use super::Failure;
 use super::args::{assignment, json_value};
+use super::{Failure, usage};
 
-/// How a dataset of another program is opened (docs/datasets.md).
+/// What becomes of the columns of a dataset of another program.
 #[derive(Args, Clone, Default)]
 #[command(next_help_heading = "Datasets of other programs")]
-pub(super) struct OpenArgs {
+pub(super) struct ColumnArgs {
     /// Name a column NEW; OLD is its name in the files, or the one that `swm inspect` lists. May be repeated.
     #[arg(long = "map", value_name = "NEW=OLD")]
     map: Vec<String>,
@@ -22,18 +23,6 @@ pub(super) struct OpenArgs {
     /// Turn images over: `vertical`, or `180` by half a turn.
     #[arg(long, value_name = "HOW")]
     flip: Option<Flip>,
-    /// The id of the environment that the episodes are of.
-    #[arg(long, value_name = "ID")]
-    env: Option<String>,
-    /// A setting of that environment. May be repeated.
-    #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
-    env_options: Vec<String>,
-    /// A part of the dataset, such as `val`.
-    #[arg(long = "split", value_name = "NAME")]
-    part: Option<String>,
-    /// Rows of an episode that ran into its time limit, where a file of D4RL does not mark these.
-    #[arg(long, value_name = "N")]
-    max_steps: Option<usize>,
     /// Whether observations of a row are those after its action (1) or before it (0), where a file of LIBERO does not show it.
     #[arg(long, value_name = "0|1", value_parser = clap::value_parser!(u8).range(0..=1))]
     shift: Option<u8>,
@@ -42,20 +31,73 @@ pub(super) struct OpenArgs {
     storage: Option<PathBuf>,
 }
 
-impl OpenArgs {
+/// How a dataset of another program is opened, for commands that name an environment.
+#[derive(Args, Clone, Default)]
+#[command(next_help_heading = "Datasets of other programs")]
+pub(super) struct DataArgs {
+    #[command(flatten)]
+    columns: ColumnArgs,
+    /// A part of the dataset, such as `val`.
+    #[arg(long = "split", value_name = "NAME")]
+    part: Option<String>,
+    /// Rows of an episode that ran into its time limit, where a file of D4RL does not mark these.
+    #[arg(long, value_name = "N")]
+    max_steps: Option<usize>,
+}
+
+/// How a dataset of another program is opened (docs/datasets.md).
+#[derive(Args, Clone, Default)]
+#[command(next_help_heading = "Datasets of other programs")]
+pub(super) struct OpenArgs {
+    #[command(flatten)]
+    data: DataArgs,
+    /// The id of the environment that the episodes are of.
+    #[arg(long, value_name = "ID")]
+    env: Option<String>,
+    /// A setting of that environment. May be repeated.
+    #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
+    env_options: Vec<String>,
+}
+
+impl ColumnArgs {
     pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
         let mut map = BTreeMap::new();
         for pair in &self.map {
             let (new, old) = assignment(pair, "--map")?;
             map.insert(new.to_owned(), old.to_owned());
         }
+        let options = OpenOptions::default().map(map).camera(self.camera.clone()).flip(self.flip);
+        Ok(options.shift(self.shift).storage(self.storage.clone()))
+    }
+}
+
+impl DataArgs {
+    pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
+        Ok(self.columns.options()?.split(self.part.clone()).max_steps(self.max_steps))
+    }
+
+    /// As [`DataArgs::options`], of a dataset that may not be named.
+    pub(super) fn options_of(&self, dataset: Option<&PathBuf>) -> Result<OpenOptions, Failure> {
+        let options = self.options()?;
+        match (dataset, options.given().first()) {
+            (None, Some(option)) => {
+                let option = option.replace('_', "-");
+                Err(usage(format!(
+                    "--{option}: it is about a dataset, and none is named; give --dataset, or leave it out"
+                )))
+            }
+            _ => Ok(options),
+        }
+    }
+}
+
+impl OpenArgs {
+    pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
         let mut env_options = serde_json::Map::new();
         for option in &self.env_options {
             let (name, value) = assignment(option, "--env-option")?;
             env_options.insert(name.to_owned(), json_value(value));
         }
-        let options = OpenOptions::default().map(map).camera(self.camera.clone()).flip(self.flip);
-        let options = options.env(self.env.clone()).env_options(env_options).split(self.part.clone());
-        Ok(options.max_steps(self.max_steps).shift(self.shift).storage(self.storage.clone()))
+        Ok(self.data.options()?.env(self.env.clone()).env_options(env_options))
     }
 }

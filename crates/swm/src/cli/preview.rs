@@ -10,6 +10,7 @@ use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, framed, png};
 
 use super::args::ImageArg;
+use super::opening::OpenArgs;
 use super::output::{counted, create_parent};
 use super::replay::selection;
 use super::threads::ThreadsArg;
@@ -51,6 +52,8 @@ pub(super) struct Preview {
     #[arg(long)]
     image_size: Option<ImageArg>,
     #[command(flatten)]
+    opening: OpenArgs,
+    #[command(flatten)]
     pub(super) threads: ThreadsArg,
     /// The file to write: .png, .mp4 or .gif. One that exists is replaced.
     #[arg(long, short)]
@@ -60,7 +63,7 @@ pub(super) struct Preview {
 impl Preview {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = Format::from_path(&self.out).map_err(usage)?;
-        let mut dataset = inputs::open(registry, &self.file)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
         let missing =
             dataset.schema().index(&self.column).is_none() && !images::holds_images(dataset.as_ref());
         let size = match self.image_size {

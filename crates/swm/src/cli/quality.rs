@@ -10,6 +10,7 @@ use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, R
 use swm_tasks::request::{Ask, note_training_of};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
+use super::opening::DataArgs;
 use super::output::{compact, table};
 use super::quality_checks::{check_horizon, check_lengths, check_probe, check_violation};
 use super::threads::ThreadsArg;
@@ -75,6 +76,8 @@ pub(super) struct QualityCommand {
     #[arg(long, default_value_t = QualityOptions::default().seed)]
     seed: u64,
     #[command(flatten)]
+    opening: DataArgs,
+    #[command(flatten)]
     pub(super) threads: ThreadsArg,
 }
 
@@ -107,7 +110,9 @@ impl QualityCommand {
             .filter(|text| *text != "none")
             .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
             .collect::<Result<_, _>>()?;
-        let dataset = self.dataset.as_deref().map(|path| inputs::open(registry, path)).transpose()?;
+        let how = self.opening.options_of(self.dataset.as_ref())?;
+        let open = |path| inputs::open_with(registry, path, &how);
+        let dataset = self.dataset.as_deref().map(open).transpose()?;
         if let Some(dataset) = &dataset {
             inputs::check_env(dataset.as_ref(), entry, None)?;
         }

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::{EnvConfig, Registry};
 
+use super::args::{assignment, json_value};
+use super::opening::DataArgs;
 use super::output::{compact, counted, table};
 use super::scenario::factor_values;
 use super::threads::ThreadsArg;
@@ -26,6 +28,9 @@ pub(super) struct Replay {
     /// The environment; required for files that do not name it.
     #[arg(long)]
     env: Option<String>,
+    /// A setting of that environment. May be repeated.
+    #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
+    env_options: Vec<String>,
     /// Episodes to replay: `5`, `0..10` or `0,3,7`. Default: all.
     #[arg(long)]
     episodes: Option<String>,
@@ -37,12 +42,14 @@ pub(super) struct Replay {
     #[arg(long, default_value_t = 1e-6)]
     tolerance: f64,
     #[command(flatten)]
+    opening: DataArgs,
+    #[command(flatten)]
     pub(super) threads: ThreadsArg,
 }
 
 impl Replay {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = inputs::open(registry, &self.file)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
@@ -51,7 +58,11 @@ impl Replay {
             Some(id) => registry.env(id)?,
             None => recorded_env(registry, &dataset, &self.file).map_err(usage)?,
         };
-        let settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
+        let mut settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
+        for option in &self.env_options {
+            let (name, value) = assignment(option, "--env-option")?;
+            settings.insert(name.to_owned(), json_value(value));
+        }
         let factors = entry.make(&EnvConfig { image: None, settings })?.spec().factors.clone();
         let overrides = factor_values(&self.set, entry, &factors, output)?;
         let bar = output.bar(episodes.len() as u64, "episodes");

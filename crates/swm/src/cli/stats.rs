@@ -59,7 +59,7 @@ pub(super) struct Stats {
 
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
         let (named, is_named) = (self.quantiles.clone(), self.columns.is_some());
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::opening::ColumnArgs;
 use super::threads::ThreadsArg;
 
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
@@ -99,7 +100,18 @@ pub(super) struct Train {
     pub(super) threads: ThreadsArg,
     #[command(flatten)]
     online: OnlineArgs,
+    #[command(flatten)]
+    opening: ColumnArgs,
+    /// A part of the dataset, such as `val`.
+    #[arg(long, value_name = "NAME", help_heading = OTHERS)]
+    dataset_split: Option<String>,
+    /// Rows of an episode that ran into its time limit, where a file of D4RL does not mark these.
+    #[arg(long, value_name = "N", help_heading = OTHERS)]
+    dataset_max_steps: Option<usize>,
 }
+
+/// Where help lists what is about datasets of other programs.
+const OTHERS: &str = "Datasets of other programs";
 
 /// What agents learn in.
 #[derive(Args)]
@@ -131,6 +143,24 @@ const SPLIT: f64 = 0.9;
 
 #[cfg(feature = "baselines")]
 impl Train {
+    /// How the dataset of a new run is opened; a run that is resumed knows it.
+    fn opening(&self) -> Result<swm_data::OpenOptions, super::Failure> {
+        let options = self.opening.options()?;
+        let options = options.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
+        let Some(&option) = options.given().first() else { return Ok(options) };
+        let option = match option {
+            "split" | "max_steps" => format!("dataset-{}", option.replace('_', "-")),
+            option => option.to_owned(),
+        };
+        let reason = match () {
+            // Where decoded values are kept is no part of the run.
+            () if self.resume.is_some() => "a run is resumed with the dataset as it was opened for it",
+            () if self.dataset.is_none() => "it is about a dataset, and none is named; give --dataset",
+            () => return Ok(options),
+        };
+        Err(super::usage(format!("--{option}: {reason}, or leave it out")))
+    }
+
     /// The run's folder: --out, or that behind --resume.
     fn folder(&self) -> Result<&std::path::Path, super::Failure> {
         match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
@@ -203,6 +233,9 @@ mod work {
                 quality_every: _,
                 patience: _,
                 threads: _,
+                opening: _,
+                dataset_split: _,
+                dataset_max_steps: _,
             } = self;
             Err(not_built())
         }

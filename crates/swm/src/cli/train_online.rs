@@ -81,6 +81,7 @@ impl Train {
 
     /// Begins or resumes an agent's run.
     pub(super) fn run_online(&self, out: &Path, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let opening = self.opening()?;
         let device = self.device.parse().map_err(failure)?;
         let mut training = match &self.baseline {
             Some(agent) => {
@@ -98,9 +99,11 @@ impl Train {
                 let new = NewOnlineRun { agent, preset, changes, env_settings, observe, fit, device };
                 let training = match (&self.online.env, &self.dataset) {
                     (Some(env), _) => OnlineTraining::create(out, registry.env(env)?, &new),
-                    (None, Some(data)) => {
-                        OnlineTraining::create_on(out, inputs::open(registry, data)?.as_ref(), &new)
-                    }
+                    (None, Some(data)) => OnlineTraining::create_on(
+                        out,
+                        inputs::open_with(registry, data, &opening)?.as_ref(),
+                        &new,
+                    ),
                     (None, None) => return Err(usage("--env: name an environment")),
                 };
                 training.map_err(failure)?

@@ -35,6 +35,7 @@ impl Train {
         if self.batch == Some(0) {
             return Err(usage("--batch 0: a step learns from 1 clip or more; leave it out for the preset's"));
         }
+        let opening = self.opening()?;
         let device = self.device.parse().map_err(failure)?;
         let precision: Option<Precision> =
             self.precision.as_deref().map(str::parse).transpose().map_err(failure)?;
@@ -61,7 +62,7 @@ impl Train {
             let first = of_baseline.map_or("", |entry| entry.presets[0]);
             let preset = self.preset.as_deref().unwrap_or(first);
             let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
-            let dataset = inputs::open(registry, path)?;
+            let dataset = inputs::open_with(registry, path, &opening)?;
             let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failure)?;
             if !images::holds_images(dataset.as_ref()) {
                 let image = prepared.config().data.image;
@@ -180,7 +181,7 @@ fn on_the_way(registry: &Registry, model: &dyn Baseline, config: &RunConfig) -> 
             "--quality-every measures world models, and {name} is a policy; leave it out"
         )));
     }
-    let dataset = inputs::open(registry, &data.path)?;
+    let dataset = inputs::open_with(registry, &data.path, &data.opening)?;
     let dataset =
         with_images(dataset.as_ref(), registry, model.name(), model.input_spec().image).map_err(failure)?;
     OnTheWay::new(registry, dataset.as_ref(), data.split, model.input_spec(), fit.seed)

@@ -67,7 +67,7 @@ impl Verify {
             }
             _ => Vec::new(),
         };
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening)?;
+        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
         let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
         let bar = output.bar(rows as u64, "rows");
         let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
@@ -163,8 +163,10 @@ impl Diff {
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
-        let [mut first, mut second] =
-            [inputs::open_with(registry, &self.first, &self.opening)?, inputs::open(registry, &self.second)?];
+        let [mut first, mut second] = [
+            inputs::open_with(registry, &self.first, &self.opening.options()?)?,
+            inputs::open(registry, &self.second)?,
+        ];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
                 return Err(usage(

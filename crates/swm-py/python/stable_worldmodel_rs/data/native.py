@@ -128,6 +128,7 @@ class NativeDataset(Dataset):
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
         self._render = render
+        self._resize: tuple[tuple[int, int], str | None] | None = None
         self._options: str | None = json.dumps(dict(options)) if options else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
@@ -172,6 +173,8 @@ class NativeDataset(Dataset):
         reader = _swm.Reader.open(self.path, self.native_format, self._options)
         if self._render is not None:
             reader = reader.rendered(self._render)
+        if self._resize is not None:
+            reader = reader.resized(*self._resize)
         if self.episodes is not None:
             reader = reader.subset(self.episodes)
         virtual = [key for key in getattr(self, "_keys", []) if key in INDICES]
@@ -383,6 +386,21 @@ class NativeDataset(Dataset):
         if target not in self._keys:
             self._keys.append(target)
         self._reset()
+
+    def resized(self, image_size: tuple[int, int], fit: str | None = None) -> Self:
+        """The same dataset with images of another size, by area.
+
+        Args:
+            image_size: ``(H, W)``.
+            fit: ``"stretch"``, ``"crop"`` (the middle) or ``"pad"`` (with black); needed where ``image_size`` has another
+                shape than the images.
+        """
+        other = copy(self)
+        other._resize = ((int(image_size[0]), int(image_size[1])), fit)
+        other._keys, other.cached_columns = list(self._keys), list(self.cached_columns)
+        other._reset()
+        other._reader = other._open()
+        return other
 
     def subset(self, episodes: Sequence[int]) -> Self:
         """The same dataset with some of its episodes, in this order. Nothing is copied but merged columns."""

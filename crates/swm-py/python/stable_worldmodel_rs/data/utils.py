@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import logging
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -160,6 +160,9 @@ def convert(
     dest_format: str | None = None,
     cache_dir: str | Path | None = None,
     progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
+    image_size: tuple[int, int] | None = None,
+    fit: str | None = None,
     **dest_kwargs: Any,
 ) -> None:
     """Copies a dataset into another format. A conversion that was interrupted goes on where it ended.
@@ -171,12 +174,24 @@ def convert(
         dest_format: Default: what the file extension says, else ``"hdf5"``.
         cache_dir: As of :func:`load_dataset`.
         progress: Show a progress bar.
+        opening: How a source of another program is opened: ``{"camera": "wrist"}``; see ``options`` of :class:`NativeDataset`.
+        image_size: ``(H, W)`` to which images are resized, by area.
+        fit: ``"stretch"``, ``"crop"`` (the middle) or ``"pad"`` (with black); needed where ``image_size`` has another shape
+            than the images.
         **dest_kwargs: Arguments of the writer, such as ``mode`` and ``quality``.
 
     Example:
         >>> convert("pusht.h5", "pusht_video", dest_format="video")
     """
-    _copy([load_dataset(source, cache_dir=cache_dir, format=source_format)], dest, dest_format, progress, dest_kwargs, True)
+    how = dict(opening or {})
+    dataset = load_dataset(source, cache_dir=cache_dir, format=source_format, **how)
+    if image_size is not None:
+        if not isinstance(dataset, NativeDataset):
+            raise TypeError(f"image_size: images of {source} are not read by this package; convert it without, then again")
+        dataset = dataset.resized(image_size, fit)
+    elif fit is not None:
+        raise ValueError(f"fit={fit!r}: no image is resized; give image_size=(64, 64), or leave it out")
+    _copy([dataset], dest, dest_format, progress, dest_kwargs, True)
 
 
 def merge(
@@ -188,6 +203,7 @@ def merge(
     mode: str = "error",
     cache_dir: str | Path | None = None,
     progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
     **dest_kwargs: Any,
 ) -> None:
     """Copies the episodes of several datasets, one after the other, into one.
@@ -200,6 +216,7 @@ def merge(
         mode: ``"error"`` refuses a ``dest`` that exists, ``"overwrite"`` replaces it, ``"append"`` continues it.
         cache_dir: As of :func:`load_dataset`.
         progress: Show a progress bar.
+        opening: As of :func:`convert`; for each of the sources.
         **dest_kwargs: Arguments of the writer.
     """
     if len(sources) < 2:
@@ -208,7 +225,8 @@ def merge(
     if len(formats) != len(sources):
         raise ValueError(f"source_formats must align with sources: {len(formats)} for {len(sources)}")
     pairs = zip(sources, formats, strict=True)
-    datasets = [load_dataset(source, cache_dir=cache_dir, format=known) for source, known in pairs]
+    how = dict(opening or {})
+    datasets = [load_dataset(source, cache_dir=cache_dir, format=known, **how) for source, known in pairs]
     for names, what in (("column_names", "column"), ("episode_column_names", "episode-data column")):
         first = set(getattr(datasets[0], names, []))
         for source, dataset in zip(sources, datasets, strict=True):

@@ -26,6 +26,7 @@ def evaluate_from_dataset(
     goal_offset: int = 25,
     seed: int = 42,
     progress: bool = False,
+    opening: Mapping[str, Any] | None = None,
 ) -> EvaluationResult:
     """Start at recorded rows, aim at the rows ``goal_offset`` later.
 
@@ -41,11 +42,15 @@ def evaluate_from_dataset(
         episodes: Pairs to sample.
         seed: Of the choice of rows and of the run.
         progress: Whether to show a bar.
+        opening: With a path: how a dataset of another program is opened, as ``options`` of ``NativeDataset``.
     """
     from .._core import core as _swm
     from ..data import load_dataset
 
-    dataset = load_dataset(dataset) if isinstance(dataset, (str, Path)) else dataset
+    if isinstance(dataset, (str, Path)):
+        dataset = load_dataset(dataset, **dict(opening or {}))
+    elif opening:
+        raise TypeError("opening is about a path, and an open dataset was given; open it with these options")
     offset = goal_offset if goal_offset_steps is None else goal_offset_steps
     if (episodes_idx is None) != (start_steps is None):
         raise ValueError("give episodes_idx and start_steps together, or neither")

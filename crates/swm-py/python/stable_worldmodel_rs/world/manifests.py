@@ -75,6 +75,7 @@ def make_manifest(
     seed: int = 42,
     budget: int | None = None,
     dataset: AnyPath | None = None,
+    opening: Mapping[str, Any] | None = None,
     goal_offset: int = 25,
     held_out: float = 0.2,
     pairs: Sequence[str | tuple[int, int, int]] | None = None,
@@ -99,6 +100,7 @@ def make_manifest(
         seed: Of the choice.
         budget: Actions allowed; None: 200, or 50 from a dataset.
         dataset: Take starts and goals from its rows, the goal ``goal_offset`` rows after the start.
+        opening: How a dataset of another program is opened: ``camera``, ``map`` and so on, as ``options`` of ``NativeDataset``.
         held_out: Share of its episodes that is held out from training.
         pairs: These steps of ``dataset`` as starts and goals, in place of ``episodes``, ``goal_offset`` and ``held_out``:
             (episode, start, goal), counted from 0, or ``"3:10-35"``, or ``"3:10-4:0"`` for a goal in another episode.
@@ -122,6 +124,7 @@ def make_manifest(
         "episodes": episodes,
         "seed": seed,
         "dataset": None if dataset is None else existing(dataset, "dataset"),
+        "opening": dict(opening or {}),
         "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
         "goal_offset": goal_offset,
         "held_out": held_out,
@@ -147,6 +150,7 @@ def replay(
     tolerance: float = 0.0,
     env_name: str | None = None,
     progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Repeat recorded episodes on the simulator: is the dataset what it says it is?
 
@@ -157,6 +161,7 @@ def replay(
         tolerance: Largest accepted difference.
         env_name: The environment, where the file does not say.
         progress: Whether to show a bar.
+        opening: As of :func:`make_manifest`.
 
     Returns:
         ``ok``, ``episodes``, ``rows``, and the largest differences by column.
@@ -164,14 +169,15 @@ def replay(
     total = 0 if episodes is None else len(episodes)
     values = None if variation_values is None else dict(variation_values)
     file = existing(path, "dataset")
+    options = json.dumps(dict(opening)) if opening else None
     if env_name is None:
         # What the file says; where that is nothing, the replay does.
-        for _, run in json.loads(_swm.Reader.open(file).runs):
+        for _, run in json.loads(_swm.Reader.open(file, None, options).runs):
             need(str(run.get("env", "")))
     else:
         need(env_name)
     with Progress("Replaying", total, progress) as bar:
         chosen = None if episodes is None else [int(episode) for episode in episodes]
-        text = _swm.replay(file, chosen, values, tolerance, env_name, bar.tick)
+        text = _swm.replay(file, chosen, values, tolerance, env_name, bar.tick, options)
     return dict(json.loads(text))
 

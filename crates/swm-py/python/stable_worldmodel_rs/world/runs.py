@@ -114,6 +114,9 @@ class Runs:
             )
         check_callables(callables)
         check_recording(dataset, self._built["id"], self._built["frame_skip"])
+        reader = getattr(dataset, "reader", None)
+        if isinstance(reader, _swm.Reader):
+            reader.check_fit(self._built["id"], self._built["settings"])
         firsts, lasts, _ = extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
         spec = self.envs.spec_data
         options = [reset_options(spec, first, last) for first, last in zip(firsts, lasts, strict=True)]

@@ -9,8 +9,10 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::error::BoxError;
 use swm_core::settings::Settings as _;
 use swm_core::{Evaluation, Registry};
+use swm_data::OpenOptions;
 
 use super::policy::policy_args;
+use super::source::check_opening;
 use super::{
     Fix, Foreign, ImageChoice, ManifestSource, Message, NUM_ENVS, Report, Request, Shard, TaskError, failed,
 };
@@ -44,6 +46,8 @@ swm_core::settings! {
         seed: u64 = 42,
         /// Take starts and goals from this dataset.
         dataset: Option<PathBuf> = None => "none",
+        /// How a dataset of another program is opened: map, camera, flip, split, … by name.
+        opening: OpenOptions = OpenOptions::default() => "none",
         /// With a dataset: the goal is this many steps after the start.
         goal_offset: usize = 25,
         /// Actions allowed per episode.
@@ -173,6 +177,11 @@ impl Evaluate {
         let changed = self.changed();
         let value = |name: &str| changed.get(name).cloned();
         if self.manifest.is_some() {
+            if let Some(&option) = self.opening.given().first() {
+                let message = Message::about_setting(option, "the manifest fixes it");
+                let fixes = vec![Fix::Leave(option), Fix::Leave("manifest")];
+                return Err(message.fix(Fix::Any(fixes)).into());
+            }
             for &name in OF_MANIFEST {
                 if let Some(value) = value(name) {
                     let message = Message::about(name, value, "the manifest fixes it");
@@ -192,6 +201,7 @@ impl Evaluate {
             let fix = Fix::Any(vec![Fix::give("env"), Fix::give("manifest")]);
             return Err(Message::new("nothing names the environment").fix(fix).into());
         }
+        check_opening(self.dataset.is_some(), &self.opening)?;
         if let (Some(offset), None) = (value("goal_offset"), &self.dataset) {
             let message = Message::about("goal_offset", offset, "is about a dataset, and none is named");
             return Err(message.fix(Fix::Any(vec![Fix::give("dataset"), Fix::Leave("goal_offset")])).into());

@@ -13,7 +13,7 @@ use crate::evaluation::refusal;
 use crate::report::write_report;
 use crate::request::policy::{make_policy, model_image, note_images};
 use crate::request::report::apart;
-use crate::request::source::{check_recorded_in, claim, make_folder, open_dataset};
+use crate::request::source::{check_recorded_in, claim, make_folder, open_dataset_with};
 use crate::request::{
     Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError,
     envs_at_most, failed, wrong,
@@ -35,7 +35,8 @@ impl Evaluate {
         let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
         note_images(&self.policy, of_model, image, report);
         let format = self.format_of_videos(image)?;
-        let mut dataset = self.dataset.as_deref().map(|path| open_dataset(registry, path)).transpose()?;
+        let open = |path| open_dataset_with(registry, path, &self.opening);
+        let mut dataset = self.dataset.as_deref().map(open).transpose()?;
         if let Some(dataset) = &dataset {
             check_recorded_in(dataset.as_ref(), entry, self.frame_skip)?;
         }

@@ -79,6 +79,17 @@ fn every_refusal_names_the_setting_and_the_remedy() {
             "goal_offset=3: is about a dataset",
             any(&[give("dataset"), leave("goal_offset")]),
         ),
+        (
+            online(json!({ "opening": { "flip": "180" } })),
+            "flip: is about a dataset, and none is named",
+            any(&[give("dataset"), leave("flip")]),
+        ),
+        (
+            on(json!({ "opening": { "flip": "180" } })),
+            "flip: the manifest fixes it",
+            any(&[leave("flip"), leave("manifest")]),
+        ),
+        (online(json!({ "dataset": data, "opening": { "flip": "180" } })), "has no use for it", None),
         (online(json!({ "num_envs": 0 })), "num_envs=0: use 1 to 65536", None),
         (online(json!({ "threads": 0 })), "threads=0: use 1 to 1024", None),
         (
@@ -214,4 +225,23 @@ fn joined_parts_are_the_whole_receipt() {
     let joined = receipt(given(json!({ "out": out, "join": true })));
     whole.wall_time_s = joined.wall_time_s;
     assert_eq!(whole, joined);
+}
+
+/// Rows of another program, whose states and actions are of another kind.
+#[test]
+fn a_dataset_that_does_not_fit_is_refused() {
+    let golden =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field/pusht_cchi_v7_replay.zarr");
+    let refused = |map: Json| {
+        let asked = json!({
+            "env": TOY.id, "policy": "random", "dataset": golden, "opening": { "map": map }, "goal_offset": 2, "episodes": 2,
+        });
+        ask(asked).unwrap_err().to_string()
+    };
+    let text = refused(json!({}));
+    assert!(text.contains("its `state` has 5 values a row, that of swm/Toy-v0 has 1"), "{text}");
+    let text = refused(json!({ "state": "n_contacts", "all": "state" }));
+    assert!(text.contains("its actions have 2 values, those of swm/Toy-v0 1"), "{text}");
+    let text = refused(json!({ "state": "n_contacts", "all": "state", "action": "n_contacts" }));
+    assert!(text.contains("map") && text.contains("two names"), "{text}");
 }
