@@ -6,7 +6,8 @@
     torchrun --nproc-per-node 4 train_lewm.py --dataset tworoom.h5 --out lewm-tworoom # four; --batch is that of each
     python train_lewm.py --size 32 --patch 8 --width 48 --depth 2 --steps 200         # small, for a CPU
 
-The same command goes on where it was stopped, with more --steps too. The losses are the paper's (arXiv 2603.19312): the error
+The same command goes on where it was stopped, with more --steps too. --track trackio (or wandb, mlflow, tensorboard) follows it; metrics.jsonl has
+the same. The losses are the paper's (arXiv 2603.19312): the error
 of the predicted next embedding, and SIGReg, which keeps embeddings from collapsing.
 """
 
@@ -74,8 +75,8 @@ def learning_rate(options: argparse.Namespace, step: int) -> float:
     return options.lr * min(1.0, (step + 1) / warm) * 0.5 * (1 + math.cos(math.pi * fallen))
 
 
-def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.Module, dict[str, Any], Any]:
-    """The trained model, its config, and the scaler of its actions."""
+def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.Module, dict[str, Any], Any, swm.track.Tracker | None]:
+    """The trained model, its config, the scaler of its actions, and of the first process where its metrics go."""
     device = torch.device(options.device)
     clips = swm.data.load_dataset(options.dataset, num_steps=HISTORY + 1, frameskip=BLOCK, keys_to_load=["pixels", "action"])
     loader = swm.data.Loader(clips, options.batch, seed=options.seed, drop_last=True, device=device, shard=(rank, ranks))
@@ -104,6 +105,10 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
             torch.save({**state, "loader": loader.state_dict(), "step": step}, last.with_suffix(".new"))
             os.replace(last.with_suffix(".new"), last)  # Whole, or not at all.
 
+    settings = {name: value for name, value in vars(options).items() if name not in ("out", "track")}
+    after = step if last.exists() else None
+    tracker = swm.track.start(options.track, options.out, config={"model": config, **settings}, after=after) if rank == 0 else None
+
     begin, first = time.monotonic(), step
     while step < options.steps:
         for batch in loader:
@@ -119,15 +124,17 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
                 group["lr"] = learning_rate(options, step)
             optimizer.step()
             step += 1
-            if rank == 0 and (step % options.every == 0 or step == options.steps):
+            if tracker is not None and (step % options.every == 0 or step == options.steps):
                 rate = (step - first) / (time.monotonic() - begin)
                 parts = f"loss {loss.item():.4f} = prediction {prediction.item():.4f} + {options.sigreg} * sigreg {normality.item():.4f}"
                 print(f"step {step}: {parts}, {rate:.2f} steps/s, {rate * options.batch * ranks:.0f} clips/s", flush=True)
+                lr = optimizer.param_groups[0]["lr"]
+                tracker.log({"loss": loss, "prediction": prediction, "sigreg": normality, "lr": lr, "steps_per_s": rate}, step)
             if step % options.save == 0 or step == options.steps:
                 save()
             if step == options.steps:
                 break
-    return training.model, config, scaler
+    return training.model, config, scaler, tracker
 
 
 def plan(options: argparse.Namespace, world: swm.World, scaler: Any) -> swm.EvaluationResult:
@@ -160,6 +167,7 @@ def main() -> None:
     parser.add_argument("--budget", type=int, default=100, help="steps of each")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--bf16", action=argparse.BooleanOptionalAction, default=torch.cuda.is_available())
+    parser.add_argument("--track", nargs="*", default=[], choices=swm.track.TRACKERS, help="trackers that follow the training")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
 
@@ -177,12 +185,15 @@ def main() -> None:
     if ranks > 1:
         dist.barrier()
 
-    model, config, scaler = train(options, rank, ranks)
-    if world is not None:
+    model, config, scaler, tracker = train(options, rank, ranks)
+    if world is not None and tracker is not None:
         swm.save_pretrained(model, options.out, config)
         print(f"{options.out}: the model; `swm import {options.out} --env {options.env} --dataset {options.dataset} --out RUN` makes a run of it")
         if options.eval:
-            print(plan(options, world, scaler))
+            result = plan(options, world, scaler)
+            tracker.evaluation(result, step=options.steps)
+            print(result)
+        tracker.finish()
     if ranks > 1:
         dist.destroy_process_group()
 

@@ -46,6 +46,9 @@ def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
     losses = [float(loss) for loss in re.findall(r"^step \d+: loss ([\d.]+) = ", said, re.MULTILINE)]
     assert len(losses) == 3 and losses[-1] < losses[0], said
     assert re.search(r"[\d.]+ steps/s, \d+ clips/s$", said, re.MULTILINE) and "episodes: 2" in said and "LeWM" in said
+    metrics = swm.track.read(tmp_path / "whole")
+    assert [line["step"] for line in metrics if line["part"] == "train"] == [4, 8, 12]
+    assert metrics[0]["loss"] == pytest.approx(losses[0], abs=1e-4) and metrics[-1]["part"] == "evaluation" and metrics[-1]["episodes"] == 2
     # Stopped after 5 of 12 steps, in the midst of an epoch or behind one.
     run(tmp_path, "-c", STOPS, str(EXAMPLE), "--out", "parts", save=5, code=3)
     assert not (tmp_path / "parts" / "weights.pt").exists()
@@ -55,6 +58,9 @@ def test_it_learns_goes_on_with_the_same_bits_and_plans(tmp_path: Path) -> None:
     # Nothing is left to do: the model is as it was.
     assert "goes on from step 12" in run(tmp_path, str(EXAMPLE), "--out", "parts")
     assert isinstance(swm.load_pretrained(tmp_path / "parts"), swm.wm.LeWM)
+    # Nor is a line of the metrics lost or written twice.
+    parts = [line for line in swm.track.read(tmp_path / "parts") if line["part"] == "train"]
+    assert [(line["step"], line["loss"]) for line in parts] == [(line["step"], line["loss"]) for line in metrics if line["part"] == "train"]
     # More steps are taken from there on.
     assert "step 14: loss" in run(tmp_path, str(EXAMPLE), "--out", "parts", steps=14)
 

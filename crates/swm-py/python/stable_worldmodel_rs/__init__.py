@@ -12,7 +12,7 @@ from ._swm import __version__
 
 if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
-    from . import buffer, compat, data, envs, planning, policy, protocols, spaces, vector, wm, world
+    from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
     from .buffer import HistoryBuffer
     from .planning.mpc import MpcPolicy
@@ -59,6 +59,7 @@ __all__ = [
     "envs",
     "evaluate",
     "evaluate_from_dataset",
+    "hub",
     "load_pretrained",
     "make_manifest",
     "planning",
@@ -72,6 +73,7 @@ __all__ = [
     "save_pretrained",
     "spaces",
     "sweep",
+    "track",
     "vector",
     "verify",
     "wm",
@@ -118,7 +120,7 @@ _HOMES: dict[str, str] = {
     "save_pretrained": "wm.utils",
 }
 _MODULES = frozenset(
-    {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "wm", "world"}
+    {"buffer", "compat", "data", "envs", "hub", "planning", "policy", "protocols", "spaces", "track", "vector", "wm", "world"}
 )
 
 # Without a handler of the program, Python would write warnings to stderr.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._core import core as _swm
+from ..track import Tracker, tracked
 from .given import given_policy
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
@@ -38,6 +39,7 @@ def evaluate(
     again: bool = False,
     shard: None = None,
     join: bool = False,
+    tracker: Tracker | str | Sequence[str] | None = None,
     progress: bool = True,
     **world: Any,
 ) -> Receipt: ...
@@ -58,6 +60,7 @@ def evaluate(
     again: Literal[False] = False,
     shard: tuple[int, int],
     join: Literal[False] = False,
+    tracker: None = None,
     progress: bool = True,
     **world: Any,
 ) -> None: ...
@@ -77,6 +80,7 @@ def evaluate(
     again: bool = False,
     shard: tuple[int, int] | None = None,
     join: bool = False,
+    tracker: Tracker | str | Sequence[str] | None = None,
     progress: bool = True,
     **world: Any,
 ) -> Receipt | None:
@@ -104,6 +108,8 @@ def evaluate(
             folder that holds a receipt: its name does not tell whether it is the same policy.
         shard: ``(i, n)``: run part i of n of the episodes, counted from 1, on this machine; there is no receipt.
         join: Make the receipt of all parts that are in ``out``.
+        tracker: Where the success rate with its interval and the receipt go, too: what `swm.track.start` gave, or names of trackers, which
+            write to ``out``.
         progress: Whether to show a bar for each policy.
         **world: For a Python policy: more arguments of `World`, such as ``image_shape`` or ``image_transform``.
 
@@ -116,7 +122,38 @@ def evaluate(
     found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
     names = [references] if isinstance(references, str) else list(references)
     check_parts(policy, out, weights, again, shard, join)
+    if shard is not None and tracker is not None:
+        raise ValueError("tracker= takes whole results; give it with join=True")
     need(found["env"])
+    with tracked(tracker, out) as follow:
+        text = _evaluated(
+            found, policy, out, name, weights, policy_seed, names, oracle, num_envs, threads, plan_steps, again, shard, join, progress, world
+        )
+        receipt = None if text is None else Receipt(json.loads(text))
+        if follow is not None and receipt is not None:
+            follow.evaluation(receipt)
+    return receipt
+
+
+def _evaluated(
+    found: Manifest,
+    policy: Any,
+    out: AnyPath | None,
+    name: str | None,
+    weights: Sequence[AnyPath],
+    policy_seed: int,
+    names: list[str],
+    oracle: str | None,
+    num_envs: int,
+    threads: int | None,
+    plan_steps: int | None,
+    again: bool,
+    shard: tuple[int, int] | None,
+    join: bool,
+    progress: bool,
+    world: dict[str, Any],
+) -> str | None:
+    """The receipt as JSON; None for a part."""
     given = given_policy(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
@@ -138,7 +175,7 @@ def evaluate(
         receipt, notes = _swm.evaluate_manifest(json.dumps(request), foreign, bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
-    return None if receipt is None else Receipt(json.loads(receipt))
+    return receipt
 
 
 def check_parts(

@@ -22,6 +22,7 @@ from .results import EvaluationResult
 from .rows import check_callables, check_recording, extract_init_goal, goal_images, reset_options
 
 if TYPE_CHECKING:
+    from ..track import Tracker
     from .world import World
 
 Flags = npt.NDArray[np.bool_]
@@ -55,6 +56,7 @@ class Runs:
         eval_budget: int | None = None,
         callables: Sequence[Mapping[str, Any]] | None = None,
         progress: bool = False,
+        tracker: Tracker | None = None,
     ) -> EvaluationResult:
         """Run the policy and count successes.
 
@@ -68,10 +70,33 @@ class Runs:
                 ``goal_offset`` (the goal is so many rows later) and ``eval_budget`` (actions allowed).
             callables: Set-up calls of the reference; for environments of this package they are implied.
             progress: Whether to show a bar.
+            tracker: Where the success rate with its interval, the result and its videos go, too: what `swm.track.start` gave.
 
         Returns:
             A dict with ``success_rate`` (percent), ``episode_successes``, ``seeds``, ``interval`` and more.
         """
+        result = self._evaluate(
+            episodes, seed, options, video, reset_mode, dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, progress
+        )
+        if tracker is not None:
+            tracker.evaluation(result)
+        return result
+
+    def _evaluate(
+        self,
+        episodes: int | None,
+        seed: int | None,
+        options: Any,
+        video: str | Path | None,
+        reset_mode: str | None,
+        dataset: Any,
+        episodes_idx: Sequence[int] | None,
+        start_steps: Sequence[int] | None,
+        goal_offset: int | None,
+        eval_budget: int | None,
+        callables: Sequence[Mapping[str, Any]] | None,
+        progress: bool,
+    ) -> EvaluationResult:
         if reset_mode not in (None, "auto", "wait"):
             raise ValueError(f"reset_mode must be 'auto' or 'wait', found {reset_mode!r}")
         if dataset is not None:
