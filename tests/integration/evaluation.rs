@@ -179,7 +179,7 @@ fn what_differs_is_named() {
     let output = swm(&["verify-result", &changed, "--json", "--quiet"]).output().unwrap();
     let result: Json = serde_json::from_slice(&output.stdout).unwrap();
     let notes = result["notes"].to_string();
-    assert!(notes.contains("after plans of 2 actions, and not of the policy's 4"), "{result}");
+    assert!(notes.contains("after plans of 2 actions, and not of the policy's 8"), "{result}");
     // Older receipts say nothing of the plans after the first.
     std::fs::write(&changed, without_plan_costs(receipt.clone()).to_string()).unwrap();
     assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);
