@@ -86,7 +86,7 @@ pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<
                 "`--fps RATE` says which rate the joined dataset has".to_owned(),
             );
         }
-        if run.is_some() {
+        if run.is_some() && info.rows_per_second.is_none() {
             // Those of this program hold no timestamps beside their rate.
             continue;
         }

@@ -67,7 +67,7 @@ fn folders_are_named() {
     for (name, files, part) in [
         ("minari", &["data/metadata.json", "data/main_data.hdf5"][..], "a Minari dataset"),
         ("aloha", &["episode_0.hdf5", "episode_1.hdf5"][..], "a dataset of ALOHA"),
-        ("pusht.zarr", &[".zgroup", "meta/episode_ends/.zarray"][..], "a Zarr replay buffer"),
+        ("pusht.zarr", &[".zgroup", "meta/episode_ends/0"][..], "a Zarr replay buffer"),
         ("other.zarr", &["zarr.json"][..], "a Zarr store"),
         ("rlds", &["dataset_info.json", "features.json"][..], "an RLDS dataset"),
         ("bag", &["metadata.yaml", "bag_0.mcap"][..], "a ROS 2 recording"),
