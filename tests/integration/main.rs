@@ -6,6 +6,7 @@ mod at_once;
 mod bad_input;
 #[cfg(unix)]
 mod book;
+mod bundles;
 mod chosen;
 mod commands;
 mod completions;

@@ -6,6 +6,7 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod arrays;
+mod bundles;
 mod cost;
 mod dataset;
 mod errors;
@@ -38,6 +39,7 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    bundles::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;

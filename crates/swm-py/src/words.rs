@@ -11,7 +11,7 @@ pub(crate) struct Arguments {
 }
 
 /// Settings that keep their name in a request, whatever the others call them.
-const KEPT: &[(&str, &str)] = &[("evaluate", "out")];
+const KEPT: &[(&str, &str)] = &[("board", "out"), ("bundle", "out"), ("evaluate", "out")];
 
 /// Settings that have another name here.
 const NAMES: &[(&str, &str)] = &[
@@ -76,6 +76,7 @@ const WORDS: &[(&str, &str)] = &[
     ("`swm solvers` lists", "`swm.planning` holds"),
     ("`swm convert --help` lists", "`swm.data.list_formats()` lists"),
     ("`swm manifest make`", "`swm.make_manifest`"),
+    ("`swm bundle RESULT --out FOLDER`", "`swm.bundle(result, out)`"),
     ("`swm merge`", "`swm.data.merge`"),
     ("`swm eval --manifest TASK --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
     ("`swm eval --manifest … --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),

@@ -35,6 +35,7 @@ def program(page: str) -> str:
         ("docs/torch.md", "pusht.h5"),
         ("docs/own-data.md", "lab.h5"),
         ("docs/datasets.md", "mine.h5"),
+        ("docs/handing-on.md", "rooms-bundle/SHA256SUMS"),
     ],
 )
 def test_the_blocks_of_a_page_run(page: str, made: str, tmp_path: Path, run_python: Any) -> None:

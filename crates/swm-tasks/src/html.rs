@@ -1,6 +1,7 @@
 //! The templates of HTML pages, in the folder `templates`.
 
 use minijinja::{Environment, Error, ErrorKind, UndefinedBehavior, Value};
+use serde_json::Value as Json;
 use swm_core::error::BoxError;
 
 use crate::svg::number;
@@ -9,7 +10,8 @@ macro_rules! templates {
     ($($name:literal),* $(,)?) => { [$(($name, include_str!(concat!("../templates/", $name)))),*] };
 }
 
-const TEMPLATES: [(&str, &str); 12] = templates![
+const TEMPLATES: [(&str, &str); 13] = templates![
+    "board.html",
     "page.html",
     "plan.html",
     "report.html",
@@ -42,6 +44,23 @@ pub(crate) fn render(template: &str, context: Value) -> Result<String, BoxError>
         of(&value, |p| if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") })
     });
     Ok(engine.get_template(template)?.render(context)?)
+}
+
+/// A JSON value for a template.
+pub(crate) fn of_json(json: &Json) -> Value {
+    match json {
+        Json::Null => Value::from(()),
+        Json::Bool(value) => Value::from(*value),
+        Json::Number(number) => match (number.as_i64(), number.as_f64()) {
+            (Some(whole), _) => Value::from(whole),
+            (None, real) => Value::from(real),
+        },
+        Json::String(text) => Value::from(text.as_str()),
+        Json::Array(items) => items.iter().map(of_json).collect(),
+        Json::Object(map) => {
+            Value::from_pairs(map.iter().map(|(name, value)| (name.as_str(), of_json(value))))
+        }
+    }
 }
 
 /// A number as text; a dash for none.

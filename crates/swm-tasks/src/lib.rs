@@ -2,12 +2,15 @@
 //!
 //! * [`request`]: what is asked for, as values: checked once, run once, refused with the remedy as data;
 //! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
+//! * [`bundle`]: a result in a folder that others can verify; [`board`]: such folders as a page;
 //! * [`distractors`]: what changes the images that policies see;
 //! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
 //! * [`text_file`]: texts that a user names; [`memory`] and [`threads`] of the machine.
 //!
 //! This crate has no table of environments: callers hand in a [`Registry`](swm_core::Registry). It prints nothing.
 
+pub mod board;
+pub mod bundle;
 pub mod distractors;
 pub mod evaluation;
 mod html;

@@ -42,7 +42,7 @@ pub use swm_onnx as onnx;
 pub use swm_render as render;
 pub use swm_solvers as solvers;
 pub use swm_tasks as tasks;
-pub use swm_tasks::{distractors, evaluation, plan, replay, report, report_page, video};
+pub use swm_tasks::{board, bundle, distractors, evaluation, plan, replay, report, report_page, video};
 #[cfg(feature = "ui")]
 pub use swm_ui as ui;
 

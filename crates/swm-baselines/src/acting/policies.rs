@@ -44,6 +44,7 @@ pub const POLICIES: &[PolicyEntry] = &[
     .image(image_size)
     .trained(trained_in)
     .files(model_files)
+    .companions(model_companions)
     .oracle(|context, args| {
         let mut given = Given::of(args).ok()?;
         if let Ok(model) = untrained(&given.run) {
@@ -125,6 +126,7 @@ const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> 
         .image(image_size)
         .trained(trained_in)
         .files(model_files)
+        .companions(model_companions)
 }
 
 /// The policy of the agent of the same name.
@@ -139,6 +141,10 @@ const fn agent(name: &'static str, summary: &'static str, settings: &'static [Se
     .files(|args| {
         let given = Given::of(args)?;
         TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
+    })
+    .companions(|args| {
+        let given = Given::of(args)?;
+        TrainedAgent::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))
     })
 }
 
@@ -200,6 +206,12 @@ fn agent_trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
 fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
     let given = Given::of(args)?;
     TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
+}
+
+/// Of a run, what it takes beside these files to open it elsewhere.
+fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
+    let given = Given::of(args)?;
+    TrainedModel::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))
 }
 
 /// Arguments, as far as all policies of trained models share them.

@@ -13,7 +13,7 @@ use super::settings::OnlineSettings;
 use super::table::restore_agent;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::train::{Checkpoint, Imported, RUN_VERSION, RunFolder, Which, step_of};
+use crate::train::{Checkpoint, Imported, RUN_VERSION, RunFolder, Which, descriptions, step_of};
 
 /// An agent's run, but for its weights and episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -124,6 +124,16 @@ impl TrainedAgent {
     pub fn files(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
         let run = RunFolder::open(path)?;
         Ok(vec![run.config_file(), run.weights(find(&run, which)?)])
+    }
+
+    /// The files that it takes beside [`TrainedAgent::files`] to open the agent in a copy of its run.
+    ///
+    /// # Errors
+    ///
+    /// There is no run, or no such checkpoint.
+    pub fn companions(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
+        let run = RunFolder::open(path)?;
+        descriptions(&run, find(&run, which)?, which)
     }
 }
 

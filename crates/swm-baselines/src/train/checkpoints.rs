@@ -62,6 +62,11 @@ impl RunFolder {
         self.checkpoint_file(step, "safetensors")
     }
 
+    /// The description of the checkpoint at `step`.
+    pub fn description(&self, step: u64) -> PathBuf {
+        self.checkpoint_file(step, "json")
+    }
+
     /// What the optimizers remember at `step`.
     pub fn training(&self, step: u64) -> PathBuf {
         self.checkpoint_file(step, "training.safetensors")

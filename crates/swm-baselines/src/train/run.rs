@@ -189,6 +189,25 @@ impl TrainedModel {
         let step = find(&run, which)?;
         Ok(vec![run.config_file(), run.weights(step)])
     }
+
+    /// The files that it takes beside [`TrainedModel::files`] to open the model in a copy of its run.
+    ///
+    /// # Errors
+    ///
+    /// There is no run, or no such checkpoint.
+    pub fn companions(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
+        let run = RunFolder::open(path)?;
+        descriptions(&run, find(&run, which)?, which)
+    }
+}
+
+/// The descriptions that lead to the checkpoint at `step`: its own, and of the best one that of the last, which names it.
+pub(crate) fn descriptions(run: &RunFolder, step: u64, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
+    let mut steps = vec![step];
+    if which == Which::Best {
+        steps.extend(run.steps()?.last().filter(|last| **last != step));
+    }
+    Ok(steps.into_iter().map(|step| run.description(step)).collect())
 }
 
 fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {

@@ -259,6 +259,20 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert_eq!(oracle, Some(args("icem:samples=7,aggregate=mean,action_block=2")));
     let files = mpc.model_files(&named).unwrap();
     assert_eq!(files[0], Path::new(&run).join("config.json"));
+    // A copy of these files and of no others acts alike.
+    for checkpoint in ["best", "last", "3"] {
+        let copy = folder.path().join(format!("copy-{checkpoint}"));
+        std::fs::create_dir_all(copy.join("checkpoints")).unwrap();
+        let text = format!("mpc:{run},checkpoint={checkpoint}");
+        let files =
+            [mpc.model_files(&args(&text)).unwrap(), mpc.companion_files(&args(&text)).unwrap()].concat();
+        for file in &files {
+            std::fs::copy(file, copy.join(file.strip_prefix(&run).unwrap())).unwrap();
+        }
+        assert!(files.len() <= 4, "{files:?}");
+        let described = made(&format!("mpc:{},checkpoint={checkpoint}", copy.display())).unwrap().describe();
+        assert_eq!(described, made(&text).unwrap().describe());
+    }
     assert!(made(&format!("mpc:{run}")).unwrap().as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
 }
 

@@ -54,6 +54,7 @@ pub struct PolicyEntry {
     image: ImageOf,
     trained: TrainedOf,
     files: FilesOf,
+    companions: FilesOf,
     oracle: OracleOf,
     pub(super) fits: Option<fn(&EnvEntry) -> bool>,
 }
@@ -71,6 +72,7 @@ impl PolicyEntry {
             image: |_| None,
             trained: |_| None,
             files: named_files,
+            companions: |_| Ok(Vec::new()),
             oracle: |_, _| None,
             fits: None,
         }
@@ -130,6 +132,14 @@ impl PolicyEntry {
         self
     }
 
+    /// Which files it takes beside those of its model to make it in another place, such as the description of a checkpoint. Results do not
+    /// depend on them. Default: none.
+    #[must_use]
+    pub const fn companions(mut self, companions: FilesOf) -> Self {
+        self.companions = companions;
+        self
+    }
+
     /// The same planner on the true dynamics: the most that a better model could bring.
     #[must_use]
     pub const fn oracle(mut self, oracle: OracleOf) -> Self {
@@ -172,6 +182,15 @@ impl PolicyEntry {
     /// [`PolicyError::Argument`]: the model is not there.
     pub fn model_files(&self, args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         (self.files)(args)
+    }
+
+    /// The files that a policy with these arguments is made from in another place, beside [`PolicyEntry::model_files`].
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Argument`]: the model is not there.
+    pub fn companion_files(&self, args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
+        (self.companions)(args)
     }
 
     /// The planner on the true dynamics that a policy with these arguments is compared with, if it names one.

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .planning.mpc import MpcPolicy
     from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
     from .wm.utils import download_model, load_pretrained, save_pretrained
+    from .world.bundles import board, bundle
     from .world.dataset_runs import evaluate_from_dataset
     from .world.env_pool import EnvPool
     from .world.manifests import Manifest, make_manifest, read_manifest, replay
@@ -51,7 +52,9 @@ __all__ = [
     "World",
     "WorldModelPolicy",
     "__version__",
+    "board",
     "buffer",
+    "bundle",
     "compare",
     "compat",
     "data",
@@ -92,6 +95,8 @@ _HOMES: dict[str, str] = {
     "EvaluationResult": "world.results",
     "EnvPool": "world.env_pool",
     "evaluate_from_dataset": "world.dataset_runs",
+    "board": "world.bundles",
+    "bundle": "world.bundles",
     "Manifest": "world.manifests",
     "make_manifest": "world.manifests",
     "read_manifest": "world.manifests",

@@ -46,5 +46,5 @@ pub use sweep::{
     read_sweep, write_sweep,
 };
 pub use tiers::{TierRules, ruled_envs, task_probes, tier_rules};
-pub(crate) use verify::can_be_made;
 pub use verify::{Part, Verification, verify, verify_by};
+pub(crate) use verify::{can_be_made, contradiction};

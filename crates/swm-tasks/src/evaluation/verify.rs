@@ -263,6 +263,17 @@ pub(crate) fn can_be_made(
     }
 }
 
+/// The first entry of a receipt that is not what follows from its episodes, or its manifest's hash; `None`: it agrees with itself.
+pub(crate) fn contradiction(receipt: &Receipt) -> Option<String> {
+    if receipt.manifest_hash != receipt.manifest.hash() {
+        return Some("the hash of the manifest is not that of the manifest in it".to_owned());
+    }
+    if receipt.episodes.len() != receipt.manifest.pairs.len() {
+        return Some("it has not one episode for each pair".to_owned());
+    }
+    contradictions(receipt, &[]).into_iter().map(|(_, what)| what).next()
+}
+
 /// What a receipt derives from its episodes, where it is not what follows from them: rates, intervals, tests, regrets. And
 /// reference policies that are not those of their role; `roles` are those of the candidate.
 fn contradictions(receipt: &Receipt, roles: &[(Role, Candidate)]) -> Vec<(Part, String)> {

@@ -4,6 +4,8 @@
 //! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
 //! syntax ([`Words`]): the command as options, Python as keyword arguments.
 
+mod board;
+mod bundle;
 mod defaults;
 mod entrant;
 mod evaluate;
@@ -24,6 +26,8 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::settings::{Settings, read_of};
 
+pub use board::{BoardMade, MakeBoard};
+pub use bundle::{Bundled, MakeBundle};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
 pub use entrant::{Foreign, RunOn};
 pub use evaluate::{Evaluate, Evaluated, Needs};

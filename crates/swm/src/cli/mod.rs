@@ -6,6 +6,8 @@
 
 mod args;
 mod bench;
+mod board;
+mod bundle;
 mod called;
 mod collect;
 mod compare;
@@ -118,6 +120,8 @@ enum Command {
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
     Report(report::ReportCommand),
+    Bundle(bundle::BundleCommand),
+    Board(board::BoardCommand),
     Submit(submit::Submit),
     Jobs(jobs::Jobs),
     Task(task::Task),
@@ -197,6 +201,7 @@ impl Command {
             Self::VerifyResult(command) => command.threads,
             Self::Sweep(command) => command.world.threads,
             Self::Report(command) => command.threads,
+            Self::Board(command) => command.threads,
             Self::Quality(command) => command.threads,
             Self::Train(command) => command.threads,
             Self::Plan(command) => command.threads,
@@ -230,6 +235,8 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::VerifyResult(command) => command.run(registry, output),
         Command::Sweep(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
+        Command::Bundle(command) => command.run(registry, output),
+        Command::Board(command) => command.run(registry, output),
         Command::Submit(command) => command.run(registry, output),
         Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
@@ -304,6 +311,7 @@ mod tests {
             "verify-result",
             "sweep",
             "report",
+            "board",
             "quality",
             "train",
             "plan",

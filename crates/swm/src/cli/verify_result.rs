@@ -9,7 +9,8 @@ use super::output::counted;
 use super::rates::rate;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
-use crate::evaluation::{Role, RunOptions, Verification, env_of, read_receipt, verify};
+use crate::bundle::receipt_to_repeat;
+use crate::evaluation::{Role, RunOptions, Verification, env_of, verify};
 
 /// Repeat an evaluation: is the result equal bit for bit, and if not, which part differs?
 #[derive(Args)]
@@ -17,11 +18,14 @@ use crate::evaluation::{Role, RunOptions, Verification, env_of, read_receipt, ve
 Examples:
   swm verify-result results/receipt.json
   swm verify-result results --threads 1 --num-envs 3
+  swm verify-result cem-bundle
+
+Of a bundle (`swm bundle`), the SHA-256 of every file is compared first.
 
 Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or reference policies differ. \
 Of receipts of version 1, the hash of the environment's tables is not compared: it counted help texts, too.")]
 pub(super) struct VerifyResult {
-    /// The receipt, or the folder that holds it.
+    /// The receipt, or the folder that holds it, or a bundle.
     receipt: PathBuf,
     /// Environments stepped in parallel; results do not depend on it.
     #[arg(long, default_value_t = RunOptions::default().num_envs, value_name = "N")]
@@ -35,7 +39,10 @@ pub(super) struct VerifyResult {
 
 impl VerifyResult {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let receipt = read_receipt(&self.receipt).map_err(usage)?;
+        let (receipt, bundle) = receipt_to_repeat(&self.receipt).map_err(usage)?;
+        if let Some(bundle) = &bundle {
+            output.note(format!("the hashes of {} agree", counted(bundle.files, "file")));
+        }
         env_of(registry, &receipt.manifest).map_err(usage)?;
         let references = receipt.references.iter().filter(|known| self.oracle || known.role != Role::Oracle);
         let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();

@@ -219,6 +219,13 @@ def _receipt(result: AnyPath | Mapping[str, Any]) -> Receipt:
     return result if isinstance(result, Receipt) else Receipt(result)
 
 
+def receipt_to_repeat(result: AnyPath | Mapping[str, Any]) -> Receipt:
+    """A result as it can be run again: of a bundle, after a comparison of the hashes of its files."""
+    if isinstance(result, (str, PathLike)):
+        return Receipt(json.loads(_swm.receipt_to_repeat(existing(result, "receipt"))))
+    return _receipt(result)
+
+
 def compare(*results: AnyPath | Receipt | Sequence[AnyPath | Receipt]) -> Comparison:
     """Compare results on the same manifest, pair by pair: is one policy better than another, and what differs?
 
@@ -265,7 +272,7 @@ def verify(
     """Run a receipt's policy and its reference policies again, and say what differs.
 
     Args:
-        receipt: What `evaluate` gave, or its file or folder.
+        receipt: What `evaluate` gave, or its file or folder; or a folder that `bundle` made, whose files are compared with their hashes first.
         policy: For a receipt of a policy in Python, which holds its settings and the hashes of its weights but not its code: that
             policy. Its settings are compared with those of the receipt.
         weights: Where its files are here; None are given: where they were. They are compared by content.
@@ -279,7 +286,7 @@ def verify(
     Returns:
         ``equal``, ``differences`` by part (``model``, ``solver``, ``physics``, …), the ``episodes`` that differ, and more.
     """
-    found = _receipt(receipt)
+    found = receipt_to_repeat(receipt)
     repeated = sum(oracle or other["role"] != "oracle" for other in found["references"])
     need(found["manifest"]["env"])
     text, own = json.dumps(found), found["candidate"]["policy"]["name"]

@@ -1,0 +1,102 @@
+"""Results that are handed on: a folder that others verify without the dataset, and pages of such folders."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from .._core import core as _swm
+from .manifests import AnyPath, existing
+from .progress import Progress
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+
+
+def bundle(
+    result: AnyPath,
+    out: AnyPath,
+    *,
+    license: str | None = None,
+    reported: float | None = None,
+    source: str | None = None,
+) -> dict[str, Any]:
+    """Put a result and all it takes to repeat it into one folder: ``swm.verify(folder)`` repeats it in any installation.
+
+    The folder has the manifest with its starts and goals, the receipt, the files of the model with a card, versions, a README and the
+    SHA-256 of every file. It is written as a whole or not at all.
+
+    Args:
+        result: The folder ``out`` of `evaluate`, or the receipt in it.
+        out: The folder to write; it must not be there.
+        license: License of the model by its SPDX identifier, such as ``"mit"``.
+        reported: A published success rate of the same policy on the same task, in percent: `board` shows both.
+        source: Where that is published.
+
+    Returns:
+        ``bundle`` (its path), ``files``, ``bytes``, ``hash`` (the name of its content), ``is_foreign``: the policy is an object of Python,
+        which `verify` has to be given.
+
+    Raises:
+        SwmError: ``out`` is there; a file of the model is gone or was changed since; the receipt was edited.
+    """
+    request = {
+        "result": existing(result, "receipt"),
+        "out": str(Path(out).expanduser()),
+        "license": license,
+        "reported": reported,
+        "source": source,
+    }
+    made, notes = _swm.make_bundle(json.dumps(request))
+    for note in notes:
+        logger.warning("%s", note)
+    return dict(json.loads(made))
+
+
+def board(
+    bundles: Sequence[AnyPath] | AnyPath,
+    out: AnyPath,
+    *,
+    title: str = "Results",
+    rerun: bool = False,
+    oracle: bool = False,
+    num_envs: int = 16,
+    threads: int | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Verify bundles, and write them as one static page, sorted by manifest: intervals, paired differences, reproduced beside reported.
+
+    Args:
+        bundles: Folders that `bundle` made.
+        out: The folder to write: ``index.html`` and ``board.json``. An earlier board is replaced.
+        title: What the page is called.
+        rerun: Run every bundle again, beside comparing the hashes of its files.
+        oracle: With ``rerun``: the oracles, too.
+        num_envs: With ``rerun``: environments side by side.
+        threads: With ``rerun``: threads; None: one per core.
+        progress: With ``rerun``: whether to show a bar for each bundle.
+
+    Returns:
+        What is in ``board.json``, and ``page``, its path. Of what was run again, ``rerun`` has ``equal`` and ``differences``.
+
+    Raises:
+        SwmError: A bundle has a changed byte (the message names the file), or ``out`` holds something else.
+    """
+    folders = [bundles] if isinstance(bundles, (str, PathLike)) else list(bundles)
+    request = {
+        "bundles": [existing(folder, "bundle") for folder in folders],
+        "out": str(Path(out).expanduser()),
+        "title": title,
+        "rerun": rerun,
+        "oracle": oracle,
+        "num_envs": num_envs,
+        "threads": threads,
+    }
+    with Progress("Verifying", 0, progress, parts=True) as bar:
+        made, notes = _swm.make_board(json.dumps(request), bar.begin, bar.tick)
+    for note in notes:
+        logger.warning("%s", note)
+    return dict(json.loads(made))
