@@ -17,6 +17,7 @@ mod data;
 mod device;
 mod dynamics;
 mod error;
+pub mod export;
 mod images;
 pub mod import;
 mod init;

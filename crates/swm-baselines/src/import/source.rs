@@ -13,6 +13,8 @@ use super::{cache, yaml};
 pub(super) const LONGEST_CONFIG: u64 = 1 << 20;
 /// How the names of files of weights end.
 const ENDINGS: [&str; 5] = ["pt", "pth", "ckpt", "safetensors", "tar"];
+/// What an export of this program notes beside a checkpoint.
+const NOTES: &str = "swm.json";
 /// The folder of an archive's weights, and the name of the last of them.
 const ARCHIVE: (&str, &str) = ("checkpoints", "model_latest.pth");
 
@@ -147,7 +149,7 @@ fn with_config(folder: Option<PathBuf>, weights: Option<PathBuf>) -> Result<Sour
         let shown = folder.as_ref().map_or(String::new(), |folder| folder.display().to_string());
         return Err(Message::new(format!("{shown} holds neither weights nor a config.json")).into());
     }
-    let notes = beside("swm.json").map(|file| read_json(&file)).transpose()?.map(|file| file.value);
+    let notes = beside(NOTES).map(|file| read_json(&file)).transpose()?.map(|file| file.value);
     Ok(Source { folder, weights, config, notes })
 }
 
