@@ -7,10 +7,14 @@
 //! | `goal_policy` | a policy that acts directly |
 //! | `agent_policy` | an agent that learned online |
 //! | `latents` | a world model for `swm quality` |
+//! | `foreign` | published checkpoints in the place of runs |
+//! | `given` | arguments that all policies of trained models share |
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod agent_policy;
 mod cost;
+mod foreign;
+mod given;
 mod goal_policy;
 mod latents;
 mod planning;

@@ -185,6 +185,23 @@ impl Import {
         Ok(loaded.expect("a model that is not checked alone is loaded or an error"))
     }
 
+    /// What the checkpoint is, and what must still be given; nothing is written.
+    pub(crate) fn describe(&self, registry: &Registry) -> Result<Description, TaskError> {
+        let request = Self { check_only: true, ..self.clone() };
+        Ok(load::load(&request, registry)?.0)
+    }
+
+    /// The environment that an export of this program notes.
+    pub(crate) fn noted_env(&self) -> Option<String> {
+        let source = source::find(&self.from, self.file.as_deref()).ok()?;
+        Some(source.notes?.get("env")?.as_str()?.to_owned())
+    }
+
+    /// The files of the checkpoint.
+    pub(crate) fn files(&self) -> Result<Vec<PathBuf>, TaskError> {
+        Ok(source::find(&self.from, self.file.as_deref())?.files())
+    }
+
     fn write(&self, loaded: Loaded) -> Result<(), BaselineError> {
         match loaded {
             Loaded::Model(model) => {

@@ -31,6 +31,15 @@ pub(super) struct Source {
     pub(super) notes: Option<Json>,
 }
 
+impl Source {
+    /// All of them that there are.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let config = self.config.as_ref().map(|config| PathBuf::from(&config.name));
+        let notes = self.notes.as_ref().and(self.folder.as_ref()).map(|folder| folder.join(NOTES));
+        [config, self.weights.clone(), notes].into_iter().flatten().collect()
+    }
+}
+
 /// A config, and where it is from.
 #[derive(Debug)]
 pub(super) struct ConfigFile {
