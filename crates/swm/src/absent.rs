@@ -119,6 +119,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("lewm", BASELINES),
     policy("pldm", BASELINES),
     policy("dino-wm", BASELINES),
+    policy("gc-idm", BASELINES),
     policy("gcbc", BASELINES),
     policy("gcivl", BASELINES),
     policy("gcsl", BASELINES),

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `planning` | from infos to planning batches |
 //! | `cost` | a world model as the cost of plans |
+//! | `proposal` | plans that a policy over its latents proposes, where searches begin |
 //! | `goal_policy` | a policy that acts directly |
 //! | `agent_policy` | an agent that learned online |
 //! | `latents` | a world model for `swm quality` |
@@ -19,6 +20,7 @@ mod goal_policy;
 mod latents;
 mod planning;
 mod policies;
+mod proposal;
 
 pub use agent_policy::AgentPolicy;
 pub use cost::ModelCost;

@@ -47,6 +47,9 @@ pub const POLICIES: &[PolicyEntry] = &[
         model_policy(context, args, None)
     }),
     acting("gcbc", "a trained GCBC (`gcbc:RUN`)", |context, args| model_policy(context, args, Some("gcbc"))),
+    acting("gc-idm", "a trained GC-IDM (`gc-idm:RUN`)", |context, args| {
+        model_policy(context, args, Some("gc-idm"))
+    }),
     acting("gcivl", "a trained GCIVL (`gcivl:RUN`)", |context, args| {
         model_policy(context, args, Some("gcivl"))
     }),
@@ -60,7 +63,8 @@ pub const POLICIES: &[PolicyEntry] = &[
 ];
 
 /// What a policy that plans on a model is set by.
-const OF_MPC: &[Setting] = &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, SOLVER_SETTING];
+const OF_MPC: &[Setting] =
+    &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, PROPOSAL, SOLVER_SETTING];
 /// The same, of a model that may be a published checkpoint.
 const OF_FAMILY: &Table = &Table::of(&[OF_MPC, foreign::SETTINGS]);
 
@@ -77,7 +81,12 @@ const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another envi
 pub(super) const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, PRECISION, TRANSFER];
 
 /// And what those that plan know.
-const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE];
+const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, PROPOSAL];
+const PROPOSAL: Setting = Setting::new(
+    "proposal",
+    "Run of gc-idm over the model's latents, whose plans the search begins from",
+    "none",
+);
 /// The oracle's setting, too.
 const AGGREGATE: Setting = Setting::new(
     cost::AGGREGATE,
@@ -120,7 +129,12 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
         let model = given.model(args, context.env.id, context.registry)?;
         let aggregate = aggregate(args, given.rest.shift_remove(AGGREGATE.name))?;
         let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
-        let cost = cost.with_aggregate(aggregate);
+        let mut cost = cost.with_aggregate(aggregate);
+        if let Some(run) = given.rest.shift_remove(PROPOSAL.name) {
+            let proposal = TrainedModel::open(Path::new(&text(&run)), Which::default(), given.device);
+            let with = proposal.and_then(|policy| cost.with_proposal(&policy));
+            cost = with.map_err(|error| args.wrong(format!("setting `{}`: {error}", PROPOSAL.name)))?;
+        }
         check_history(args, &given.rest, cost.history())?;
         let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
         with_defaults(&mut given.rest, cost.plan_settings());
@@ -134,6 +148,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
     .files(model_files)
     .oracle(|context, args| {
         let mut given = Given::of(args).ok()?;
+        given.rest.shift_remove(PROPOSAL.name);
         let block = |block: usize| Map::from_iter([("action_block".to_owned(), Json::from(block))]);
         if let Some(foreign) = &given.foreign {
             let described = foreign.describe(context.registry?, Some(context.env.id))?;
@@ -233,8 +248,13 @@ fn agent_trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
 /// Of a run, the files that a policy depends on: the others change as training goes on.
 fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
     let given = Given::of(args)?;
-    if let Some(foreign) = &given.foreign {
-        return foreign.files(args);
+    let mut files = match &given.foreign {
+        Some(foreign) => foreign.files(args)?,
+        None => TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
+    };
+    if let Some(run) = given.rest.get(PROPOSAL.name) {
+        let proposal = TrainedModel::files(Path::new(&text(run)), Which::default());
+        files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
-    TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
+    Ok(files)
 }

@@ -191,7 +191,7 @@ impl TrainedModel {
     }
 }
 
-fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+pub(super) fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
     step_of(run, which, |last| Ok(run.checkpoint::<State>(last)?.state.best))
 }
 

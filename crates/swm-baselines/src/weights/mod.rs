@@ -41,6 +41,15 @@ pub(crate) fn load_network<M: Module>(network: &M, path: &Path) -> Result<M, Bas
     load_below(network, path, "")
 }
 
+/// As [`load_network`], of tensors that were read from the file at `path`, which are not renamed.
+pub(crate) fn load_stored<M: Module>(
+    network: &M,
+    path: &Path,
+    stored: BTreeMap<String, Stored>,
+) -> Result<M, BaselineError> {
+    Ok(take(network, path, stored, "", &[])?.0)
+}
+
 /// As [`load_network`], for the tensors below a prefix (`encoder`), which their names in the file lack; or from the weights of a
 /// whole model, whose other tensors are left alone.
 pub(crate) fn load_below<M: Module>(network: &M, path: &Path, prefix: &str) -> Result<M, BaselineError> {

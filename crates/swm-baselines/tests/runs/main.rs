@@ -3,6 +3,7 @@
 
 mod dot;
 mod foreign;
+mod idm;
 mod keypoints;
 mod refusals;
 
