@@ -1,6 +1,9 @@
-//! What all targets do: a small dataset is recorded once, one of its files is replaced by the bytes of the fuzzer, and everything
+//! What the targets of formats of datasets do: a small dataset is recorded once, one of its files is replaced by the bytes of the fuzzer, and everything
 //! is read. The first byte says which file. It is the same entry as that of the mutation tests (`swm_data::testing`), with
 //! other bytes.
+
+#[cfg(feature = "baselines")]
+pub mod weights;
 
 use std::cell::RefCell;
 use std::fs;

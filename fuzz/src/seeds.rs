@@ -5,11 +5,18 @@ use std::path::Path;
 
 fn main() -> std::io::Result<()> {
     for format in swm_fuzz::FORMATS {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(format);
-        fs::create_dir_all(&folder)?;
-        for (number, input) in swm_fuzz::Seed::new(format).inputs().enumerate() {
-            fs::write(folder.join(format!("seed-{number:03}")), input)?;
-        }
+        write(format, swm_fuzz::Seed::new(format).inputs())?;
+    }
+    #[cfg(feature = "baselines")]
+    write("weights", swm_fuzz::weights::Seeds::new().inputs())?;
+    Ok(())
+}
+
+fn write(target: &str, inputs: impl Iterator<Item = Vec<u8>>) -> std::io::Result<()> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    fs::create_dir_all(&folder)?;
+    for (number, input) in inputs.enumerate() {
+        fs::write(folder.join(format!("seed-{number:03}")), input)?;
     }
     Ok(())
 }

@@ -274,7 +274,9 @@ fn commands_that_need_baselines_say_how_to_build_them() {
     for call in [
         &["train", "--list"][..],
         &["checkpoints", "runs/lewm"],
+        &["export", "runs/lewm", "--out", "published"],
         &["eval", PUSHT, "--policy", "mpc:runs/lewm"],
+        &["eval", PUSHT, "--policy", "lewm:published"],
         &["render", PUSHT, "--policy", "gcbc:runs/gcbc", "--out", "a.png"],
     ] {
         let message = swm_fails(2, call);

@@ -45,6 +45,16 @@ pub trait Baseline: Send {
         false
     }
 
+    /// What encodes images for [`Baseline::trains_on_latents`]: the model itself, unless it has a world model for that.
+    fn latent_encoder(&self) -> Option<Box<dyn PlanModel>> {
+        self.planner()
+    }
+
+    /// Whether vectors must be scaled as those of its frozen encoder were, and not by statistics of the data that it is trained on.
+    fn has_scales_of_its_encoder(&self) -> bool {
+        false
+    }
+
     /// Sets the precision of linear layers and attention, in training and use; at first fp32. Weights stay in fp32.
     fn set_precision(&mut self, _precision: Precision) {}
 
@@ -153,6 +163,11 @@ pub trait Baseline: Send {
 
     /// A copy of the model as it is now that acts by itself; `None` if it is no policy.
     fn policy(&self) -> Option<Box<dyn GoalPolicy>>;
+
+    /// A copy of the model as it is now that acts on latents of its world model; `None` if it does not.
+    fn latent_policy(&self) -> Option<Box<dyn LatentPolicy>> {
+        None
+    }
 }
 
 /// A world model at work: encodes observation and goal once per plan, then computes the costs of candidates.
@@ -255,6 +270,32 @@ pub trait GoalPolicy: Send {
     ) -> Result<(), BaselineError> {
         self.act(batch, actions)
     }
+}
+
+/// A goal-conditioned policy over latents of a world model.
+pub trait LatentPolicy: Send {
+    /// Z: values of a latent.
+    fn latent_dim(&self) -> usize;
+
+    /// D = F × A: values of a decision, scaled as the model's actions.
+    fn block_dim(&self) -> usize;
+
+    /// K: decisions to the farthest goals.
+    fn horizon(&self) -> usize;
+
+    /// Fills `actions`, `[B, D]`, with what leads from each of `latents`, `[B, Z]`, to its goal in `goals`, `[B, Z]`, within `left`,
+    /// `[B]`, decisions, 1 to K, this one included.
+    ///
+    /// # Errors
+    ///
+    /// The slices are of other lengths.
+    fn act(
+        &mut self,
+        latents: &[f32],
+        goals: &[f32],
+        left: &[usize],
+        actions: &mut [f32],
+    ) -> Result<(), BaselineError>;
 }
 
 /// Where a training is.

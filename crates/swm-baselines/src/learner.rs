@@ -73,7 +73,8 @@ impl<N: Network> Learner<N> {
         })
     }
 
-    fn network(&self) -> &N {
+    /// What is trained.
+    pub(crate) fn network(&self) -> &N {
         self.network.as_ref().expect("a step gives the network back")
     }
 
@@ -83,8 +84,13 @@ impl<N: Network> Learner<N> {
     }
 
     /// The same, in the precision of computations.
-    fn computing(&self) -> N {
+    pub(crate) fn computing(&self) -> N {
         self.precision.copy_of(self.at_work())
+    }
+
+    /// Takes weights that were read.
+    pub(crate) fn replace(&mut self, network: N) {
+        (self.network, self.average) = (Some(network), None);
     }
 
     fn phase(&self, phase: usize) -> Result<&Phase, BaselineError> {

@@ -17,6 +17,7 @@ mod data;
 mod device;
 mod dynamics;
 mod error;
+pub mod export;
 mod images;
 pub mod import;
 mod init;
@@ -40,7 +41,7 @@ pub mod train;
 mod weights;
 
 pub use baseline::{
-    Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
+    Baseline, GoalPolicy, InputSpec, LatentPolicy, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
 };
 pub use data::{ClipBatch, DataDims, Images, Normalization, Observations, PlanningBatch, Vectors};
 pub use device::Device;
@@ -49,9 +50,9 @@ pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
     AuxiliaryWeights, ConvJepaConfig, CountdownConfig, CountdownWeights, DinoWmConfig, EncoderConfig,
-    FeatureMapConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig, JointConfig,
-    KeypointModelConfig, KeypointWmConfig, LaterGoals, LewmConfig, MapEncoderConfig, PldmConfig, PldmWeights,
-    PolicyGoals, ValueConfig,
+    FeatureMapConfig, GcIdmConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig,
+    IdmConfig, JointConfig, KeypointModelConfig, KeypointWmConfig, LaterGoals, LewmConfig, MapEncoderConfig,
+    PldmConfig, PldmWeights, PolicyGoals, ValueConfig, WorldConfig,
 };
 pub use nn::{
     CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,

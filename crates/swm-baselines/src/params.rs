@@ -27,7 +27,7 @@ pub(crate) struct Spec {
 impl Spec {
     /// Statistics of the data, which no optimizer touches.
     pub(crate) fn is_buffer(&self) -> bool {
-        matches!(self.place.0, "Background" | "LatentScale" | "RunningScale")
+        matches!(self.place.0, "Background" | "LatentMoments" | "LatentScale" | "RunningScale")
             || self.place.1.starts_with("running_")
     }
 
@@ -143,8 +143,17 @@ impl Path {
 
 /// The containers that matter to anybody.
 fn kind(container: &str) -> &'static str {
-    const KINDS: [&str; 8] =
-        ["Linear", "Conv", "LayerNorm", "BatchNorm", "Background", "LatentScale", "RunningScale", "Vit"];
+    const KINDS: [&str; 9] = [
+        "Linear",
+        "Conv",
+        "LayerNorm",
+        "BatchNorm",
+        "Background",
+        "LatentMoments",
+        "LatentScale",
+        "RunningScale",
+        "Vit",
+    ];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
 }
 

@@ -30,6 +30,16 @@ pub trait Cost: Send {
     /// The model fails. A bad candidate is no error.
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
 
+    /// Fills `initial`, `[B, H, D]`, with plans of H = `horizon` blocks from what was prepared, at which the search may begin in the
+    /// place of the rest of the last plan. `false`: it has none, and `initial` stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// The model fails.
+    fn propose(&mut self, _horizon: usize, _initial: &mut [f32]) -> Result<bool, PlanError> {
+        Ok(false)
+    }
+
     /// This cost with gradients, if it has them: gradient solvers need it.
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         None

@@ -64,6 +64,10 @@ impl Cost for AsExecuted {
         cost.evaluate(&executed, costs)
     }
 
+    fn propose(&mut self, horizon: usize, initial: &mut [f32]) -> Result<bool, PlanError> {
+        self.cost.propose(horizon, initial)
+    }
+
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         self.cost.differentiable().is_some().then_some(self as &mut dyn DifferentiableCost)
     }

@@ -116,6 +116,10 @@ const fn env(id: &'static str, (feature, command): (&'static str, &'static str))
 pub(crate) const NAMES: &[Absent] = &[
     policy("mpc", BASELINES),
     policy("policy", BASELINES),
+    policy("lewm", BASELINES),
+    policy("pldm", BASELINES),
+    policy("dino-wm", BASELINES),
+    policy("gc-idm", BASELINES),
     policy("gcbc", BASELINES),
     policy("gcivl", BASELINES),
     policy("gcsl", BASELINES),

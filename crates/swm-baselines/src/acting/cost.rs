@@ -4,6 +4,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_solvers::{ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
 use super::planning::PlanningTable;
+use super::proposal::Proposal;
 use crate::baseline::{Baseline, PlanModel};
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
@@ -15,6 +16,8 @@ use crate::train::{ACTION, TrainedModel};
 pub struct ModelCost {
     model: TrainedModel,
     aggregate: Aggregate,
+    /// What plans begin from.
+    proposal: Option<Proposal>,
     /// By the number of frames, from 1.
     copies: Vec<Copy>,
 }
@@ -44,7 +47,8 @@ impl ModelCost {
             let reason = "is no world model and predicts nothing; act with it: `policy:RUN`";
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
-        let mut cost = Self { model, aggregate: Aggregate::default(), copies: Vec::new() };
+        let aggregate = Aggregate::default();
+        let mut cost = Self { model, aggregate, proposal: None, copies: Vec::new() };
         cost.copies.push(cost.copy(planner));
         Ok(cost)
     }
@@ -55,6 +59,16 @@ impl ModelCost {
         self.aggregate = aggregate;
         self.copies.iter_mut().for_each(|copy| copy.model.set_aggregate(aggregate));
         self
+    }
+
+    /// With plans that a policy over the model's latents proposes, at which searches begin.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Unfit`]: it is no such policy, or one over the latents of another model.
+    pub fn with_proposal(mut self, policy: &TrainedModel) -> Result<Self, BaselineError> {
+        self.proposal = Some(Proposal::new(policy, &self.model)?);
+        Ok(self)
     }
 
     /// How actions are scaled in plans.
@@ -169,6 +183,14 @@ impl Cost for ModelCost {
         self.run(candidates, costs, None)
     }
 
+    fn propose(&mut self, horizon: usize, initial: &mut [f32]) -> Result<bool, PlanError> {
+        let Self { proposal: Some(proposal), copies, .. } = self else { return Ok(false) };
+        for Copy { model, table, rows, .. } in copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            proposal.plan(model.as_mut(), table, rows, horizon, initial)?;
+        }
+        Ok(true)
+    }
+
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         Some(self)
     }
@@ -180,13 +202,21 @@ impl Cost for ModelCost {
     /// Name, step and the beginning of the weights' hash; how costs are made, if not of the last state.
     fn changed_settings(&self) -> Map<String, Json> {
         let TrainedModel { baseline, step, weights, .. } = &self.model;
-        let model = format!("{}@{step}#{}", baseline.name(), weights.get(..12).unwrap_or(weights));
+        let model = described(baseline.name(), *step, weights);
         let mut settings = Map::from_iter([("model".to_owned(), model.into())]);
+        if let Some(proposal) = &self.proposal {
+            settings.insert("proposal".to_owned(), proposal.name().into());
+        }
         if self.aggregate != Aggregate::default() {
             settings.insert(AGGREGATE.to_owned(), json!(self.aggregate));
         }
         settings
     }
+}
+
+/// A checkpoint by name, step and the beginning of the weights' hash.
+pub(super) fn described(name: &str, step: u64, weights: &str) -> String {
+    format!("{name}@{step}#{}", weights.get(..12).unwrap_or(weights))
 }
 
 impl DifferentiableCost for ModelCost {

@@ -6,10 +6,11 @@
 use swm_core::env::PIXELS;
 use swm_core::evaluate::ModelEntry;
 use swm_core::evaluate::quality::WorldModel;
-use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
+use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Registry, Row};
 
+use super::given::Given;
 use super::planning::{bytes, scaled, size_of, vector};
-use super::policies::{Given, image_size, trained_in};
+use super::policies::{image_size, trained_in};
 use crate::baseline::{Baseline, InputSpec, PlanModel};
 use crate::data::{Images, Observations, Vectors};
 use crate::train::{ACTION, DataConfig, PROPRIO, Scale, TrainedModel};
@@ -25,10 +26,12 @@ pub const MODELS: &[ModelEntry] = &[
 ];
 
 const fn model(name: &'static str, summary: &'static str) -> ModelEntry {
-    ModelEntry::new(name, summary, |context, args| Ok(Box::new(LatentModel::new(args, context.env.id)?)))
-        .image(image_size)
-        .trained(trained_in)
-        .planned_by("mpc:RUN")
+    ModelEntry::new(name, summary, |context, args| {
+        Ok(Box::new(LatentModel::within(args, context.env.id, context.registry)?))
+    })
+    .image(image_size)
+    .trained(trained_in)
+    .planned_by("mpc:RUN")
 }
 
 const ANY: &str = "model";
@@ -51,8 +54,13 @@ impl LatentModel {
     /// [`PolicyError::Argument`]: no run, one that cannot be read, trained something else or in another environment, a model
     /// that predicts nothing, or an unknown setting.
     pub fn new(args: &PolicyArgs, env: &str) -> Result<Self, PolicyError> {
+        Self::within(args, env, None)
+    }
+
+    /// As [`Self::new`]; with a registry also of a published checkpoint, `lewm:FOLDER`.
+    fn within(args: &PolicyArgs, env: &str, registry: Option<&Registry>) -> Result<Self, PolicyError> {
         let given = Given::of(args)?;
-        let TrainedModel { baseline, config, .. } = given.model(args, env)?;
+        let TrainedModel { baseline, config, .. } = given.model(args, env, registry)?;
         given.check_all_known(args, &[])?;
         let found = baseline.name();
         let Some(network) = baseline.planner() else {

@@ -4,17 +4,23 @@
 //! |---|---|
 //! | `planning` | from infos to planning batches |
 //! | `cost` | a world model as the cost of plans |
+//! | `proposal` | plans that a policy over its latents proposes, where searches begin |
 //! | `goal_policy` | a policy that acts directly |
 //! | `agent_policy` | an agent that learned online |
 //! | `latents` | a world model for `swm quality` |
+//! | `foreign` | published checkpoints in the place of runs |
+//! | `given` | arguments that all policies of trained models share |
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod agent_policy;
 mod cost;
+mod foreign;
+mod given;
 mod goal_policy;
 mod latents;
 mod planning;
 mod policies;
+mod proposal;
 
 pub use agent_policy::AgentPolicy;
 pub use cost::ModelCost;

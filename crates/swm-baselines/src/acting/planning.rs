@@ -1,5 +1,6 @@
 //! From infos of environments to planning batches: images as they are, vectors scaled as in training.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use swm_core::env::PIXELS;
@@ -28,6 +29,28 @@ pub(super) struct PlanningTable {
     block: usize,
     action: Vec<f32>,
     proprio: Option<State>,
+}
+
+/// Single observations of B environments.
+pub(super) struct Seen<'a> {
+    values: Cow<'a, [u8]>,
+    proprio: Option<(Cow<'a, [f32]>, usize)>,
+    rows: usize,
+    size: [usize; 2],
+}
+
+impl Seen<'_> {
+    /// `[B, 1, …]`.
+    pub(super) fn pixels(&self) -> Images<'_> {
+        let &Self { ref values, rows, size: [height, width], .. } = self;
+        Images { values, rows, steps: 1, height, width, channels_last: true }
+    }
+
+    /// `[B, 1, …]`.
+    pub(super) fn proprio(&self) -> Option<Vectors<'_>> {
+        let (values, dim) = self.proprio.as_ref()?;
+        Some(Vectors { values, rows: self.rows, steps: 1, dim: *dim })
+    }
 }
 
 /// `proprio` of observations and goals.
@@ -107,6 +130,22 @@ impl PlanningTable {
         self.action.extend_from_slice(action);
     }
 
+    /// The present observations, and the goals.
+    pub(super) fn present_and_goals(&self) -> [Seen<'_>; 2] {
+        let &Self { rows, frames, size, .. } = self;
+        let state = |values: fn(&State) -> &Vec<f32>, frames| {
+            let state = self.proprio.as_ref()?;
+            let dim = state.scale.mean.len();
+            Some((newest(values(state), frames, dim), dim))
+        };
+        let image = 3 * size[0] * size[1];
+        let (now, goal) = (newest(&self.pixels, frames, image), newest(&self.goal_pixels, 1, image));
+        [
+            Seen { values: now, proprio: state(|state| &state.now, frames), rows, size },
+            Seen { values: goal, proprio: state(|state| &state.goal, 1), rows, size },
+        ]
+    }
+
     /// The planning batch.
     pub(super) fn batch(&self) -> PlanningBatch<'_> {
         let &Self { rows, frames, size: [height, width], block, .. } = self;
@@ -120,6 +159,15 @@ impl PlanningTable {
             goal_proprio: self.proprio.as_ref().map(|known| state(&known.goal, 1, &known.scale)),
         }
     }
+}
+
+/// The newest of `frames` items of `size` values in each row.
+fn newest<V: Clone>(values: &[V], frames: usize, size: usize) -> Cow<'_, [V]> {
+    if frames <= 1 {
+        return Cow::Borrowed(values);
+    }
+    let rows = values.chunks_exact((frames * size).max(1));
+    rows.flat_map(|row| row[(frames - 1) * size..].iter().cloned()).collect()
 }
 
 fn no_images(name: &'static str) -> BaselineError {

@@ -29,6 +29,10 @@ const TINY: &[(&str, Changes)] = &[
         let encoder = json!({"kind": "vit", "dim": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
         json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_dim": 4, "hidden": 8}})
     }),
+    ("gc-idm", || {
+        let world = tiny("lewm").model_config().clone();
+        json!({"model": {"world": {"model_config": world, "weights": ""}, "hidden": 8, "horizon": 3}})
+    }),
     ("gcbc", goal),
     ("gciql", goal),
     ("gcivl", goal),

@@ -1,6 +1,5 @@
 //! A checkpoint, its environment and its scales, put together.
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
@@ -9,7 +8,8 @@ use swm_core::Registry;
 use swm_core::evaluate::sha256_of;
 use swm_tasks::request::{Fix, Message, TaskError};
 
-use super::config::{Model, Node};
+use super::config::{KNOWN, Model, Node};
+use super::notes::{noted_bounds, noted_scales};
 use super::place::Place;
 use super::recipe::{Given, Recipe, lay_over, nested};
 use super::scales::{self, Scales};
@@ -115,7 +115,8 @@ pub(super) fn load(
         action_scale: scales.of.get(ACTION).map(|(_, from)| from.clone()),
         lacks: Vec::new(),
     };
-    let parts = Parts { request, recipe, place, scales, imported, action, frameskip, set };
+    let bounds = noted_bounds(&source, action);
+    let parts = Parts { request, recipe, place, scales, imported, action, frameskip, set, bounds };
     let loaded = match parts.recipe.name {
         "tdmpc2" => parts.agent(&path, &mut description)?,
         _ => parts.model(&path, &mut description)?,
@@ -156,9 +157,13 @@ fn recipe(
     let config = source.config.as_ref().map(|config| Node::root(&config.name, &config.value)).transpose()?;
     let model = config.as_ref().map(Node::model).transpose()?.flatten();
     let is_archive = config.as_ref().is_some_and(|config| config.get("num_hist").is_some());
-    let given =
-        Given { config, shapes, encoder, folder: source.folder.as_deref(), set, image: request.image };
-    let kind = request.kind.as_deref();
+    let noted = |name: &str| source.notes.as_ref().and_then(|notes| notes.get(name));
+    let image = request.image.or_else(|| Some(noted("image")?.as_u64()? as usize));
+    let given = Given { config, shapes, encoder, folder: source.folder.as_deref(), set, image };
+    let kind = request.kind.as_deref().or_else(|| {
+        let kind = noted("kind")?.as_str()?;
+        KNOWN.contains(&kind).then_some(kind)
+    });
     match (model, kind) {
         (_, Some("lewm")) | (Some(Model::Lewm), None) => joint::recipe(&given, "lewm"),
         (_, Some("pldm")) | (Some(Model::Pldm), None) => joint::recipe(&given, "pldm"),
@@ -245,19 +250,6 @@ fn generation(found: &Contents) -> &'static str {
     }
 }
 
-/// What an export of this program says of scales.
-fn noted_scales(source: &Source, columns: &[&str], scales: &mut Scales) {
-    let noted = source.notes.as_ref().and_then(|notes| notes.get("scales"));
-    let Some(noted) = noted.and_then(|noted| {
-        serde_json::from_value::<BTreeMap<String, crate::train::Scale>>(noted.clone()).ok()
-    }) else {
-        return;
-    };
-    for (name, scale) in noted.into_iter().filter(|(name, _)| columns.contains(&name.as_str())) {
-        scales.of.entry(name).or_insert_with(|| (scale, "swm.json".to_owned()));
-    }
-}
-
 /// Settings of a model, whole.
 fn settings(recipe: &Recipe, frameskip: usize, set: &Json) -> Json {
     let mut settings = recipe.settings.clone();
@@ -295,11 +287,13 @@ struct Parts<'a> {
     action: usize,
     frameskip: Option<usize>,
     set: Json,
+    /// Lower and upper bounds of actions; `None`: -1 and 1.
+    bounds: Option<[Vec<f64>; 2]>,
 }
 
 impl Parts<'_> {
     fn model(self, path: &Path, description: &mut Description) -> Result<Loaded, TaskError> {
-        let Self { request, recipe, place, scales, mut imported, action, frameskip, set } = self;
+        let Self { request, recipe, place, scales, mut imported, action, frameskip, set, .. } = self;
         let dims = DataDims { action_dim: action, proprio_dim: recipe.vector };
         let changes = settings(&recipe, frameskip.unwrap_or(1), &set);
         let options = MakeOptions { changes, ..MakeOptions::new("paper", dims) };
@@ -339,7 +333,7 @@ impl Parts<'_> {
     }
 
     fn agent(self, path: &Path, description: &mut Description) -> Result<Loaded, TaskError> {
-        let Self { request, recipe, place, scales, imported, action, set, .. } = self;
+        let Self { request, recipe, place, scales, imported, action, set, bounds, .. } = self;
         let env = place.env.clone().unwrap_or_default();
         let has_vector = recipe.vector > 0;
         let image = (recipe.image > 0).then_some(recipe.image);
@@ -357,13 +351,14 @@ impl Parts<'_> {
         agent.load_weights(path).map_err(failed)?;
         description.settings = config.settings.clone();
         let scale = scales.of.get(&recipe.column).map(|(scale, _)| scale.clone());
+        let [low, high] = bounds.unwrap_or_else(|| [vec![-1.0; action], vec![1.0; action]]);
         let interface = Interface {
             columns: has_vector.then(|| recipe.column.clone()).into_iter().collect(),
             observation_dim: recipe.vector,
             image,
             scale,
-            low: vec![-1.0; action],
-            high: vec![1.0; action],
+            low,
+            high,
         };
         let data = request.dataset.as_ref().zip(scales.dataset.as_ref()).map(|(path, known)| LearnedData {
             opening: request.opening.clone(),

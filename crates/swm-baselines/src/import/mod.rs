@@ -7,6 +7,7 @@
 //! | `config` | a config by name; nothing in it is executed |
 //! | `shapes`, `recipe`, `joint`, `tokens`, `tdmpc2` | settings of ours |
 //! | `scales` | what no file says: how vectors were scaled |
+//! | `notes` | what an export of this program says of it |
 //! | `place`, `load` | model, environment and scales put together |
 //!
 //! What is missing, such as the scale of actions, is asked for and never guessed.
@@ -15,6 +16,7 @@ mod cache;
 mod config;
 mod joint;
 mod load;
+mod notes;
 mod place;
 mod recipe;
 mod scales;
@@ -184,6 +186,23 @@ impl Import {
         let request = Self { check_only: false, ..self.clone() };
         let (_, loaded) = load::load(&request, registry)?;
         Ok(loaded.expect("a model that is not checked alone is loaded or an error"))
+    }
+
+    /// What the checkpoint is, and what must still be given; nothing is written.
+    pub(crate) fn describe(&self, registry: &Registry) -> Result<Description, TaskError> {
+        let request = Self { check_only: true, ..self.clone() };
+        Ok(load::load(&request, registry)?.0)
+    }
+
+    /// The environment that an export of this program notes.
+    pub(crate) fn noted_env(&self) -> Option<String> {
+        let source = source::find(&self.from, self.file.as_deref()).ok()?;
+        Some(source.notes?.get("env")?.as_str()?.to_owned())
+    }
+
+    /// The files of the checkpoint.
+    pub(crate) fn files(&self) -> Result<Vec<PathBuf>, TaskError> {
+        Ok(source::find(&self.from, self.file.as_deref())?.files())
     }
 
     fn write(&self, loaded: Loaded) -> Result<(), BaselineError> {

@@ -45,7 +45,10 @@ impl Place {
         let action = action.or_else(|| dataset.map(|dataset| dataset.action).filter(|dim| *dim > 0));
         let action = action.or_else(|| scales.of.get(ACTION).map(|(scale, _)| scale.mean.len()));
         let env_settings = settings.or_else(|| env.as_ref().map(|_| Map::new()));
-        Ok(Self { env, env_settings, frame_skip: dataset.and_then(|dataset| dataset.frame_skip), action })
+        let frame_skip = dataset.and_then(|dataset| dataset.frame_skip);
+        let noted_skip = || u32::try_from(noted("frame_skip")?.as_u64()?).ok().filter(|skip| *skip > 0);
+        let frame_skip = frame_skip.or_else(noted_skip);
+        Ok(Self { env, env_settings, frame_skip, action })
     }
 
     /// F: how many actions of the environment a block of the model holds.

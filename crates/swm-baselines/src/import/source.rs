@@ -13,6 +13,8 @@ use super::{cache, yaml};
 pub(super) const LONGEST_CONFIG: u64 = 1 << 20;
 /// How the names of files of weights end.
 const ENDINGS: [&str; 5] = ["pt", "pth", "ckpt", "safetensors", "tar"];
+/// What an export of this program notes beside a checkpoint.
+const NOTES: &str = "swm.json";
 /// The folder of an archive's weights, and the name of the last of them.
 const ARCHIVE: (&str, &str) = ("checkpoints", "model_latest.pth");
 
@@ -27,6 +29,15 @@ pub(super) struct Source {
     pub(super) config: Option<ConfigFile>,
     /// What an export of this program notes beside it.
     pub(super) notes: Option<Json>,
+}
+
+impl Source {
+    /// All of them that there are.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let config = self.config.as_ref().map(|config| PathBuf::from(&config.name));
+        let notes = self.notes.as_ref().and(self.folder.as_ref()).map(|folder| folder.join(NOTES));
+        [config, self.weights.clone(), notes].into_iter().flatten().collect()
+    }
 }
 
 /// A config, and where it is from.
@@ -147,7 +158,7 @@ fn with_config(folder: Option<PathBuf>, weights: Option<PathBuf>) -> Result<Sour
         let shown = folder.as_ref().map_or(String::new(), |folder| folder.display().to_string());
         return Err(Message::new(format!("{shown} holds neither weights nor a config.json")).into());
     }
-    let notes = beside("swm.json").map(|file| read_json(&file)).transpose()?.map(|file| file.value);
+    let notes = beside(NOTES).map(|file| read_json(&file)).transpose()?.map(|file| file.value);
     Ok(Source { folder, weights, config, notes })
 }
 

@@ -5,10 +5,12 @@
 mod auxiliary;
 pub(crate) mod bounds;
 pub(crate) mod conv_jepa;
+pub(crate) mod countdown;
 pub(crate) mod dino_wm;
 #[cfg(test)]
 mod dots;
 mod encoder;
+pub(crate) mod gc_idm;
 pub(crate) mod gcbc;
 pub(crate) mod gciql;
 pub(crate) mod gcivl;
@@ -26,6 +28,7 @@ pub use auxiliary::AuxiliaryWeights;
 pub use conv_jepa::{ConvJepaConfig, FeatureMapConfig, MapEncoderConfig};
 pub use dino_wm::DinoWmConfig;
 pub use encoder::EncoderConfig;
+pub use gc_idm::{GcIdmConfig, IdmConfig, WorldConfig};
 pub use gcbc::{GcbcConfig, LaterGoals};
 pub use gciql::GciqlConfig;
 pub use gcivl::{GcivlConfig, PolicyGoals, ValueConfig};

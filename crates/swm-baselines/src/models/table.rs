@@ -8,7 +8,7 @@ use swm_core::error::nearest;
 
 use super::bounds::check_bounds;
 use super::settings::with_changes;
-use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, lewm, pldm};
+use super::{conv_jepa, dino_wm, gc_idm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -75,6 +75,23 @@ pub const BASELINES: &[BaselineEntry] = &[
         small
     ),
     entry!(dino_wm, DinoWmConfig, "world model: predicts the patch tokens of a frozen DINOv2"),
+    BaselineEntry {
+        name: gc_idm::NAME,
+        about: "policy: goal-conditioned inverse dynamics over latents of a frozen world model",
+        presets: &["small"],
+        settings: |preset, changes| match preset {
+            "small" => changed(gc_idm::NAME, &gc_idm::GcIdmConfig::small(), changes),
+            _ => Err(BaselineError::UnknownPreset {
+                baseline: gc_idm::NAME,
+                preset: preset.to_owned(),
+                known: "small".to_owned(),
+            }),
+        },
+        make: |model_config, device| {
+            let config: gc_idm::GcIdmConfig = parse(gc_idm::NAME, &model_config.settings)?;
+            gc_idm::baseline(&config, model_config, device)
+        },
+    },
     entry!(gcbc, GcbcConfig, "policy: goal-conditioned behavioral cloning"),
     entry!(gciql, GciqlConfig, "policy: goal-conditioned implicit Q-learning"),
     entry!(gcivl, GcivlConfig, "policy: goal-conditioned implicit value learning"),
@@ -141,6 +158,19 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 /// No such baseline, or settings that it does not take.
 pub fn restore(model_config: &ModelConfig, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
     made(find(&model_config.baseline)?, model_config.clone(), device)
+}
+
+/// All settings of a preset.
+pub(crate) fn settings_of(name: &str, preset: &str) -> Result<Json, BaselineError> {
+    (find(name)?.settings)(preset, &Json::Null)
+}
+
+/// As [`restore`], on a device that is there already.
+pub(crate) fn made_on(
+    model_config: &ModelConfig,
+    device: &TensorDevice,
+) -> Result<Box<dyn Baseline>, BaselineError> {
+    (find(&model_config.baseline)?.make)(model_config.clone(), device)
 }
 
 fn made(

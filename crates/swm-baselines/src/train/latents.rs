@@ -19,7 +19,9 @@ const FRAMES: usize = 256;
 
 /// The same clips with latents in place of images; `None` if `model` trains on images.
 pub(super) fn encoded(data: &TrainData, model: &dyn Baseline) -> Result<Option<TrainData>, BaselineError> {
-    let Some(mut encoder) = model.planner().filter(|_| model.trains_on_latents()) else { return Ok(None) };
+    let Some(mut encoder) = model.latent_encoder().filter(|_| model.trains_on_latents()) else {
+        return Ok(None);
+    };
     let mut encode = |dataset: &dyn Dataset| -> Result<Box<dyn Dataset>, BaselineError> {
         Ok(Box::new(encode(dataset, encoder.as_mut(), data)?))
     };

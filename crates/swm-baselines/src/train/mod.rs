@@ -28,6 +28,7 @@ mod settings;
 mod sums;
 #[cfg(test)]
 mod tests;
+mod world;
 
 pub use checkpoints::Checkpoint;
 pub use data::{

@@ -210,7 +210,7 @@ pub(crate) fn descriptions(run: &RunFolder, step: u64, which: Which) -> Result<V
     Ok(steps.into_iter().map(|step| run.description(step)).collect())
 }
 
-fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+pub(super) fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
     step_of(run, which, |last| Ok(run.checkpoint::<State>(last)?.state.best))
 }
 

@@ -13,9 +13,11 @@ use super::folder::{RunFolder, RunLock};
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
 use super::run::{RUN_VERSION, RunConfig, TrainedModel, Which};
 use super::settings::FitSettings;
+use super::world::FrozenWorld;
 use crate::baseline::Baseline;
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::models::gc_idm;
 use crate::models::table::{MakeOptions, make, restore};
 
 /// What a new run is made from.
@@ -65,9 +67,11 @@ impl PreparedRun {
         let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
         fit.check()?;
         let dims = data_dims(dataset, baseline)?;
-        let options = MakeOptions { preset, changes: changes.clone(), dims, seed: fit.seed, device };
+        let world = (baseline == gc_idm::NAME).then(|| FrozenWorld::of(encoder, gc_idm::NAME)).transpose()?;
+        let changes = world.as_ref().map_or_else(|| changes.clone(), |world| world.within(changes));
+        let options = MakeOptions { preset, changes, dims, seed: fit.seed, device };
         let mut model = make(baseline, &options)?;
-        match encoder {
+        match world.as_ref().map(|world| world.weights.as_path()).or(encoder) {
             Some(run) if run.is_dir() => model.load_encoder(&TrainedModel::files(run, Which::Last)?[1])?,
             Some(weights) => model.load_encoder(weights)?,
             None if model.has_frozen_encoder() => {
@@ -82,8 +86,11 @@ impl PreparedRun {
             None => {}
         }
         let dataset = with_images(dataset, registry, baseline, model.input_spec().image)?;
-        let data =
+        let mut data =
             TrainData::new(dataset.as_ref(), baseline, model.input_spec(), model.phases(), split, fit.seed)?;
+        if let Some(world) = &world {
+            data.take_scales(&world.data);
+        }
         let mut fit = fit.clone();
         if fit.batch == 0 {
             fit.batch = model.input_spec().batch;
@@ -175,7 +182,7 @@ impl Training {
         known.check_model(&run, model.as_ref())?;
         let name = model.name();
         let dataset = with_images(dataset.as_ref(), registry, name, model.input_spec().image)?;
-        let data = TrainData::new(
+        let mut data = TrainData::new(
             dataset.as_ref(),
             name,
             model.input_spec(),
@@ -183,6 +190,9 @@ impl Training {
             config.data.split,
             seed,
         )?;
+        if model.has_scales_of_its_encoder() {
+            data.take_scales(&known.data);
+        }
         // Earlier versions did not record them.
         if config.data.env_settings.is_none() {
             config.data.env_settings.clone_from(&data.config.env_settings);

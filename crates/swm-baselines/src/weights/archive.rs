@@ -101,10 +101,40 @@ impl Pickle {
 
 /// CRC-32 of zip archives.
 fn checksum(bytes: &[u8]) -> u32 {
-    let table: [u32; 256] = std::array::from_fn(|byte| {
-        (0..8).fold(byte as u32, |value, _| value >> 1 ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 })
-    });
-    !bytes.iter().fold(!0, |sum: u32, byte| sum >> 8 ^ table[usize::from(sum as u8 ^ byte)])
+    let mut sum = Checksum::default();
+    sum.add(bytes);
+    sum.value()
+}
+
+/// The table of CRC-32, one entry per byte.
+const TABLE: [u32; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let (mut value, mut bit) = (byte as u32, 0);
+        while bit < 8 {
+            value = value >> 1 ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 };
+            bit += 1;
+        }
+        table[byte] = value;
+        byte += 1;
+    }
+    table
+};
+
+/// CRC-32 of what has been added.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Checksum(u32);
+
+impl Checksum {
+    pub(super) fn add(&mut self, bytes: &[u8]) {
+        self.0 =
+            !bytes.iter().fold(!self.0, |sum: u32, byte| sum >> 8 ^ TABLE[usize::from(sum as u8 ^ byte)]);
+    }
+
+    pub(super) fn value(self) -> u32 {
+        self.0
+    }
 }
 
 #[cfg(test)]

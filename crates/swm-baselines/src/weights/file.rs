@@ -1,7 +1,7 @@
 //! Reading and writing files of named tensors. All become 32-bit floats.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
@@ -222,9 +222,25 @@ impl View for Written {
 
 /// Writes safetensors: name, shape, values. The file appears whole or not at all.
 pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<(), BaselineError> {
+    write_with(path, tensors, None)
+}
+
+/// As [`write`], with the note that transformers wants in a model's file.
+pub(crate) fn write_for_transformers(
+    path: &Path,
+    tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
+) -> Result<(), BaselineError> {
+    write_with(path, tensors, Some(HashMap::from([("format".to_owned(), "pt".to_owned())])))
+}
+
+fn write_with(
+    path: &Path,
+    tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
+    notes: Option<HashMap<String, String>>,
+) -> Result<(), BaselineError> {
     let views = tensors.into_iter().map(|(name, shape, values)| (name, Written { shape, values }));
     let part = path.with_extension("part");
-    let written = safetensors::serialize_to_file(views, None, &part);
+    let written = safetensors::serialize_to_file(views, notes, &part);
     written.map_err(|error| match error {
         safetensors::SafeTensorError::IoError(source) => {
             BaselineError::Io { action: "write", path: path.to_owned(), source }

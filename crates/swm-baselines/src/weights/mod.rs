@@ -1,5 +1,5 @@
-//! Files of weights: safetensors both ways, PyTorch's `.pt`, `.pth` and `.ckpt` one way. A pickle is parsed, and nothing
-//! in it is executed.
+//! Files of weights: safetensors and PyTorch's `.pt` both ways, its `.pth` and `.ckpt` one way. A pickle is parsed, and nothing in it is
+//! executed.
 //!
 //! A network takes all tensors of a file or none: what is missing, left over, or of another shape is an error that
 //! lists it.
@@ -10,6 +10,7 @@ mod file;
 mod pickle;
 mod refusal;
 mod rename;
+mod saved;
 mod torch;
 
 use std::collections::BTreeMap;
@@ -20,10 +21,11 @@ use burn::module::Module;
 use crate::error::BaselineError;
 use crate::params;
 
-pub(crate) use file::{Contents, Of, Stored, contents, read, write};
+pub(crate) use file::{Contents, Of, Stored, contents, read, write, write_for_transformers};
 #[cfg(test)]
 pub(crate) use rename::ours;
 pub(crate) use rename::{to_ours, vector_keys};
+pub(crate) use saved::{Saved, Values, save};
 
 /// Writes all tensors of a network.
 pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), BaselineError> {
@@ -37,6 +39,15 @@ pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), Ba
 /// A copy of the network with the weights of a file.
 pub(crate) fn load_network<M: Module>(network: &M, path: &Path) -> Result<M, BaselineError> {
     load_below(network, path, "")
+}
+
+/// As [`load_network`], of tensors that were read from the file at `path`, which are not renamed.
+pub(crate) fn load_stored<M: Module>(
+    network: &M,
+    path: &Path,
+    stored: BTreeMap<String, Stored>,
+) -> Result<M, BaselineError> {
+    Ok(take(network, path, stored, "", &[])?.0)
 }
 
 /// As [`load_network`], for the tensors below a prefix (`encoder`), which their names in the file lack; or from the weights of a

@@ -2,6 +2,8 @@
 //! an environment that renders images. How well is not the question here.
 
 mod dot;
+mod foreign;
+mod idm;
 mod keypoints;
 mod refusals;
 
@@ -26,7 +28,7 @@ use swm_data::format::built_in;
 use swm_data::{Dataset, OpenOptions, WriteMode, open_with};
 use swm_solvers::MpcPolicy;
 
-use dot::{DOT, IMAGE, SIDE};
+use dot::{DOT, IMAGE, SIDE, TWIN, WIDE};
 
 fn world(env: &EnvEntry, num_envs: usize, image: Option<ImageSize>) -> World {
     let config = EnvConfig { image, ..EnvConfig::default() };
@@ -85,7 +87,7 @@ fn made(text: &str) -> Result<Box<dyn Policy>, String> {
 }
 
 fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, String> {
-    let (registry, config) = (Registry::new().with(POLICIES), EnvConfig::default());
+    let (registry, config) = (Registry::new().with(POLICIES).with(&[DOT, TWIN, WIDE]), EnvConfig::default());
     registry.policy(text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
 }
 

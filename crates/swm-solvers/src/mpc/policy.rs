@@ -293,6 +293,7 @@ impl Search {
             memory.clone_from(&slot.memory);
         }
         tools.cost.prepare(&PlanningContext { view: *view, slots, histories, actions: &setup.map })?;
+        tools.cost.propose(horizon, initial)?;
         let problem = Problem {
             keys,
             horizon,

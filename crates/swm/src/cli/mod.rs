@@ -17,6 +17,7 @@ mod damage;
 mod doctor;
 mod envs;
 mod eval;
+mod export;
 mod images;
 mod import;
 mod inputs;
@@ -129,6 +130,7 @@ enum Command {
     Train(Box<train::Train>),
     Checkpoints(train::Checkpoints),
     Import(Box<import::Import>),
+    Export(export::Export),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -244,6 +246,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Train(command) => command.run(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
+        Command::Export(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),

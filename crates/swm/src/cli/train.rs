@@ -45,7 +45,7 @@ pub(super) struct Train {
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,
     /// Weights of the encoder: a file (.safetensors, .pt, .ckpt), such as a DINOv2 for `dino-wm`, or a run, such as one of `gcsl`
-    /// for `keypoint-wm`.
+    /// for `keypoint-wm`, or of a world model for `gc-idm`.
     #[arg(long, value_name = "FILE|RUN", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
     /// Resume the run in this folder, or in --out, possibly with more epochs or steps.

@@ -17,11 +17,12 @@ use crate::baseline::{GoalPolicy, InputSpec, Phase};
 use crate::data::{DataDims, Form, Inputs, PlanningBatch, Start};
 use crate::dynamics::for_each_group;
 use crate::error::BaselineError;
-use crate::losses::{Terms, mean_squared_error};
+use crate::losses::Terms;
+use crate::models::countdown::imitation;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CountdownPredictor, CountdownSizes, Drawing, KeypointConfig, Looks};
+use crate::nn::{CountdownPredictor, CountdownSizes, Drawing, KeypointConfig};
 use crate::optim::OptimConfig;
 use crate::params::{device_of, host};
 use crate::pass::Pass;
@@ -159,28 +160,11 @@ pub(crate) fn make(
 impl Network for Gcsl {
     fn loss(&self, _phase: usize, inputs: &Inputs, _pass: &mut Pass) -> Result<Terms, BaselineError> {
         let policy = &self.action_predictor;
-        let horizon = policy.horizon();
         let tokens = self.encoder.tokens(inputs.pixels.clone());
-        let Looks { from, to } = policy.look(tokens.clone());
-        let pairs = |left: usize| {
-            let frames = horizon + 1 - left;
-            policy.join(from.clone().narrow(1, 0, frames), to.clone().narrow(1, left, frames), left)
-        };
-        let actions = policy.decide(Tensor::cat((1..=horizon).map(pairs).collect(), 1));
-        let mut errors = Vec::with_capacity(horizon);
-        let mut first = 0;
-        for left in 1..=horizon {
-            let frames = horizon + 1 - left;
-            let taken = inputs.action.clone().narrow(1, 0, frames);
-            errors.push(mean_squared_error(actions.clone().narrow(1, first, frames), taken));
-            first += frames;
-        }
-        let (near, far) = (errors[0].clone(), errors[horizon - 1].clone());
-        let total = Tensor::cat(errors, 0).mean();
-        let mut terms = Terms { total: total.clone(), parts: vec![("near", near), ("far", far)] };
+        let mut terms = imitation(policy, policy.look(tokens.clone()), &inputs.action);
         if let Some(drawing) = &self.drawing {
             // What it imitates stays comparable with other weights.
-            terms.parts.push(("actions", total));
+            terms.parts.push(("actions", terms.total.clone()));
             let drawing = drawing.unexplained_in_clips(&inputs.pixels, &tokens.flatten::<3>(2, 3));
             terms.add("drawing", self.weights.drawing, drawing);
         }

@@ -1,0 +1,95 @@
+//! A frozen DINOv2, which the reference makes by its name: that of a published one, or of a folder in the form of transformers.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value as Json, json};
+
+use super::form::Unfit;
+use super::names::{Encoder, Generation};
+use crate::models::EncoderConfig;
+use crate::nn::VitConfig;
+use crate::weights::{Saved, Stored, Values};
+
+/// The folder beside the weights.
+pub(super) const FOLDER: &str = "backbone";
+/// Names, dims, blocks and heads of the published ones, whose patches have 14 pixels and whose positions are for 518.
+const PUBLISHED: [(&str, [usize; 3]); 3] = [
+    ("facebook/dinov2-small", [384, 12, 6]),
+    ("facebook/dinov2-base", [768, 12, 12]),
+    ("facebook/dinov2-large", [1024, 24, 16]),
+];
+
+/// A folder with an encoder.
+pub(super) struct Backbone {
+    /// Its `config.json`.
+    pub(super) config: Json,
+    /// Its `model.safetensors`.
+    pub(super) tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
+}
+
+/// How a config names a frozen encoder.
+pub(super) struct Named {
+    /// Its part of the model's config.
+    pub(super) config: Json,
+    /// The config of its folder, where it is not published.
+    pub(super) folder: Option<Json>,
+    /// A tensor that takes no part in what it computes, which its class has all the same.
+    pub(super) mask_token: Saved,
+    pub(super) notes: Vec<String>,
+}
+
+impl Backbone {
+    /// Of all tensors of a model.
+    pub(super) fn new(config: Json, encoder: Option<&Encoder>, stored: &BTreeMap<String, Stored>) -> Self {
+        let Some(encoder) = encoder else { return Self { config, tensors: Vec::new() } };
+        let own = stored.iter().filter_map(|(name, Stored { shape, values, .. })| {
+            // All versions of transformers write and read the old names in its files.
+            let name = encoder.inner(name.strip_prefix(encoder.prefix)?, Generation::Four);
+            Some((name, shape.clone(), values.clone()))
+        });
+        let mut tensors: Vec<_> = own.collect();
+        let dim = config["hidden_size"].as_u64().unwrap_or(0) as usize;
+        tensors.push(("embeddings.mask_token".to_owned(), vec![1, dim], vec![0.0; dim]));
+        Self { config, tensors }
+    }
+}
+
+/// The frozen encoder of a model, whose tensors begin with `prefix`.
+pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result<Named, Unfit> {
+    let EncoderConfig::Vit(vit) = config else {
+        return Err(format!(
+            "its encoder is not a vision transformer (`{place}.kind`), and the reference's model has a DINOv2; train it with a \
+             frozen DINOv2, as the preset `paper` has it"
+        )
+        .into());
+    };
+    let &VitConfig { dim, depth, heads, hidden, patch, positions_for, dinov2 } = vit;
+    if !dinov2 {
+        let reason = "its encoder is a ViT that is no DINOv2, and the reference's model has a DINOv2; train it with the setting \
+                      `dinov2` of its encoder at true";
+        return Err(reason.into());
+    }
+    let is_published = patch == 14 && positions_for == 518 && hidden == 4 * dim;
+    let published = PUBLISHED.iter().find(|(_, sizes)| is_published && *sizes == [dim, depth, heads]);
+    let name = published.map_or(FOLDER, |(name, _)| name);
+    let ratio = hidden as f64 / dim as f64;
+    if (dim as f64 * ratio) as usize != hidden {
+        return Err(format!("its encoder's hidden dim of {hidden} is no multiple of its dim, {dim}").into());
+    }
+    let folder = json!({
+        "architectures": ["Dinov2Model"], "model_type": "dinov2", "hidden_size": dim, "num_hidden_layers": depth,
+        "num_attention_heads": heads, "mlp_ratio": ratio, "patch_size": patch, "image_size": positions_for, "num_channels": 3,
+        "hidden_act": "gelu", "layer_norm_eps": 1e-6, "layerscale_value": 1.0, "qkv_bias": true, "use_swiglu_ffn": false,
+        "use_mask_token": true, "hidden_dropout_prob": 0.0, "attention_probs_dropout_prob": 0.0, "drop_path_rate": 0.0,
+    });
+    let beside = format!(
+        "the encoder is in the folder `{FOLDER}`, which the reference looks for below the current folder: load it from within the \
+         checkpoint's folder, or with extra_args={{\"encoder.name\": …}}"
+    );
+    Ok(Named {
+        config: json!({ "_target_": "stable_worldmodel.wm.prejepa.module.create_backbone", "name": name }),
+        notes: published.is_none().then_some(beside).into_iter().collect(),
+        folder: published.is_none().then_some(folder),
+        mask_token: (format!("{prefix}embeddings.mask_token"), vec![1, dim], Values::Floats(vec![0.0; dim])),
+    })
+}

@@ -1,0 +1,275 @@
+//! Exports of the golden checkpoints: imported, exported and imported again, they are the same models.
+
+mod refused;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value as Json, json};
+use swm_core::{
+    Dtype, Env, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, Registry, RowsMut, Slice,
+    Space,
+};
+use swm_solvers::Candidates;
+use swm_tasks::request::Request as _;
+
+use super::{Export, Exported};
+use crate::Device;
+use crate::data::{Images, PlanningBatch, Vectors};
+use crate::import::{Description, Import};
+use crate::online::TrainedAgent;
+use crate::train::{RunFolder, TrainedModel, Which};
+use crate::weights::{self, Of, Stored};
+
+/// Two actions, and nothing else.
+const PLANE: EnvEntry =
+    EnvEntry::new("swm/Plane-v0", "two actions (for tests)", |_| Ok(Box::new(Plane(spec()))));
+
+struct Plane(EnvSpec);
+
+fn spec() -> EnvSpec {
+    let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
+    EnvSpec::new(PLANE.id, action, vec![Field::step("state", Dtype::F32, &[2])]).time_step_s(0.1)
+}
+
+impl Env for Plane {
+    fn spec(&self) -> &EnvSpec {
+        &self.0
+    }
+
+    fn reset(&mut self, _episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: None })
+    }
+
+    fn step(&mut self, _action: Slice<'_>) -> Result<Outcome, EnvError> {
+        Ok(Outcome { reward: 0.0, terminated: false, success: None })
+    }
+
+    fn write_episode(&mut self, _out: &mut RowsMut<'_>) {}
+
+    fn observe(&mut self, _out: &mut RowsMut<'_>) {}
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        state.store(PLANE.id, &0_u8)
+    }
+
+    fn restore(&mut self, _state: &EnvState) -> Result<(), EnvError> {
+        Ok(())
+    }
+}
+
+fn registry() -> Registry {
+    Registry::new().with(&[PLANE])
+}
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints").join(name)
+}
+
+/// The run of a golden checkpoint.
+fn imported(name: &str, file: &str, kind: Option<&str>, out: &Path) -> Description {
+    let set = match (kind, name) {
+        (_, "dino_wm") => json!({ "encoder.heads": 3, "predictor.heads": 2 }),
+        (Some(_), _) => json!({ "model.encoder.heads": 3 }),
+        _ => json!({}),
+    };
+    let Json::Object(set) = set else { unreachable!("an object") };
+    let vector = vector_of(name);
+    let request = Import {
+        from: golden(name).join(file).display().to_string(),
+        kind: kind.map(str::to_owned),
+        env: Some(PLANE.id.to_owned()),
+        action_mean: Some(vec![0.25, 0.0]),
+        action_std: Some(vec![0.5, 2.0]),
+        proprio_mean: vector.map(|dim| vec![0.125; dim]),
+        proprio_std: vector.map(|dim| vec![0.5; dim]),
+        encoder: (name == "dino_wm").then(|| golden(name).join("backbone.pth")),
+        set,
+        out: out.to_owned(),
+        ..Import::default()
+    };
+    request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Values of the vector that a model observes.
+fn vector_of(name: &str) -> Option<usize> {
+    let expected = weights::read(&golden(name).join("expected.safetensors")).unwrap();
+    let vector = expected.get("proprio").or(expected.get("state"))?;
+    vector.shape.last().copied()
+}
+
+fn export(run: &Path, out: &Path, transformers: Option<usize>) -> Exported {
+    let request = Export { run: run.to_owned(), out: out.to_owned(), transformers, ..Export::default() };
+    request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{}: {error}", run.display()))
+}
+
+fn stored(run: &Path) -> BTreeMap<String, Stored> {
+    weights::read(&RunFolder::open(run).unwrap().weights(0)).unwrap()
+}
+
+/// Costs of some candidates for the golden images.
+fn costs(name: &str, run: &Path) -> Vec<u64> {
+    let model = TrainedModel::open(run, Which::Last, Device::Cpu).unwrap();
+    let expected = weights::read(&golden(name).join("expected.safetensors")).unwrap();
+    let pixels: Vec<u8> = expected["pixels"].values.iter().map(|value| *value as u8).collect();
+    let half = pixels.len() / 2;
+    let side = (half / 3).isqrt();
+    let images =
+        |values| Images { values, rows: 1, steps: 1, height: side, width: side, channels_last: true };
+    let vectors = |values: &'static [f32]| Vectors { values, rows: 1, steps: 1, dim: values.len() };
+    let proprio: &'static [f32] = &[0.5, -1.0, 0.25];
+    let proprio = expected.contains_key("proprio").then(|| vectors(proprio));
+    let mut planner = model.baseline.planner().unwrap();
+    let batch = PlanningBatch {
+        pixels: images(&pixels[..half]),
+        action: Vectors { values: &[], rows: 1, steps: 0, dim: 0 },
+        proprio,
+        goal_pixels: images(&pixels[half..]),
+        goal_proprio: proprio,
+    };
+    planner.prepare(&batch).unwrap();
+    let actions = &expected["candidates"];
+    let [samples, horizon, dim] = actions.shape[..] else { panic!("three axes") };
+    let mut costs = vec![0.0; samples];
+    let candidates = Candidates { actions: &actions.values, episodes: 1, samples, horizon, dim };
+    planner.evaluate(&candidates, &mut costs).unwrap();
+    costs.into_iter().map(f64::to_bits).collect()
+}
+
+#[test]
+fn what_is_exported_is_imported_again() {
+    let cases = [
+        ("lewm_transformers4", "weights.pt", None),
+        ("lewm_trainer", "last.ckpt", None),
+        ("pldm", "weights_epoch_1.pt", None),
+        ("prejepa", "weights.pt", None),
+        ("dino_wm", "checkpoints/model_latest.pth", None),
+        ("gcbc", "weights_epoch_3.pt", None),
+        ("gcivl_policy", "weights_epoch_3.pt", Some("gcivl")),
+        ("hilp_policy", "weights_epoch_3.pt", Some("hilp")),
+        ("tdmpc2_state", "weights_epoch_1.pt", None),
+    ];
+    for (name, file, kind) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |part: &str| folder.path().join(part);
+        let first = imported(name, file, kind, &at("run"));
+        for version in [4, 5] {
+            let out = at(&format!("export-{version}"));
+            let exported = export(&at("run"), &out, Some(version));
+            assert_eq!(exported.transformers.is_some(), name != "tdmpc2_state", "{name}");
+            let again = at(&format!("again-{version}"));
+            // Nothing has to be given: the export's own notes have it.
+            let request = Import { from: out.display().to_string(), out: again.clone(), ..Import::default() };
+            let second = request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!((&second.model, &second.missing), (&first.model, &Vec::new()), "{name}");
+            assert_eq!(
+                (second.image, second.frameskip, &second.env),
+                (first.image, first.frameskip, &first.env)
+            );
+            let (one, mut other) = (stored(&at("run")), stored(&again));
+            other.retain(|name, _| !second.lacks.contains(name));
+            let kept: BTreeMap<_, _> =
+                one.into_iter().filter(|(name, _)| !second.lacks.contains(name)).collect();
+            assert_eq!(kept, other, "{name}");
+            assert!(kept.len() > 20, "{name}");
+            if first.model == "tdmpc2" {
+                let open =
+                    |run: &Path| TrainedAgent::open(run, Which::Last, Map::new(), Device::Cpu).unwrap();
+                let (one, other) = (open(&at("run")).config, open(&again).config);
+                assert_eq!((one.agent, one.interface, one.env), (other.agent, other.interface, other.env));
+                continue;
+            }
+            let open = |run: &Path| TrainedModel::open(run, Which::Last, Device::Cpu).unwrap();
+            let (one, other) = (open(&at("run")), open(&again));
+            assert_eq!(one.config.model_config, other.config.model_config, "{name}");
+            assert_eq!(one.config.data.scales, other.config.data.scales, "{name}");
+            if one.baseline.planner().is_some() {
+                assert_eq!(costs(name, &at("run")), costs(name, &again), "{name}");
+            }
+        }
+    }
+}
+
+/// Names, shapes and kinds of a published file, and those of an export: the reference loads all or none.
+#[test]
+fn files_have_the_tensors_and_settings_that_the_reference_wrote() {
+    for (name, file, kind, version) in [
+        ("lewm_transformers4", "weights.pt", None, 4),
+        ("pldm", "weights_epoch_1.pt", None, 5),
+        ("prejepa", "weights.pt", None, 5),
+        ("gcbc", "weights_epoch_3.pt", None, 5),
+        ("tdmpc2_state", "weights_epoch_1.pt", None, 5),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, out) = (folder.path().join("run"), folder.path().join("out"));
+        imported(name, file, kind, &run);
+        export(&run, &out, Some(version));
+        let theirs = weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
+        let mut ours = weights::contents(&out.join("weights.pt"), Of::Values).unwrap().tensors;
+        assert_eq!(theirs.keys().collect::<Vec<_>>(), ours.keys().collect::<Vec<_>>(), "{name}");
+        for (tensor, value) in &theirs {
+            let own = ours.remove(tensor).unwrap();
+            // What nobody reads is new.
+            let is_idle = tensor.ends_with("num_batches_tracked") || tensor.ends_with("mask_token");
+            let wanted =
+                if is_idle { Stored { values: own.values.clone(), ..value.clone() } } else { value.clone() };
+            assert_eq!(own, wanted, "{name} {tensor}");
+        }
+        let config =
+            |path: PathBuf| -> Json { serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap() };
+        let (theirs, ours) = (config(golden(name).join("config.json")), config(out.join("config.json")));
+        check_within(&theirs, &ours, name);
+    }
+}
+
+/// All that the reference's config says is in ours; ours may say more, as what is a default.
+fn check_within(theirs: &Json, ours: &Json, place: &str) {
+    match theirs {
+        Json::Object(fields) => {
+            fields
+                .iter()
+                .for_each(|(name, value)| check_within(value, &ours[name], &format!("{place}.{name}")));
+        }
+        Json::Number(number) => assert_eq!(number.as_f64(), ours.as_f64(), "{place}"),
+        _ => assert_eq!(theirs, ours, "{place}"),
+    }
+}
+
+#[test]
+fn names_are_those_of_the_imported_checkpoint_where_none_are_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |part: &str| folder.path().join(part);
+    imported("lewm_transformers4", "weights.pt", None, &at("four"));
+    imported("lewm_trainer", "last.ckpt", None, &at("five"));
+    assert_eq!(export(&at("four"), &at("out-four"), None).transformers, Some(4));
+    assert_eq!(export(&at("five"), &at("out-five"), None).transformers, Some(5));
+}
+
+#[test]
+fn the_card_has_metadata_scales_and_hashes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, out) = (folder.path().join("run"), folder.path().join("out"));
+    imported("pldm", "weights_epoch_1.pt", None, &run);
+    let exported = export(&run, &out, None);
+    let card = std::fs::read_to_string(out.join("README.md")).unwrap();
+    let metadata = card.strip_prefix("---\n").unwrap().split_once("\n---\n").unwrap().0;
+    let lines = [
+        "library_name: stable-worldmodel",
+        "tags:",
+        "- world-model",
+        "- pldm",
+        "environment: \"swm/Plane-v0\"",
+    ];
+    assert_eq!(metadata.lines().collect::<Vec<_>>(), lines);
+    for part in
+        ["| `action` | [0.25, 0.0] | [0.5, 2.0] |", &exported.sha256, "`idm` of the training is left out"]
+    {
+        assert!(card.contains(part), "{part}: {card}");
+    }
+    let mut files: Vec<String> = std::fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    files.sort();
+    assert_eq!(files, ["README.md", "config.json", "swm.json", "weights.pt"]);
+}
