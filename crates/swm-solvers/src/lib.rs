@@ -109,6 +109,7 @@ mod space;
 pub mod testing;
 mod trace;
 mod workspace;
+mod world_model;
 
 pub use colored::Normalize;
 pub use context::{ActionMap, ActionScale, HistoryView, PlanningContext};
@@ -137,3 +138,4 @@ pub use trace::{
     Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};
+pub use world_model::{ModelDynamics, WorldModelEntry};

@@ -17,4 +17,5 @@ mod simulator;
 mod solving;
 mod traces;
 mod units;
+mod world_models;
 mod worlds;
