@@ -97,7 +97,7 @@ pub fn world_of(
     }
     let options = WorldOptions::new(num_envs).env(env).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
-    world.set_policy(Registry::new().with(ENVS).policy(policy, &world)?);
+    world.set_policy(Registry::new().with(ENVS).policy(policy, &world)?)?;
     Ok(world)
 }
 

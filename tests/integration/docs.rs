@@ -144,9 +144,6 @@ fn the_code_of_the_chapter_on_plugins_is_that_of_the_plugin() {
             }
         }
     }
-    // The trait whose methods the page states.
-    let dynamics = "crates/swm-solvers/src/models/dynamics.rs";
-    sources += &std::fs::read_to_string(root().join(dynamics)).unwrap();
     let page = std::fs::read_to_string(root().join("docs/plugins.md")).unwrap();
     let blocks: Vec<&str> = page.split("```").skip(1).step_by(2).collect();
     let quoted =

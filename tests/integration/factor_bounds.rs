@@ -20,7 +20,7 @@ fn at_bound(factor: &FactorSpec, upper: bool) -> Value {
 fn run(env: &mut dyn Env, factor: &FactorSpec, upper: bool, episodes: usize) -> Result<(), EnvError> {
     let action_space = env.spec().action.clone();
     let mut action = Column::zeros(action_space.dtype().unwrap_or(Dtype::F32), action_space.dim());
-    let options = ResetOptions::default().vary(&[]).fix(&factor.name, at_bound(factor, upper));
+    let options = ResetOptions::default().vary(["none"]).set(&factor.name, at_bound(factor, upper));
     for index in 0..episodes as u64 {
         env.reset(&Episode::new(EpisodeSeed::of(5, index), &options))?;
         for step in 0..STEPS as u64 {

@@ -24,7 +24,7 @@ pub(crate) fn record(entry: &EnvEntry, images: bool, frame_skip: u32) -> Result<
         .threads(1)
         .checkpoints((!images).then_some(EVERY));
     let mut world = World::new(entry, options)?;
-    world.set_policy(policies::random());
+    world.set_policy(policies::random())?;
     let rollout = Rollout::new(0..2).seed(5);
     let mut buffer = ReplayBuffer::new(1000);
     world.record_dataset(&rollout, &mut buffer)?;

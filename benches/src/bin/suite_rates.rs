@@ -56,11 +56,11 @@ fn resets(seconds: f64) -> Result<Vec<Measurement>> {
             for factor in [None].into_iter().chain(factors.into_iter().map(Some)) {
                 let name = factor.as_deref().unwrap_or("nothing");
                 let images = if side > 0 { "/images" } else { "" };
-                let mut options = ResetOptions::default().vary(&[]);
+                let mut options = ResetOptions::default().vary(["none"]);
                 options.variation.get_or_insert_default().extend(factor.clone());
                 // A switch that is drawn changes nothing half of the time.
                 if name.ends_with("_locked") {
-                    options = ResetOptions::default().vary(&[]).fix(name, Value::scalar(0_i64));
+                    options = ResetOptions::default().vary(["none"]).set(name, Value::scalar(0_i64));
                 }
                 all.push(Measurement::repeat(
                     format!("reset/{}/{name}{images}", short(entry)),
@@ -93,7 +93,7 @@ fn threads(seconds: f64) -> Result<Vec<Measurement>> {
 fn world(entry: &'static EnvEntry, num_envs: usize, threads: usize) -> Result<World> {
     let options = WorldOptions::new(num_envs).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policies::random());
+    world.set_policy(policies::random())?;
     Ok(world)
 }
 

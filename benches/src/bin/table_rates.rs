@@ -47,16 +47,16 @@ fn scenarios() -> [(&'static str, Scenario); 4] {
         ("color", |episode| {
             let color = Value::vector(&[share(episode), 0.5, 0.2]);
             ResetOptions::default()
-                .fix("agent.color", color)
-                .fix("light.intensity", Value::vector(&[share(episode)]))
+                .set("agent.color", color)
+                .set("light.intensity", Value::vector(&[share(episode)]))
         }),
         ("floor", |episode| {
             let colors = [share(episode), 0.1, 0.2, 0.3, 0.4, 0.5];
             let colors = Value { shape: vec![2, 3], ..Value::vector(&colors) };
-            ResetOptions::default().fix("floor.color", colors)
+            ResetOptions::default().set("floor.color", colors)
         }),
         ("size", |episode| {
-            ResetOptions::default().fix("cube.size", Value::vector(&[0.01 + 0.02 * share(episode)]))
+            ResetOptions::default().set("cube.size", Value::vector(&[0.01 + 0.02 * share(episode)]))
         }),
     ]
 }
@@ -68,6 +68,6 @@ fn world_of_one(entry: &'static EnvEntry, side: Option<usize>) -> Result<World> 
         .max_episode_steps(None)
         .threads(1);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policies::random());
+    world.set_policy(policies::random())?;
     Ok(world)
 }

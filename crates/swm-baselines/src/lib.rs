@@ -1,5 +1,20 @@
 //! Baselines: world models and goal-conditioned policies that train on a dataset's clips, and then plan or act.
 //!
+//! ```no_run
+//! use swm_baselines::Device;
+//! use swm_baselines::acting::ModelCost;
+//! use swm_baselines::train::{TrainedModel, Which};
+//! use swm_solvers::{Cem, MpcPolicy, PlanConfig};
+//!
+//! let run = std::path::Path::new("runs/lewm"); // of a training
+//! let cost = ModelCost::new(TrainedModel::open(run, Which::default(), Device::default())?)?;
+//! let (scale, action_block) = (cost.action_scale(), cost.action_block());
+//! let config = PlanConfig { action_block, ..PlanConfig::default() };
+//! // A policy for a world; `Mpc` plans without one.
+//! let policy = MpcPolicy::new(Box::new(Cem::default()), Box::new(cost), config)?.with_scale(scale);
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! Each model is a folder of `models/` and one line in [`BASELINES`]. [`make`] gives one with fresh weights, [`restore`]
 //! one of a stored [`ModelConfig`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
 //! and the files of PyTorch), and gives itself as a [`PlanModel`] or a [`GoalPolicy`]. Everything at this boundary is

@@ -82,6 +82,16 @@ pub enum EnvError {
     /// A field or value is wrong.
     #[error(transparent)]
     Batch(#[from] BatchError),
+    /// Anything else, such as what a renderer or a library meets. [`EnvError::other`] makes it.
+    #[error(transparent)]
+    Other(BoxError),
+}
+
+impl EnvError {
+    /// An error of another type, or a message: `std::fs::read(path).map_err(EnvError::other)?`.
+    pub fn other(error: impl Into<BoxError>) -> Self {
+        Self::Other(error.into())
+    }
 }
 
 /// A policy cannot be made or cannot act.

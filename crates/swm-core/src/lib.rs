@@ -1,10 +1,22 @@
 //! The data model and the one loop of stable-worldmodel.
 //!
+//! ```
+//! use swm_core::testing::TOY;
+//! use swm_core::{Rollout, World, WorldOptions, policies};
+//!
+//! let mut world = World::new(&TOY, WorldOptions::new(4))?; // a small environment, for tests
+//! world.set_policy(policies::random())?;
+//! let evaluation = world.evaluate(&Rollout::new(0..10).seed(42))?; // in parallel; the same episodes on any number of threads
+//! assert_eq!(evaluation.episodes, 10);
+//! # Ok::<(), swm_core::WorldError>(())
+//! ```
+//!
 //! * [`batch`]: typed columns and tables, the one shape that all data has;
 //! * [`space`], [`seed`]: what values may be, and where randomness comes from;
 //! * [`env`](mod@env), [`policy`]: the two traits that a user implements;
 //! * [`policies`]: those that fit every environment;
 //! * [`run`]: which episodes run, and how;
+//! * [`Observations`]: rows that come from elsewhere than a world;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`moments`]: means and stds, and when numbers count as constant;
@@ -22,6 +34,7 @@ pub mod env;
 pub mod error;
 pub mod evaluate;
 pub mod moments;
+mod observations;
 pub mod policies;
 pub mod policy;
 pub mod recorder;
@@ -43,6 +56,7 @@ pub use env::{
 };
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
 pub use evaluate::{EvalOptions, Evaluation, Manifest};
+pub use observations::Observations;
 pub use policy::{Actions, Actor, PerEpisode, Policy, SlotView, View};
 pub use recorder::{LiveStep, Recorder};
 pub use registry::{Entry, EnvEntry, EnvTask, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};

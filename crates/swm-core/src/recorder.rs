@@ -29,7 +29,7 @@ use crate::run::{EpisodeEnd, LiveEpisode, RunInfo};
 /// }
 ///
 /// let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20))?;
-/// world.set_policy(policies::random());
+/// world.set_policy(policies::random())?;
 /// let mut right = Right::default();
 /// world.run(&Rollout::new(0..4).seed(42), &mut right)?;
 /// assert!(right.0 > 0);

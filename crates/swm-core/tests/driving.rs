@@ -69,7 +69,7 @@ fn a_driver_outside_gets_what_a_policy_gets() {
     let rollout = Rollout::new(3..14).seed(5).vary(["point"]);
     let mut expected = Log::default();
     let mut inside = world(4, 2);
-    inside.set_policy(walker());
+    inside.set_policy(walker()).unwrap();
     inside.run(&rollout, &mut expected).unwrap();
     for (num_envs, threads) in [(1, 1), (3, 2), (16, 1)] {
         let mut world = world(num_envs, threads);
@@ -157,14 +157,15 @@ impl Policy for Foreign {
 #[test]
 fn foreign_errors_stay_whole_and_replaced_tables_are_handed_back() {
     let mut world = world(2, 1);
-    assert!(world.set_policy(policies::random()).is_none());
+    assert!(world.set_policy(policies::random()).unwrap().is_none());
     world.reset(1, &ResetOptions::default()).unwrap();
     let (address, schema) =
         (world.infos().get::<f64>("state").unwrap().as_ptr(), world.infos().schema().clone());
     let threads = Arc::default();
-    let replaced = world.set_policy(Foreign(Arc::clone(&threads))).expect("the infos have one more column");
+    let replaced = world.set_policy(Foreign(Arc::clone(&threads))).unwrap();
+    let replaced = replaced.expect("the infos have one more column");
     assert_eq!((replaced.get::<f64>("state").unwrap().as_ptr(), replaced.schema()), (address, &schema));
-    assert!(world.set_policy(Foreign(Arc::clone(&threads))).is_none());
+    assert!(world.set_policy(Foreign(Arc::clone(&threads))).unwrap().is_none());
     for error in [world.step().unwrap_err(), world.evaluate(&Rollout::new(0..3)).unwrap_err()] {
         let foreign = error.foreign().and_then(|error| error.downcast_ref::<Away>());
         assert_eq!(foreign.map(|away| away.0), Some(7));
@@ -236,7 +237,7 @@ fn a_cancelled_run_keeps_what_it_committed() {
     // With several threads, the run goes on while an episode is written, and sees later that it shall stop.
     for (threads, episodes) in [(1, 20), (2, 2000)] {
         let mut world = world(3, threads);
-        world.set_policy(policies::random());
+        world.set_policy(policies::random()).unwrap();
         let mut whole = Committed::default();
         let rollout = Rollout::new(0..episodes).seed(2);
         world.record_dataset(&rollout, &mut whole).unwrap();
@@ -247,7 +248,7 @@ fn a_cancelled_run_keeps_what_it_committed() {
         assert_eq!(part.lengths, whole.lengths[..part.lengths.len()]);
     }
     let mut world = world(3, 2);
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     let rollout = Rollout::new(0..20).seed(2);
     let stopped = Cancel::new();
     stopped.cancel();

@@ -41,10 +41,12 @@ impl Recorder for Ends {
 /// Walks from 0 towards 10 by one per step, for up to 14 steps, and never stops by itself.
 fn walk(rule: &SuccessRule) -> EpisodeEnd {
     let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(14)).expect("the toy runs");
-    world.set_policy(policy::scripted("walk", |_, action| {
-        write_action(action, &[1.0]);
-        Ok(())
-    }));
+    world
+        .set_policy(policy::scripted("walk", |_, action| {
+            write_action(action, &[1.0]);
+            Ok(())
+        }))
+        .unwrap();
     world.set_success(rule).expect("the toy runs");
     let row = |state: f64| Some([("state".to_owned(), Value::vector(&[state]))].into_iter().collect());
     let options = ResetOptions { start: row(0.0), goal: row(10.0), ..ResetOptions::default() };
@@ -82,7 +84,7 @@ fn a_rule_decides_in_place_of_the_environment() {
 fn the_noise_of_a_policy_has_a_seed_of_its_own() {
     let run = |seed: u64, num_envs: usize| {
         let mut world = World::new(&TOY, WorldOptions::new(num_envs).max_episode_steps(5)).unwrap();
-        world.set_policy(policies::random());
+        world.set_policy(policies::random()).unwrap();
         world.set_policy_seed(seed);
         let mut log = Log::default();
         world.run(&Rollout::new(0..6).seed(3), &mut log).unwrap();
@@ -147,7 +149,7 @@ fn images_are_shown_through_a_transform_everywhere() {
         }
     }
     let mut world = World::new(&TOY, WorldOptions::new(3).max_episode_steps(4).image(8, 6)).unwrap();
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     world.set_transform(Some(Arc::new(Stamp)));
     let mut seen = Seen(Vec::new());
     world.run(&Rollout::new(0..5).seed(3), &mut seen).unwrap();

@@ -23,18 +23,20 @@ fn world(num_envs: usize, threads: usize) -> World {
 fn environments_do_not_wait_for_each_other() {
     let newest = Arc::new(AtomicU64::new(0));
     let mut world = world(3, 2);
-    world.set_policy(policy::scripted("the first waits", move |view, action| {
-        newest.fetch_max(view.episode.index, Ordering::Relaxed);
-        let deadline = Instant::now() + Duration::from_secs(60);
-        while view.episode.index == 0 && view.episode.step == 1 && newest.load(Ordering::Relaxed) < 7 {
-            if Instant::now() > deadline {
-                return Err(PolicyError::Cancelled);
+    world
+        .set_policy(policy::scripted("the first waits", move |view, action| {
+            newest.fetch_max(view.episode.index, Ordering::Relaxed);
+            let deadline = Instant::now() + Duration::from_secs(60);
+            while view.episode.index == 0 && view.episode.step == 1 && newest.load(Ordering::Relaxed) < 7 {
+                if Instant::now() > deadline {
+                    return Err(PolicyError::Cancelled);
+                }
+                thread::yield_now();
             }
-            thread::yield_now();
-        }
-        write_action(action, &[0.0]);
-        Ok(())
-    }));
+            write_action(action, &[0.0]);
+            Ok(())
+        }))
+        .unwrap();
     assert_eq!(world.evaluate(&Rollout::new(0..20).seed(1)).unwrap().episodes, 20);
 }
 
@@ -72,15 +74,15 @@ fn fails() -> impl Policy {
 
 #[test]
 fn the_failure_is_the_first_episodes_and_those_before_it_are_committed() {
-    let options = ResetOptions::default().fix("point.gain", swm_core::Value::scalar(0.1));
+    let options = ResetOptions::default().set("point.gain", swm_core::Value::scalar(0.1));
     let rollout = Rollout::new(0..40).seed(3).options(options);
     let mut expected = Lengths::default();
     let mut whole = world(3, 2);
-    whole.set_policy(policies::constant(Vec::new()));
+    whole.set_policy(policies::constant(Vec::new())).unwrap();
     whole.record_dataset(&rollout, &mut expected).unwrap();
     for (num_envs, threads) in [(2, 2), (3, 2), (8, 2), (8, 3)].repeat(20) {
         let mut world = world(num_envs, threads);
-        world.set_policy(fails());
+        world.set_policy(fails()).unwrap();
         let mut lengths = Lengths::default();
         match world.record_dataset(&rollout, &mut lengths) {
             Err(WorldError::Action { episode: 5, step: 7, slot, .. }) => assert!(slot < num_envs),
@@ -103,13 +105,15 @@ impl Actor for Idle {
 fn every_episode_has_one_actor() {
     let made = Arc::new(Mutex::new(Vec::new()));
     let mut world = world(3, 2);
-    world.set_policy(PerEpisode::new("idle", {
-        let made = Arc::clone(&made);
-        move |view: &SlotView<'_>| {
-            made.lock().expect("no thread panicked").push(view.episode.index);
-            Ok(Box::new(Idle) as Box<dyn Actor>)
-        }
-    }));
+    world
+        .set_policy(PerEpisode::new("idle", {
+            let made = Arc::clone(&made);
+            move |view: &SlotView<'_>| {
+                made.lock().expect("no thread panicked").push(view.episode.index);
+                Ok(Box::new(Idle) as Box<dyn Actor>)
+            }
+        }))
+        .unwrap();
     world.evaluate(&Rollout::new(2..9)).unwrap();
     let mut made = made.lock().unwrap().clone();
     made.sort_unstable();
@@ -121,11 +125,11 @@ fn the_world_has_all_its_environments_after_a_run_however_it_ended() {
     let mut world = world(4, 2);
     let rollout = Rollout::new(0..12).seed(3);
     let mut check = |policy: Box<dyn Policy>, ended: &dyn Fn(&mut World)| {
-        world.set_policy(policy);
+        world.set_policy(policy).unwrap();
         ended(&mut world);
         assert_eq!((world.infos().rows(), world.actions().len()), (4, 4));
         world.reset(1, &ResetOptions::default()).unwrap();
-        world.set_policy(policies::random());
+        world.set_policy(policies::random()).unwrap();
         world.step().unwrap();
         assert_eq!(world.infos().get::<i64>("step_idx").unwrap(), [1; 4]);
         assert!((0..4).all(|slot| world.episode(slot).is_some_and(|episode| episode.steps == 1)));

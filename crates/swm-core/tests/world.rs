@@ -47,7 +47,7 @@ fn run(world: &mut World, episodes: std::ops::Range<u64>) -> Log {
 fn a_run_shows_the_named_episodes_whatever_the_number_of_environments() {
     let of = |num_envs| {
         let mut world = world(num_envs, 9);
-        world.set_policy(policies::random());
+        world.set_policy(policies::random()).unwrap();
         run(&mut world, 3..10)
     };
     let one = of(1);
@@ -59,7 +59,7 @@ fn a_run_shows_the_named_episodes_whatever_the_number_of_environments() {
 #[test]
 fn only_the_last_row_of_an_episode_has_no_action() {
     let mut world = world(2, 6);
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     let log = run(&mut world, 0..5);
     for &(index, steps, _) in &log.ends {
         let rows: Vec<_> = log.rows.iter().filter(|row| row.0 == index).collect();
@@ -74,7 +74,7 @@ fn only_the_last_row_of_an_episode_has_no_action() {
 fn a_world_can_be_stepped_by_hand() {
     let mut world = world(2, 100);
     assert!(matches!(world.step().unwrap_err(), WorldError::NoPolicy));
-    world.reset(1, &ResetOptions::default().fix("point.gain", Value::scalar(2.0))).unwrap();
+    world.reset(1, &ResetOptions::default().set("point.gain", Value::scalar(2.0))).unwrap();
     let before = world.infos().get::<f64>("state").unwrap().to_vec();
     world.step_with(Slice::F32(&[1.0, -0.5])).unwrap();
     let after = world.infos().get::<f64>("state").unwrap();
@@ -94,7 +94,7 @@ fn a_step_that_would_step_nothing_is_refused() {
             assert!(message.contains(words) && message.contains("call `reset`"), "{message}");
         }
     };
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     refused(&mut world, "no episode has begun");
     world.reset(1, &ResetOptions::default()).unwrap();
     // One of the two ends first: the other goes on, and it stays as it ended.
@@ -137,14 +137,14 @@ fn an_evaluation_is_indexed_by_episode() {
         Ok(())
     });
     let mut world = world(4, 40);
-    world.set_policy(towards_goal);
+    world.set_policy(towards_goal).unwrap();
     let rollout = Rollout::new(0..25).seed(9);
     let result = world.evaluate(&rollout).unwrap();
     assert_eq!((result.success_rate, result.episodes), (100.0, 25));
     assert!(result.ci95[0] > 80.0 && result.ci95[1] == 100.0, "{:?}", result.ci95);
     assert_eq!(result.seeds.len(), 25);
     assert_eq!(result.setup.policy, "towards the goal");
-    world.set_policy(policies::constant(Vec::new()));
+    world.set_policy(policies::constant(Vec::new())).unwrap();
     let idle = world.evaluate(&rollout).unwrap();
     let at_start = idle.first_success_steps.iter().filter(|step| **step == Some(0)).count();
     assert_eq!(idle.episode_successes.iter().filter(|success| **success).count(), at_start);
@@ -186,7 +186,7 @@ fn a_policy_adds_fields_of_its_own() {
     let options = ResetOptions { start: place(0.0), goal: place(9.0), ..ResetOptions::default() };
     world.reset(1, &options).unwrap();
     let state = world.infos().get::<f64>("state").unwrap().to_vec();
-    world.set_policy(Talks { field: "steps.so_far" });
+    world.set_policy(Talks { field: "steps.so_far" }).unwrap();
     assert_eq!(world.infos().get::<f64>("state").unwrap(), state, "attaching a policy changes no value");
 
     struct Said(Vec<(u64, f64, Vec<i64>)>);
@@ -212,7 +212,7 @@ fn a_policy_adds_fields_of_its_own() {
             assert!(so_far.is_nan() && twice == [-1, -1], "step {step}: {so_far} {twice:?}");
         }
     }
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     assert!(world.infos().schema().index("steps.so_far").is_none(), "the fields go with the policy");
     world.run(&rollout, &mut ()).unwrap();
 }
@@ -220,10 +220,13 @@ fn a_policy_adds_fields_of_its_own() {
 #[test]
 fn a_policy_cannot_take_the_name_of_another_field() {
     let mut world = world(1, 4);
-    world.set_policy(Talks { field: "state" });
-    world.reset(1, &ResetOptions::default()).unwrap();
-    let message = world.step().unwrap_err().to_string();
+    let message = world.set_policy(Talks { field: "state" }).unwrap_err().to_string();
     assert!(message.contains("talks") && message.contains("`state`"), "{message}");
-    world.set_policy(Talks { field: "steps.so_far" });
+    world.reset(1, &ResetOptions::default()).unwrap();
+    assert!(matches!(world.step(), Err(WorldError::NoPolicy)), "it was not attached");
+    world.set_policy(policies::random()).unwrap();
+    world.set_policy(Talks { field: "state" }).unwrap_err();
+    world.step().expect("the policy before it stays");
+    world.set_policy(Talks { field: "steps.so_far" }).unwrap();
     world.step().unwrap();
 }

@@ -30,7 +30,7 @@ const NAME: &str = "replay buffer";
 /// use swm_data::{ClipOptions, ReplayBuffer, Sampler};
 ///
 /// let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(20))?;
-/// world.set_policy(policies::random());
+/// world.set_policy(policies::random())?;
 /// let mut buffer = ReplayBuffer::new(1000); // rows
 /// let rollout = Rollout::new(0..8);
 /// world.record_dataset(&rollout, &mut buffer)?;

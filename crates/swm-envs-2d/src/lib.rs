@@ -1,5 +1,17 @@
 //! Two-dimensional environments.
 //!
+//! ```
+//! use swm_core::{Registry, Rollout, World, WorldOptions};
+//! use swm_envs_2d::pusht::PUSHT;
+//!
+//! let mut world = World::new(&PUSHT, WorldOptions::new(2).image(64, 64).max_episode_steps(20))?;
+//! world.set_policy(Registry::new().policy("weak", &world)?)?; // a policy of this environment, by its name
+//! let evaluation = world.evaluate(&Rollout::new(0..4).seed(42).vary(["+block.color"]))?;
+//! assert_eq!(evaluation.episode_lengths.len(), 4);
+//! assert_eq!(world.infos().get::<u8>("pixels")?.len(), 2 * 64 * 64 * 3); // [N, H, W, 3]
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! Each environment is one module and one line in [`ENVS`]. It brings its physics, its rendering, its factors of
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 

@@ -1,5 +1,17 @@
 //! Three-dimensional environments on rapier3d, parry3d and nalgebra.
 //!
+//! ```
+//! use swm_core::{ResetOptions, World, WorldOptions, policies};
+//! use swm_envs_3d::table_push::TABLE_PUSH;
+//!
+//! let mut world = World::new(&TABLE_PUSH, WorldOptions::new(2))?;
+//! world.set_policy(policies::random())?;
+//! world.reset(42, &ResetOptions::default().vary(["all"]))?;
+//! world.step()?;
+//! assert_eq!(world.infos().rows(), 2);
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! Each environment is one module and one line in [`ENVS`]. They need neither MuJoCo nor any asset: rendering comes from
 //! the 3D scenes of `swm-render`. No solver, dataset or model is known here.
 

@@ -1,6 +1,18 @@
 //! Environments on MuJoCo: the DeepMind Control Suite, OGBench's manipulation environments and mazes, Fetch, and
 //! Meta-World.
 //!
+//! ```no_run
+//! use swm_core::{Registry, Rollout, World, WorldOptions};
+//! use swm_envs_mujoco::PENDULUM;
+//!
+//! // Loads MuJoCo and the model, which `cargo xtask setup` puts there.
+//! let mut world = World::new(&PENDULUM, WorldOptions::new(4).max_episode_steps(200))?;
+//! world.set_policy(Registry::new().policy("expert", &world)?)?;
+//! let evaluation = world.evaluate(&Rollout::new(0..8).seed(42))?;
+//! println!("returns {:?}", evaluation.episode_returns);
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! * [`ffi`]: the C library, loaded at run time, behind safe owners;
 //! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
 //! * [`suite`]: what all domains share;

@@ -32,7 +32,7 @@ fn every_one_solves_its_task() {
         let settings = task.map(|task| ("task".to_owned(), json!(task))).into_iter().collect();
         let options = WorldOptions::new(3).env(EnvConfig { image: None, settings }).max_episode_steps(500);
         let mut world = World::new(entry, options).expect("it is made");
-        world.set_policy(Registry::new().policy("learned-expert", &world).expect("it has one"));
+        world.set_policy(Registry::new().policy("learned-expert", &world).expect("it has one")).unwrap();
         let evaluation = world.evaluate(&Rollout::new(0..3).seed(77)).expect("it runs");
         let returns = &evaluation.episode_returns;
         let mean = returns.iter().sum::<f64>() / returns.len() as f64;

@@ -149,7 +149,7 @@ fn evaluate(
     (seed, options): (u64, ResetOptions),
 ) -> Evaluation {
     let mut world = World::new(entry, WorldOptions::new(2).max_episode_steps(350)).expect("it was set up");
-    world.set_policy(Registry::new().policy(policy, &world).expect("one"));
+    world.set_policy(Registry::new().policy(policy, &world).expect("one")).unwrap();
     let rollout = Rollout::new(0..episodes).seed(seed).options(options);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     let slowest = evaluation.first_success_steps.iter().max();
@@ -180,7 +180,7 @@ fn experts_hold_at_the_ends_of_every_factor_that_physics_feel() {
         {
             let (low, high) = factor.space.bounds();
             for end in [low, high] {
-                let values = ResetOptions::default().fix(&factor.name, Value::vector(&end));
+                let values = ResetOptions::default().set(&factor.name, Value::vector(&end));
                 let rate = evaluate(entry, "expert", 10, (3, values)).success_rate;
                 if rate < 90.0 {
                     failures.push(format!("{} {} = {end:?}: {rate} %", entry.id, factor.name));

@@ -32,7 +32,7 @@ fn evaluate_for(
     let config = config(settings);
     let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("a world");
-    world.set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments"));
+    world.set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments")).unwrap();
     let rollout = Rollout::new(0..episodes).seed(7);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
@@ -255,7 +255,7 @@ fn a_start_of_another_task_is_refused() {
 #[test]
 fn sizes_are_carried_through_to_heights_masses_and_goals() {
     let mut bench = Bench::new(&OGB_CUBE, &json!({}));
-    let large = ResetOptions::default().fix("cube.size", Value::vector(&[0.03]));
+    let large = ResetOptions::default().set("cube.size", Value::vector(&[0.03]));
     bench.reset(1, &large);
     assert_eq!(bench.values("privileged.block_0_pos")[2], 0.03);
     assert_eq!(bench.values("privileged.target_block_pos")[2], 0.03);
@@ -276,8 +276,8 @@ fn a_new_target_follows_one_that_is_reached_and_let_go() {
         // The cube starts where it belongs.
         let place = Value { shape: vec![1, 2], ..Value::vector(&[0.4, 0.1]) };
         let options = ResetOptions::default()
-            .fix("cube.start_position", place.clone())
-            .fix("cube.goal_position", place);
+            .set("cube.start_position", place.clone())
+            .set("cube.goal_position", place);
         assert_eq!(bench.reset(2, &options).success, Some(true));
         for _ in 0..3 {
             bench.step([0.0, 0.0, 0.5, 0.0, -1.0]);

@@ -40,7 +40,7 @@ fn start_columns(env: &dyn Env, row: &Batch) -> BTreeMap<String, Value> {
 }
 
 fn fixed(name: &str, value: Value) -> ResetOptions {
-    ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() }.fix(name, value)
+    ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() }.set(name, value)
 }
 
 #[test]

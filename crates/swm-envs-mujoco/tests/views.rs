@@ -83,7 +83,7 @@ fn tables_have_the_same_columns() {
     let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("images").to_vec();
     // All cameras show another floor, and the goal does.
     let floor = Value { shape: vec![2, 3], ..Value::vector(&[0.9, 0.1, 0.1, 0.1, 0.1, 0.9]) };
-    let options = ResetOptions::default().fix("floor.color", floor);
+    let options = ResetOptions::default().set("floor.color", floor);
     for entry in [&OGB_CUBE, &OGB_SCENE] {
         let row = |settings| row_of(entry, settings, &options);
         let all = row(json!({"cameras": "side_pixels", "depth": true, "segmentation": true}));

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::env::Episode;
 use swm_core::env::{nearest_factor, selects};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::{BatchError, EnvError, RowsMut, Slice, Value};
+use swm_core::{BatchError, Column, EnvError, RowsMut, Slice, Value};
 use thiserror::Error;
 
 use crate::factor::{Constraint, FovSpace};
@@ -61,6 +61,12 @@ pub enum FovError {
         /// Names and values of the factors that the rule reads.
         involved: String,
     },
+}
+
+impl From<FovError> for EnvError {
+    fn from(error: FovError) -> Self {
+        Self::other(error)
+    }
 }
 
 /// One assignment of values to all factors: the scenario of an episode.
@@ -208,9 +214,26 @@ impl FovSpace {
     pub(crate) fn fit(&self, index: usize, value: &Value) -> Result<Value, FovError> {
         let factor = &self.factors[index];
         let (name, default) = (&factor.spec.name, &factor.default);
-        let value = value.cast(name, default.data.dtype(), &default.shape)?;
+        let choice = match &value.data {
+            Column::Str(texts) => Some(self.choice(index, &texts.join(","))?),
+            _ => None,
+        };
+        let value = choice.as_ref().unwrap_or(value).cast(name, default.data.dtype(), &default.shape)?;
         factor.spec.space.check(name, value.data.as_slice())?;
         Ok(value)
+    }
+
+    /// The value of a choice by its name.
+    fn choice(&self, index: usize, text: &str) -> Result<Value, FovError> {
+        let spec = &self.factors[index].spec;
+        spec.choice(text).map(Value::scalar).ok_or_else(|| {
+            let expected = match spec.choices.as_slice() {
+                [] => "numbers".to_owned(),
+                choices => format!("a number or one of {}", choices.join(", ")),
+            };
+            let (name, found) = (spec.name.clone(), format!("`{text}`"));
+            BatchError::WrongValue { name, expected, found }.into()
+        })
     }
 }
 

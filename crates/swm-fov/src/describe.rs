@@ -6,21 +6,37 @@ use swm_core::FactorSpec;
 
 use crate::factor::FovSpace;
 
-/// A Markdown table of factors: name, kind, bounds, default, what it does.
+/// A Markdown table of factors: name, kind, bounds, default, what it does. Names of choices follow what a factor does, unless its
+/// description has them.
 pub fn markdown(factors: &[FactorSpec]) -> String {
     let mut table =
         String::from("| factor | kind | bounds | default | what it does |\n|---|---|---|---|---|\n");
     for factor in factors {
         let FactorSpec { name, default, .. } = factor;
-        let doc = match &factor.constraint {
-            Some(words) => format!("{}; must be {words}", factor.doc),
-            None => factor.doc.clone(),
-        };
+        let mut doc = factor.doc.clone();
+        if !factor.choices.iter().all(|choice| mentions(&doc, choice)) {
+            let name = |at: i64| factor.choice_name(at).map(|name| format!("{at} {name}"));
+            let first = factor.space.bounds().0.first().map_or(0, |&first| first as i64);
+            let names: Vec<String> = (first..).map_while(name).collect();
+            doc += &format!(": {}", names.join(", "));
+        }
+        if let Some(words) = &factor.constraint {
+            doc += &format!("; must be {words}");
+        }
         let sampled = if factor.sampled_by_default { " (sampled by default)" } else { "" };
         table +=
             &format!("| `{name}` | {} | {} | {default} | {doc}{sampled} |\n", kind(factor), bounds(factor));
     }
     table
+}
+
+/// Whether `text` has `name` as words of its own.
+fn mentions(text: &str, name: &str) -> bool {
+    let is_apart = |at: usize| {
+        let (before, behind) = (text[..at].chars().next_back(), text[at + name.len()..].chars().next());
+        ![before, behind].into_iter().flatten().any(char::is_alphanumeric)
+    };
+    text.match_indices(name).any(|(at, _)| is_apart(at))
 }
 
 /// A tree by groups.

@@ -93,7 +93,8 @@ impl Factor {
     }
 }
 
-/// A rule between factors. It belongs to one of them, its owner: when the rule fails, the owner is sampled again.
+/// A rule between factors. It belongs to one of them, its owner: where the owner is sampled, it is sampled until the rule holds, up to
+/// 1,000 times. An owner that is set, or keeps its default, is never changed: a reset whose values break a rule is refused.
 #[derive(Clone, Debug)]
 pub struct Constraint {
     /// The factor that is sampled again.

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use swm_core::env::Episode;
-use swm_core::{EpisodeSeed, ResetOptions, Value};
+use swm_core::{EnvError, EpisodeSeed, ResetOptions, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 fn space() -> FovSpace {
@@ -41,7 +41,7 @@ fn groups_and_all_select_what_lies_below() {
 fn default_and_ends_of_names_select_across_groups() {
     let touched = |asked: &[&str]| {
         let fov =
-            sample(3, &ResetOptions::default().vary(asked).fix("goal.position", Value::vector(&[9.0, 8.0])))?;
+            sample(3, &ResetOptions::default().vary(asked).set("goal.position", Value::vector(&[9.0, 8.0])))?;
         Ok::<_, String>(["wall.color", "agent.position", "door.number"].map(|name| fov.touched(name)))
     };
     assert_eq!(touched(&["*.color"]).unwrap(), [true, false, false]);
@@ -65,13 +65,13 @@ fn without_a_list_the_default_list_is_sampled() {
 fn messages_name_the_factor_and_the_fix() {
     let message = sample(0, &ResetOptions::default().vary(&["agent.positon"])).unwrap_err();
     assert!(message.contains("did you mean `agent.position`?"), "{message}");
-    let message =
-        sample(0, &ResetOptions::default().vary(&[]).fix("door.number", Value::scalar(9i64))).unwrap_err();
+    let message = sample(0, &ResetOptions::default().vary(["none"]).set("door.number", Value::scalar(9i64)))
+        .unwrap_err();
     assert!(message.contains("`door.number` must be between 1 and 3, found 9"), "{message}");
-    let message =
-        sample(0, &ResetOptions::default().vary(&[]).fix("wall.color", Value::scalar(9i64))).unwrap_err();
+    let message = sample(0, &ResetOptions::default().vary(["none"]).set("wall.color", Value::scalar(9i64)))
+        .unwrap_err();
     assert!(message.contains("`wall.color` must be uint8 [3], found 1 value(s)"), "{message}");
-    let both_left = ResetOptions::default().vary(&[]).fix("goal.position", Value::vector(&[1.0, 1.0]));
+    let both_left = ResetOptions::default().vary(["none"]).set("goal.position", Value::vector(&[1.0, 1.0]));
     let message = sample(0, &both_left).unwrap_err();
     assert!(
         message.contains("other side of x = 5") && message.contains("agent.position = [2.0,2.0]"),
@@ -114,4 +114,48 @@ proptest! {
         let saved = serde_json::from_str(&serde_json::to_string(&fov.save()).unwrap()).unwrap();
         prop_assert_eq!(space().recall(&saved).unwrap(), fov);
     }
+}
+
+#[test]
+fn none_and_added_names_select_as_in_the_command() {
+    let touched = |names: &[&str]| {
+        let options = ResetOptions::default().vary(names);
+        (0..9)
+            .find_map(|seed| sample(seed, &options).ok())
+            .map(|fov| ["wall.color", "agent.position", "door.number"].map(|name| fov.touched(name)))
+    };
+    assert_eq!(touched(&["none"]), Some([false; 3]));
+    assert_eq!(touched(&["+door.number"]), Some([false, true, true]));
+    let refused = sample(0, &ResetOptions::default().vary(["none", "wall.color"])).unwrap_err();
+    assert!(refused.contains("unknown factor `none`"), "{refused}");
+}
+
+#[test]
+fn choices_are_set_by_name_and_named_in_tables() {
+    let space = FovSpace::new(vec![
+        Factor::integer("block.shape", 1, 3, 2).choices(&["L", "small T", "Z"]).doc("shape of the bLock"),
+        Factor::integer("wall.axis", 0, 1, 1).choices(&["flat", "tall"]).doc("0: flat; 1: tall"),
+    ]);
+    let set = |value: Value| {
+        let options = ResetOptions::default().vary(["none"]).set("block.shape", value);
+        let fov = space.sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(1), &options));
+        fov.map(|fov| fov.i64("block.shape")).map_err(|error| error.to_string())
+    };
+    assert_eq!((set("small-t".into()), set("Z".into()), set(1.into())), (Ok(2), Ok(3), Ok(1)));
+    let refused = set("X".into()).unwrap_err();
+    assert!(refused.contains("a number or one of L, small T, Z, found `X`"), "{refused}");
+    let table = swm_fov::markdown(&space.specs());
+    assert!(table.contains("| shape of the bLock: 1 L, 2 small T, 3 Z |"), "{table}");
+    assert!(table.contains("| 0: flat; 1: tall |"), "{table}");
+}
+
+#[test]
+fn errors_of_factors_are_errors_of_environments() {
+    let recall =
+        || -> Result<Fov, EnvError> { Ok(space().recall(&FovSpace::new(vec![]).defaults().save())?) };
+    let error = recall().unwrap_err();
+    assert!(
+        matches!(error, EnvError::Other(_)) && error.to_string().contains("the saved factors"),
+        "{error}"
+    );
 }

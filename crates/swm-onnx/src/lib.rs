@@ -1,6 +1,22 @@
 //! World models exported to ONNX as costs of plans: `--policy onnx:DIR`. ONNX Runtime is loaded at run time, from the
 //! Python package `onnxruntime` or a path; the build does not need it.
 //!
+//! ```no_run
+//! use swm_core::{Dtype, Space};
+//! use swm_onnx::OnnxCost;
+//! use swm_solvers::{Cem, Mpc, PlanConfig};
+//!
+//! let mut cost = OnnxCost::load("my-model".as_ref())?;
+//! let action_block = cost.settings().action_block;
+//! let config = PlanConfig { action_block, receding_horizon: 1, ..PlanConfig::default() };
+//! let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
+//! let mut mpc = Mpc::new(Box::new(Cem { clip: true, ..Cem::default() }), config, action)?;
+//! # let observation = swm_core::Batch::new(Default::default(), 1);
+//! // One row with the fields that the model encodes: `pixels`, `goal`.
+//! let first = mpc.next(&mut cost, &observation)?;
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! DIR holds what `docs/onnx.md` asks for, and what the Python package's `stable_worldmodel_rs.export` writes:
 //!
 //! | file | inputs | outputs |

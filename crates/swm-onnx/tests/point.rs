@@ -32,7 +32,7 @@ fn costs_and_gradients_are_those_of_pytorch() {
     let (probe, heard) = Probe::new(plans, 2);
     let cost = Box::new(OnnxCost::load(&folder()).unwrap());
     let mut world = world(1);
-    world.set_policy(MpcPolicy::new(Box::new(probe), cost, PlanConfig::default()).unwrap());
+    world.set_policy(MpcPolicy::new(Box::new(probe), cost, PlanConfig::default()).unwrap()).unwrap();
     let rollout = Rollout::new(0..1).seed(1);
     world.evaluate(&rollout).unwrap();
     let heard = heard.lock().unwrap();
@@ -52,7 +52,7 @@ fn plans_on_an_exported_model_lead_to_the_goal() {
     let run = |settings: &str, num_envs| {
         let text = format!("onnx:{},{settings}", folder().display());
         let mut world = world(num_envs);
-        world.set_policy(Registry::new().with(POLICIES).policy(&text, &world).unwrap());
+        world.set_policy(Registry::new().with(POLICIES).policy(&text, &world).unwrap()).unwrap();
         let rollout = Rollout::new(0..3).seed(1);
         world.evaluate(&rollout).unwrap()
     };
@@ -79,7 +79,7 @@ fn what_does_not_fit_is_said() {
     assert!(fails(&format!("onnx:{},action_block=3", folder().display())).contains("blocks of 5"));
     let text = format!("onnx:{},horizon=2,receding_horizon=2", folder().display());
     let mut world = world(1);
-    world.set_policy(registry.policy(&text, &world).unwrap());
+    world.set_policy(registry.policy(&text, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..1).seed(1);
     let mut error: &dyn std::error::Error = &world.evaluate(&rollout).unwrap_err();
     let mut text = error.to_string();

@@ -197,11 +197,11 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
         }
         match key.as_str() {
             "variation" => {
-                let names = match given.extract::<String>() {
+                let names: Vec<String> = match given.extract::<String>() {
                     Ok(name) => vec![name],
                     Err(_) => given.try_iter()?.map(|name| name?.extract()).collect::<PyResult<_>>()?,
                 };
-                options.variation = Some(names);
+                options = options.vary(&names);
             }
             "variation_values" => options.variation_values = factors(spec, &given)?,
             "start" => options.start.get_or_insert_default().extend(values(&key, &given)?),

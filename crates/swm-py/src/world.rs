@@ -327,7 +327,7 @@ impl PyWorld {
                 Some(text) => registry().policy(text, &*world).or_raise()?,
                 None => Box::new(Foreign(foreign.unwrap_or_else(|| "policy".to_owned()))),
             };
-            let replaced = world.set_policy(policy);
+            let replaced = world.set_policy(policy).or_raise()?;
             Ok::<_, PyErr>((replaced, world.policy_description().unwrap_or_default()))
         })?;
         replaced.map_or(Ok(()), |infos| self.retire(py, infos))?;
@@ -366,7 +366,7 @@ impl PyWorld {
         let Some(mut world) = core.world.take() else { return Ok(()) };
         drop(core);
         // The infos are handed out where they are replaced, and a policy with a field of its own replaces them.
-        if let Some(infos) = world.set_policy(Farewell) {
+        if let Some(infos) = world.set_policy(Farewell).or_raise()? {
             self.retire(py, infos)?;
         }
         py.detach(|| drop(world));

@@ -64,6 +64,13 @@ pub enum RenderError {
     },
 }
 
+#[cfg(feature = "env")]
+impl From<RenderError> for swm_core::EnvError {
+    fn from(error: RenderError) -> Self {
+        Self::other(error)
+    }
+}
+
 /// Largest side of any image that the crate makes.
 pub(crate) const MAX_SIDE: usize = 4096;
 
@@ -86,4 +93,16 @@ pub(crate) fn check_len(
         return Ok(());
     }
     Err(RenderError::Length { what, actual, height, width, expected })
+}
+
+#[cfg(all(test, feature = "env"))]
+mod tests {
+    use swm_core::EnvError;
+
+    #[test]
+    fn an_environment_passes_it_on() {
+        let make = || -> Result<(), EnvError> { Ok(super::check_size("the image", 0, 4)?) };
+        let error = make().unwrap_err();
+        assert!(matches!(error, EnvError::Other(_)) && error.to_string().contains("0 x 4 px"), "{error}");
+    }
 }

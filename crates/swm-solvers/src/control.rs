@@ -85,8 +85,8 @@ pub trait ControlModel: Send + Sync {
         let _ = (episode, action, next, values);
     }
 
-    /// Adds the derivatives of Σ weight × constraint to `by_next`, `[W]`, and `by_action`, `[A]`. Required if
-    /// there are constraints.
+    /// Adds the derivatives of Σ weight × constraint to `by_next`, `[W]`, and `by_action`, `[A]`. A model that returns `false`
+    /// adds nothing.
     fn add_constraint_derivatives(
         &self,
         episode: usize,
@@ -95,7 +95,8 @@ pub trait ControlModel: Send + Sync {
         weights: &[f64],
         by_next: &mut [f64],
         by_action: &mut [f64],
-    ) {
+    ) -> bool {
         let _ = (episode, action, next, weights, by_next, by_action);
+        false
     }
 }

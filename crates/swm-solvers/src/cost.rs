@@ -13,13 +13,16 @@ use crate::problem::Candidates;
 /// The cost of a candidate depends on its episode and its own actions only, never on other candidates, on
 /// earlier calls or on threads: this keeps plans independent of how many are made together.
 pub trait Cost: Send {
-    /// Once per plan: reads where all candidates start. Encode observations and goals here.
-    /// [`crate::MpcPolicy`] calls it; a solver that is called directly works on what was prepared last.
+    /// Once per plan: reads where all candidates start. Encode observations and goals here; by default it reads nothing.
+    /// [`crate::MpcPolicy`] and [`crate::Mpc`] call it; a solver that is called directly works on what was prepared last.
     ///
     /// # Errors
     ///
     /// The context lacks a column that the cost needs, or its model fails.
-    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError>;
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        let _ = context;
+        Ok(())
+    }
 
     /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Episode `b` is environment `b` of
     /// the prepared context. A cost that is not finite marks a candidate as unusable: solvers treat it as
@@ -55,7 +58,7 @@ pub trait Cost: Send {
         None
     }
 
-    /// The step fields that [`PlanningContext::history`] holds; read once, when the policy is made.
+    /// The step fields that [`PlanningContext::history`] holds; read before the first plan.
     fn history_fields(&self) -> Vec<String> {
         Vec::new()
     }

@@ -1,7 +1,7 @@
 //! What can go wrong when planning.
 
 use swm_core::settings::WrongSetting;
-use swm_core::{BoxError, EnvError, PolicyError};
+use swm_core::{BatchError, BoxError, EnvError, PolicyError};
 use thiserror::Error;
 
 /// A plan cannot be made.
@@ -83,12 +83,23 @@ pub enum PlanError {
         /// The environment that asks for an action.
         world: String,
     },
+    /// Planning on the true simulator where there is none.
+    #[error(
+        "the planner simulates `{planner}`, and these observations come from elsewhere than its environment; plan on a model"
+    )]
+    NoSimulator {
+        /// The environment that the planner simulates.
+        planner: String,
+    },
     /// The run was asked to stop.
     #[error("cancelled")]
     Cancelled,
     /// An environment failed while it was simulated.
     #[error(transparent)]
     Env(#[from] EnvError),
+    /// An observation has other columns than the cost reads.
+    #[error(transparent)]
+    Batch(#[from] BatchError),
     /// A cost failed in its own way: a model that cannot run.
     #[error("the cost of a plan cannot be computed: {0}")]
     Cost(BoxError),
@@ -121,6 +132,7 @@ impl From<PlanError> for PolicyError {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::Env(error) => PolicyError::Env(error),
+            PlanError::Batch(error) => PolicyError::Batch(error),
             PlanError::Cancelled => PolicyError::Cancelled,
             error => PolicyError::Other(Box::new(error)),
         }

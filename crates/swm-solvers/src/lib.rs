@@ -1,18 +1,50 @@
 //! Planning: choose actions by predicting their outcome with a model.
 //!
+//! ```
+//! use swm_core::{Dtype, Space};
+//! use swm_solvers::models::{ControlCost, ControlModel, Stage};
+//! use swm_solvers::{Cem, Mpc, PlanConfig};
+//!
+//! struct Cart([f64; 2]); // position and velocity, as measured
+//!
+//! impl ControlModel for Cart {
+//!     fn state_dim(&self) -> usize { 2 }
+//!     fn action_dim(&self) -> usize { 1 }
+//!     fn start(&self, _: usize, state: &mut [f64]) { state.copy_from_slice(&self.0) }
+//!     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
+//!         next[1] = at.state[1] + 0.1 * at.action[0];
+//!         next[0] = at.state[0] + 0.1 * next[1];
+//!     }
+//!     fn cost(&self, at: &Stage<'_>) -> f64 { (at.state[0] - 1.0).powi(2) + 0.1 * at.state[1].powi(2) }
+//! }
+//!
+//! let solver = Cem { samples: 64, iterations: 5, elites: 8, clip: true, ..Cem::default() };
+//! let config = PlanConfig { horizon: 20, receding_horizon: 1, action_block: 1, ..PlanConfig::default() };
+//! let mut mpc = Mpc::new(Box::new(solver), config, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0))?;
+//! let mut cost = ControlCost::new(Cart([0.0, 0.0]));
+//! for _ in 0..60 {
+//!     let velocity = cost.model.0[1] + 0.1 * f64::from(mpc.next(&mut cost, None)?[0]);
+//!     cost.model.0 = [cost.model.0[0] + 0.1 * velocity, velocity]; // on a robot: act, then measure
+//! }
+//! assert!((cost.model.0[0] - 1.0).abs() < 0.1);
+//! # Ok::<(), swm_solvers::PlanError>(())
+//! ```
+//!
 //! Three parts, which exchange plain slices (no tensors, no environment crates):
 //!
 //! * a [`Cost`] rates candidate plans: a learned model or an analytic problem ([`models`] puts them
 //!   together), or the true simulator ([`SimulatorCost`]);
 //! * a [`Solver`] searches for the cheapest plan: configuration data with a pure `solve` ([`SOLVERS`] lists
 //!   them; a new one is one file in `solvers/` and one line in that table);
-//! * [`MpcPolicy`] executes plans: it plans, acts for some steps, and plans again.
+//! * [`Mpc`] and, in a `World`, [`MpcPolicy`] execute plans: they plan, act for some steps, and plan again.
 //!
 //! [`PLANNERS`] joins the three into policies for any environment: `cem:samples=300,horizon=10`.
 //!
 //! A plan is `[H, D]`: H blocks of D = k × A values, which are k consecutive actions of A values each, in the
 //! order in which they are executed; integers are one-hot. [`Trace`] observes a solver. Noise is keyed by (episode seed,
 //! plan, iteration, sample), so the plan of an episode has the same bits alone or among many, on one thread or several.
+//!
+//! A cost of one's own and a solver that is called directly:
 //!
 //! ```
 //! use swm_core::{Dtype, EpisodeSeed, Space};
@@ -77,6 +109,7 @@ mod space;
 pub mod testing;
 mod trace;
 mod workspace;
+mod world_model;
 
 pub use colored::Normalize;
 pub use context::{ActionMap, ActionScale, HistoryView, PlanningContext};
@@ -86,7 +119,7 @@ pub use entry::{MakeSolver, SolverEntry};
 pub use error::PlanError;
 pub use executed::AsExecuted;
 pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
-pub use mpc::{MpcPolicy, PlanConfig, Report, planner_of};
+pub use mpc::{Mpc, MpcPolicy, PlanConfig, Report, planner_of};
 pub use planners::{EXPERT, PLANNERS};
 pub use problem::{Candidates, Plan, PlanKey, Problem};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
@@ -105,3 +138,4 @@ pub use trace::{
     Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};
+pub use world_model::{ModelDynamics, WorldModelEntry};

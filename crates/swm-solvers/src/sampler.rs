@@ -14,7 +14,7 @@ use crate::sampling::{Noise, cheapest, count_non_finite, fill_normal};
 use crate::settings::Validate;
 use crate::solver::SolverConfig;
 use crate::trace::{Iteration, Trace};
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, is_past};
 
 /// What differs between sampling solvers. Episodes do not interact: all methods get one at a time, on any thread.
 pub(crate) trait Sampler: Validate + Send + Sync + 'static {
@@ -167,6 +167,7 @@ fn run<S: Sampler>(
 ) -> Result<(), PlanError> {
     let bounds = sampler.bounds(problem.action)?;
     let search = sampler.search();
+    let deadline = workspace.deadline;
     problem.check_samples(search.samples)?;
     sampler.check_problem(problem)?;
     let (count, size) = (problem.keys.len(), problem.plan_size());
@@ -185,7 +186,6 @@ fn run<S: Sampler>(
     fill_bounds(bounds, search.clip, low, high);
     best_costs.fill(f64::INFINITY);
     plan.begin(problem, search.sigma);
-    plan.iterations.fill(search.iterations as u32);
     trace.begin(<S as Sampler>::NAME, problem);
     let Plan { actions, std, elite_mean_last, non_finite, memory, .. } = plan;
     let mut episodes = Episodes { problem, means: actions, stds: std, sizes, floats, doubles, stack };
@@ -194,6 +194,7 @@ fn run<S: Sampler>(
         clamp(episode.mean, low, high);
         sampler.begin(&mut episode);
     });
+    let mut made = 0;
     for iteration in 0..search.iterations {
         let samples = sampler.samples_in(iteration);
         let candidates = &mut candidates[..count * samples * size];
@@ -226,9 +227,14 @@ fn run<S: Sampler>(
         let candidates = problem.candidates(candidates, samples);
         let done = Iteration::new(iteration, problem.keys, candidates, costs);
         trace.iteration(&done.with_distribution(search.elites, episodes.means, episodes.stds));
+        made = iteration + 1;
+        if is_past(deadline) {
+            break;
+        }
     }
 
-    let ended = episodes.at(search.iterations as u32).zip(memory);
+    plan.iterations.fill(made as u32);
+    let ended = episodes.at(made as u32).zip(memory);
     ended.for_each(|(mut episode, memory)| {
         sampler.end(&mut episode, memory);
         clamp(episode.mean, low, high);

@@ -1,10 +1,15 @@
-//! Buffers that solvers reuse. They hold no state: what a solver keeps from plan to plan is in its problem.
+//! What a solve may use: buffers that solvers reuse, and time. Neither holds state: what a solver keeps from plan to plan is
+//! in its problem.
 
 use std::mem::MaybeUninit;
+use std::time::Instant;
 
-/// Buffers for any solver. The first solve of a size allocates, later ones do not.
+/// Buffers for any solver, and the time that it may take. The first solve of a size allocates, later ones do not.
 #[derive(Debug, Default)]
 pub struct Workspace {
+    /// When a solver ends its search: after the iteration, of one or more, in which this time passes. It then returns what it
+    /// would return with that many iterations. `None`: after all iterations.
+    pub deadline: Option<Instant>,
     /// Candidates, gradients, moments of the optimizer.
     pub floats: Scratch<f32>,
     /// Costs, multipliers.
@@ -16,10 +21,15 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Empty buffers.
+    /// Empty buffers, and all the time that a search takes.
     pub fn new() -> Self {
         Self::default()
     }
+}
+
+/// Whether the time of a search is over.
+pub(crate) fn is_past(deadline: Option<Instant>) -> bool {
+    deadline.is_some_and(|deadline| Instant::now() >= deadline)
 }
 
 /// One buffer, cut into slices. It grows and never shrinks.

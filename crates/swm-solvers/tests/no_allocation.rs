@@ -130,7 +130,7 @@ fn later_plans_allocate_nothing() {
             .unwrap();
         let options = WorldOptions::default().threads(1);
         let mut world = World::new(&toy, options).unwrap();
-        world.set_policy(policy);
+        world.set_policy(policy).unwrap();
         // So far away that the episode, and with it the planning, does not end.
         let place = |value: f64| Some(BTreeMap::from([("state".to_owned(), Value::vector(&[value]))]));
         let reset = ResetOptions { start: place(0.0), goal: place(1000.0), ..ResetOptions::default() };

@@ -1,5 +1,26 @@
 //! What people do with environments, policies and datasets, below every program that they do it with.
 //!
+//! ```
+//! use swm_core::testing::TOY;
+//! use swm_core::{EnvEntry, Registry};
+//! use swm_tasks::request::{Record, Request as _};
+//!
+//! const ENVS: &[EnvEntry] = &[TOY];
+//! let folder = std::env::temp_dir().join(format!("swm-tasks-{}", std::process::id()));
+//! let record = Record {
+//!     env: "swm/Toy-v0".to_owned(),
+//!     episodes: Some(3),
+//!     image_size: None,
+//!     out: folder.join("toy.h5"),
+//!     ..Record::default()
+//! };
+//! // Notes and progress go to the report; `()` drops them.
+//! let recorded = record.run(&Registry::new().with(ENVS).with(swm_data::FORMATS), &mut ())?;
+//! assert_eq!(recorded.episodes, 3);
+//! # std::fs::remove_dir_all(&folder)?;
+//! # Ok::<(), swm_core::BoxError>(())
+//! ```
+//!
 //! * [`request`]: what is asked for, as values: checked once, run once, refused with the remedy as data;
 //! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
 //! * [`bundle`]: a result in a folder that others can verify; [`board`]: such folders as a page;

@@ -1,5 +1,16 @@
 //! `swm ui`: one local web page that steers and records environments, and shows datasets and results.
 //!
+//! ```no_run
+//! use swm_core::testing::TOY;
+//! use swm_core::{EnvEntry, Registry};
+//! use swm_ui::{Options, serve};
+//!
+//! const ENVS: &[EnvEntry] = &[TOY];
+//! let options = Options::new(Registry::new().with(ENVS));
+//! serve(options, |server| println!("open {}", server.url()))?;
+//! # Ok::<(), swm_ui::UiError>(())
+//! ```
+//!
 //! [`Server::bind`] takes a port of the loopback interface, [`Server::url`] is the address with its one-time token, and
 //! [`Server::run`] serves until it is stopped or nobody has looked for a while. The page drives a `World` from outside
 //! and adds no loop of its own (design page 16); its assets are part of the program.

@@ -9,7 +9,7 @@
 //!
 //! let registry = swm::registry();
 //! let mut world = World::new(registry.env("swm/PushT-v1")?, WorldOptions::new(2))?;
-//! world.set_policy(policies::random());
+//! world.set_policy(policies::random())?;
 //! let rollout = Rollout::new(0..4).seed(42);
 //! let result = world.evaluate(&rollout)?;
 //! assert_eq!(result.episodes, 4);

@@ -1,23 +1,25 @@
 //! `demo/IceRink-v0`: reset, step, observation, saved states.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
-    Space, Value,
+    Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_render::{Geometry, Renderer, Style};
 
+use crate::ICE_RINK;
 use crate::factors::{REACH, factors};
-use crate::{ICE_RINK, image};
 
 const STEP_S: f64 = 0.05;
 /// Acceleration of a puck of mass 1 at full action, in rinks per second squared.
 const PUSH: f64 = 2.0;
 /// The puck lies on the mark only if it is slower than this, in rinks per second.
 const REST: f64 = 0.2;
+
+/// Side of the canvas that images are drawn on; the whole rink.
+const CANVAS: f64 = 512.0;
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
@@ -31,7 +33,7 @@ pub struct Rink {
     fov: Fov,
     puck: Puck,
     mark: [f64; 2],
-    draws: bool,
+    renderer: Option<Renderer>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -59,7 +61,11 @@ impl Rink {
         let space = factors();
         let fov = space.defaults();
         let spec = spec(config.image, &space);
-        Ok(Self { spec, space, fov, puck: Puck::default(), mark: [0.0; 2], draws: config.image.is_some() })
+        let renderer = match config.image {
+            Some(size) => Some(Renderer::new(Style::Fast, Geometry::new(size.height, size.width))?),
+            None => None,
+        };
+        Ok(Self { spec, space, fov, puck: Puck::default(), mark: [0.0; 2], renderer })
     }
 
     fn distance(&self) -> f64 {
@@ -71,17 +77,6 @@ impl Rink {
         let success = self.distance() <= REACH && vx.hypot(vy) <= REST;
         Outcome { reward: -self.distance(), terminated: success, success: Some(success) }
     }
-
-    /// The state of a recorded row.
-    fn recorded(&self, row: &BTreeMap<String, Value>) -> Result<Puck, EnvError> {
-        let reset = |reason: &str| EnvError::Reset { env: self.spec.id.clone(), reason: reason.to_owned() };
-        let value = row.get("state").ok_or_else(|| reset("start and goal need the column `state`"))?;
-        let state = value.cast("state", Dtype::F64, &[4])?.to_f64s("state")?;
-        if !state.iter().all(|number| number.is_finite()) {
-            return Err(reset("`state` is not finite"));
-        }
-        Ok(Puck { position: [state[0], state[1]], velocity: [state[2], state[3]] })
-    }
 }
 
 impl Env for Rink {
@@ -91,13 +86,14 @@ impl Env for Rink {
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         self.fov = self.space.sample(&self.spec.id, episode)?;
-        self.puck = match &episode.options.start {
-            Some(row) => self.recorded(row)?,
-            None => Puck { position: self.fov.vector("puck.start_position"), velocity: [0.0; 2] },
+        // A recorded row may say where the puck starts and what the goal is, else factors do.
+        self.puck = match episode.start(&self.spec, "state")?.as_deref() {
+            Some(&[x, y, vx, vy]) => Puck { position: [x, y], velocity: [vx, vy] },
+            _ => Puck { position: self.fov.vector("puck.start_position"), velocity: [0.0; 2] },
         };
-        self.mark = match &episode.options.goal {
-            Some(row) => self.recorded(row)?.position,
-            None => self.fov.vector("mark.position"),
+        self.mark = match episode.goal(&self.spec, "state")?.as_deref() {
+            Some(&[x, y, ..]) => [x, y],
+            _ => self.fov.vector("mark.position"),
         };
         Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })
     }
@@ -126,13 +122,16 @@ impl Env for Rink {
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         let Puck { position: [x, y], velocity: [vx, vy] } = self.puck;
         out.write(STATE, &[x, y, vx, vy]);
-        if self.draws {
-            let field = self.spec.fields.len() - 1;
-            let width = self.spec.fields[field].shape[1];
-            let pixels: &mut [u8] = out.at(field);
-            pixels.as_chunks_mut::<3>().0.fill(self.fov.rgb("ice.color"));
-            image::disc(pixels, width, self.mark, REACH, self.fov.rgb("mark.color"));
-            image::disc(pixels, width, self.puck.position, REACH, self.fov.rgb("puck.color"));
+        if let Some(renderer) = &mut self.renderer {
+            let pixels: &mut [u8] = out.at(self.spec.fields.len() - 1);
+            let [ice, mark, puck] =
+                ["ice.color", "mark.color", "puck.color"].map(|factor| self.fov.rgb(factor));
+            let drawn = renderer.render(pixels, |painter| {
+                painter.fill(ice);
+                painter.disc(self.mark.map(|place| CANVAS * place), CANVAS * REACH, mark);
+                painter.disc([x, y].map(|place| CANVAS * place), CANVAS * REACH, puck);
+            });
+            drawn.expect("the field has the renderer's size");
         }
     }
 
@@ -143,11 +142,7 @@ impl Env for Rink {
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
         let saved: Saved = state.load(&self.spec.id)?;
-        let foreign = |error: swm_fov::FovError| EnvError::State {
-            env: self.spec.id.clone(),
-            reason: error.to_string(),
-        };
-        self.fov = self.space.recall(&saved.fov).map_err(foreign)?;
+        self.fov = self.space.recall(&saved.fov)?;
         (self.puck, self.mark) = (saved.puck, saved.mark);
         Ok(())
     }

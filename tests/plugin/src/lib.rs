@@ -1,6 +1,6 @@
 //! A puck on an ice rink: an environment that lives outside of stable-worldmodel.
 //!
-//! The environment, its factors and its expert need `swm-core` and `swm-fov` only. The feature `cli` adds what needs the whole:
+//! The environment, its factors and its expert need `swm-core`, `swm-fov` and, for images, `swm-render` only. The feature `cli` adds what needs the whole:
 //! a solver, a world model, a data format, and the command line with all of them.
 
 mod env;
@@ -8,7 +8,6 @@ mod expert;
 mod factors;
 #[cfg(feature = "cli")]
 mod format;
-mod image;
 #[cfg(feature = "cli")]
 mod model;
 #[cfg(feature = "cli")]
@@ -35,7 +34,7 @@ pub const ICE_RINK: EnvEntry = EnvEntry::new(
 #[cfg(feature = "cli")]
 pub fn registry() -> Registry {
     let registry = swm::registry().with(&[ICE_RINK]).with(&[JSONL]).with(&[SHOTGUN]);
-    registry.with(&[SHOTGUN.on_simulator, FITTED_MODEL])
+    registry.with(&[SHOTGUN.on_simulator]).with(&[FITTED_MODEL])
 }
 
 /// The environment of this crate alone.

@@ -93,6 +93,22 @@ fn its_model_has_an_oracle_hashed_files_an_image_size_and_traces() {
     let result = json(folder, "eval demo/IceRink-v0 --policy fitted-model:data.h5 --episodes 1 --budget 4");
     assert_eq!(result["setup"]["image"], serde_json::json!({ "height": 24, "width": 32 }));
 
+    // It is measured by the same name: it predicts blocks of two actions, better than a model in which nothing changes.
+    let quality = "quality demo/IceRink-v0 --dataset data.h5 --episodes 12 --rows 30 --horizon 10 --plans 8";
+    let measured = json(folder, &format!("{quality} --model fitted-model:data.h5"));
+    let still = json(folder, &format!("{quality} --model constant"));
+    assert_eq!((&measured["stride"], &still["stride"]), (&2.into(), &1.into()));
+    let error = |found: &serde_json::Value| {
+        let errors = found["open_loop_unexplained"].as_array().unwrap();
+        errors.last().and_then(serde_json::Value::as_f64).unwrap()
+    };
+    assert!(error(&measured) < 0.5 * error(&still), "{measured} {still}");
+
+    // A sweep knows it, too.
+    let sweep = "sweep --manifest task.toml --factors ice.friction --out sweep";
+    json(folder, &format!("{sweep} --policy fitted-model:data.h5,samples=32,elites=8,iterations=2"));
+    assert!(folder.join("sweep/sweep.json").is_file());
+
     // Its plans are traced and drawn.
     let plan =
         "plan demo/IceRink-v0 --budget 6 --policy fitted-model:data.h5,samples=32,elites=8,iterations=3";
@@ -114,4 +130,8 @@ fn wrong_input_gets_the_answers_that_built_in_names_get() {
     assert!(message("envs demo/IceRing-v0").contains("did you mean `demo/IceRink-v0`?"));
     assert!(message("eval demo/IceRink-v0 --policy shotgun:pellet=3").contains("did you mean `pellets`?"));
     assert!(message("eval demo/IceRink-v0 --policy fitted-model:none.h5").contains("none.h5"));
+    let named = "name one dataset: `fitted-model:FILE`";
+    assert!(message("eval demo/IceRink-v0 --policy fitted-model").contains(named));
+    assert!(message("quality demo/IceRink-v0 --model fitted-model").contains(named));
+    assert!(message("quality demo/IceRink-v0 --model none").contains("models of the registry: fitted-model"));
 }

@@ -15,7 +15,7 @@ fn its_expert_brings_every_puck_to_its_mark() {
     let env = registry.env("demo/IceRink-v0").unwrap();
     let options = WorldOptions::new(4).max_episode_steps(200);
     let mut world = World::new(env, options).unwrap();
-    world.set_policy(registry.policy("expert", &world).unwrap());
+    world.set_policy(registry.policy("expert", &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..100).seed(7).vary(["all"]);
     let result = world.evaluate(&rollout).unwrap();
     assert_eq!((result.episodes, result.success_rate), (100, 100.0));

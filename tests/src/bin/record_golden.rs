@@ -38,7 +38,7 @@ fn main() -> Result<()> {
     let env = EnvConfig { image: Some(size), ..EnvConfig::default() };
     let options = WorldOptions::default().env(env).max_episode_steps(args.steps);
     let mut world = World::new(entry, options)?;
-    world.set_policy(registry.policy(&args.policy, &world)?);
+    world.set_policy(registry.policy(&args.policy, &world)?)?;
     let mut tape =
         Tape { names: world.spec().factors.iter().map(|f| f.name.clone()).collect(), ..Tape::default() };
     let rollout = Rollout::new(0..1).seed(args.seed).vary(["all"]);

@@ -7,7 +7,8 @@ use crate::metadata::Metadata;
 /// needs more belongs in `tests/`. A name that ends with `*` stands for a family.
 const ARROWS: &[(&str, &[&str])] = &[
     ("swm-core", &[]),
-    ("swm-render", &[]),
+    // For its errors, with a feature of its own.
+    ("swm-render", &["swm-core"]),
     ("swm-media", &[]),
     ("swm-fov", &["swm-core"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),

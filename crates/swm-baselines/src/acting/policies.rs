@@ -262,11 +262,19 @@ fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         let proposal = TrainedModel::files(Path::new(&text(run)), Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
+    Ok(files)
+}
 
-/// Of a run, what it takes beside these files to open it elsewhere.
+/// Of a run, what it takes beside these files to open it elsewhere. A published checkpoint is its files.
 fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
     let given = Given::of(args)?;
-    TrainedModel::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))
-}
+    let mut files = match &given.foreign {
+        Some(_) => Vec::new(),
+        None => TrainedModel::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
+    };
+    if let Some(run) = given.rest.get(PROPOSAL.name) {
+        let proposal = TrainedModel::companions(Path::new(&text(run)), Which::default());
+        files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
+    }
     Ok(files)
 }

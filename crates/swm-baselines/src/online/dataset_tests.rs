@@ -20,7 +20,7 @@ fn record(path: &Path, image: Option<usize>) -> Box<dyn Dataset> {
     let image = image.map(|side| ImageSize { height: side, width: side });
     let options = WorldOptions::new(2).max_episode_steps(20).threads(1);
     let mut world = World::new(&TOY, options.env(EnvConfig { image, ..EnvConfig::default() })).unwrap();
-    world.set_policy(swm_core::policies::random());
+    world.set_policy(swm_core::policies::random()).unwrap();
     let mut writer = swm_data::create(path, WriteMode::Append, None).unwrap();
     world.record_dataset(&Rollout::new(0..8).seed(3), writer.as_mut()).unwrap();
     swm_data::open(path).unwrap()
@@ -79,7 +79,9 @@ fn a_run_on_a_dataset_goes_on_to_the_same_bits_and_acts() {
         let options = WorldOptions::new(2).max_episode_steps(20).threads(1);
         let mut world = World::new(&TOY, options.env(EnvConfig { image, ..EnvConfig::default() })).unwrap();
         let config = EnvConfig::default();
-        world.set_policy(tests::registry().policy(&text, PolicyContext::new(&TOY, &config)).unwrap());
+        world
+            .set_policy(tests::registry().policy(&text, PolicyContext::new(&TOY, &config)).unwrap())
+            .unwrap();
         assert_eq!(world.evaluate(&Rollout::new(0..4).seed(3)).unwrap().episode_returns.len(), 4);
         let best =
             tests::registry().policy(&format!("{text},checkpoint=best"), PolicyContext::new(&TOY, &config));

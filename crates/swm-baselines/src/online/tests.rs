@@ -265,7 +265,7 @@ fn learns_to_reach_the_goal(tiny: &Tiny) {
     let state = training.run(Vec::new(), &Cancel::new()).unwrap();
     let value = |name: &str| state.evaluation.iter().find(|(known, _)| known == name).unwrap().1;
     let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
-    world.set_policy(swm_core::policies::random());
+    world.set_policy(swm_core::policies::random()).unwrap();
     let random = world.evaluate(&Rollout::new(0..20).seed(!fit.seed)).unwrap();
     assert!(random.success_rate < 80.0, "random actions solve {} %", random.success_rate);
     assert!(value("success_rate") >= 0.9, "{}: {state:?}", tiny.agent);
@@ -295,7 +295,7 @@ fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
         let options = WorldOptions::new(num_envs).max_episode_steps(20).threads(1);
         let config = EnvConfig { image, ..EnvConfig::default() };
         let mut world = World::new(&TOY, options.env(config)).unwrap();
-        world.set_policy(made(format!("{agent}:{run}"), &TOY).unwrap());
+        world.set_policy(made(format!("{agent}:{run}"), &TOY).unwrap()).unwrap();
         world.evaluate(&Rollout::new(0..5).seed(3))
     };
     let returns = |num_envs| evaluated(num_envs, image).unwrap().episode_returns;
@@ -348,7 +348,7 @@ fn options_of_a_plan_are_the_policys_settings() {
     };
     let returns = |options: &str| {
         let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
-        world.set_policy(made(options).unwrap());
+        world.set_policy(made(options).unwrap()).unwrap();
         world.evaluate(&Rollout::new(0..3).seed(3)).unwrap().episode_returns
     };
     assert_ne!(returns(""), returns(",samples=40,iterations=5,temperature=null"));

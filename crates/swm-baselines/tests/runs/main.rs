@@ -44,7 +44,7 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
 /// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
     let mut world = world(&DOT, 1, image);
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     let rollout = Rollout::new(0..12).seed(seed);
     let mut buffer = ReplayBuffer::new(1000);
     world.record_dataset(&rollout, &mut buffer).expect("sound in this test");
@@ -118,7 +118,7 @@ fn paths_in(
     image: Option<ImageSize>,
 ) -> Result<States, String> {
     let mut world = world(env, num_envs, image);
-    world.set_policy(made_for(env, policy)?);
+    world.set_policy(made_for(env, policy)?)?;
     let rollout = Rollout::new(0..4).seed(9);
     let mut states = States::default();
     world.run(&rollout, &mut states).map_err(|error| chain(&error))?;

@@ -133,6 +133,49 @@ impl Value {
     }
 }
 
+/// Scalars, arrays and lists of numbers, each by the type that values of files and command lines have.
+macro_rules! from_numbers {
+    ($($number:ty => $stored:ty),*) => {$(
+        impl From<$number> for Value {
+            fn from(value: $number) -> Self {
+                Self::scalar(<$stored>::from(value))
+            }
+        }
+
+        impl<const N: usize> From<[$number; N]> for Value {
+            fn from(values: [$number; N]) -> Self {
+                Self::vector(&values.map(<$stored>::from))
+            }
+        }
+
+        impl From<&[$number]> for Value {
+            fn from(values: &[$number]) -> Self {
+                Self::vector(&values.iter().map(|&value| <$stored>::from(value)).collect::<Vec<_>>())
+            }
+        }
+
+        impl From<Vec<$number>> for Value {
+            fn from(values: Vec<$number>) -> Self {
+                Self::from(values.as_slice())
+            }
+        }
+    )*};
+}
+
+from_numbers!(bool => bool, u8 => u8, i32 => i64, i64 => i64, f32 => f32, f64 => f64);
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::scalar(text.to_owned())
+    }
+}
+
+impl From<String> for Value {
+    fn from(text: String) -> Self {
+        Self::scalar(text)
+    }
+}
+
 /// The `f64` with the shortest decimal form that is this `f32`, so that 0.1f32 prints as 0.1.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or_else(|_| f64::from(value))

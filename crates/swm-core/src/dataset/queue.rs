@@ -219,7 +219,7 @@ mod tests {
     ) -> Result<(), WorldError> {
         let options = WorldOptions::new(3).threads(threads).max_episode_steps(20);
         let mut world = World::new(&TOY, options).expect("the toy is made");
-        world.set_policy(policies::random());
+        world.set_policy(policies::random())?;
         world.record_dataset_with(&Rollout::new(0..10).seed(5), sink, watcher)
     }
 
@@ -283,15 +283,17 @@ mod tests {
         let seen = Arc::clone(&newest);
         let options = WorldOptions::new(4).threads(2).max_episode_steps(20);
         let mut world = World::new(&TOY, options).expect("the toy is made");
-        world.set_policy(scripted("the first is slow", move |view, action| {
-            if view.episode.index == 0 {
-                thread::sleep(Duration::from_millis(2));
-            } else {
-                newest.fetch_max(view.episode.index, Ordering::Relaxed);
-            }
-            write_action(action, &[0.0]);
-            Ok(())
-        }));
+        world
+            .set_policy(scripted("the first is slow", move |view, action| {
+                if view.episode.index == 0 {
+                    thread::sleep(Duration::from_millis(2));
+                } else {
+                    newest.fetch_max(view.episode.index, Ordering::Relaxed);
+                }
+                write_action(action, &[0.0]);
+                Ok(())
+            }))
+            .unwrap();
         let mut begun = None;
         let mut sink = keep(|index| {
             if index == 0 {

@@ -278,7 +278,7 @@ mod tests {
         let record = |threads, encodes| {
             let options = WorldOptions::new(7).threads(threads).max_episode_steps(6).image(SIDE, SIDE);
             let mut world = World::new(&TOY, options).unwrap();
-            world.set_policy(policies::random());
+            world.set_policy(policies::random()).unwrap();
             let mut kept = Kept { encodes, ..Kept::default() };
             world.record_dataset(&Rollout::new(0..20).seed(5), &mut kept).unwrap();
             kept.episodes

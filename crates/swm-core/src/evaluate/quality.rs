@@ -5,7 +5,7 @@ use crate::batch::{Batch, Row};
 use crate::error::BoxError;
 
 /// A model of the world in a latent space, as far as its quality can be measured from recorded rows.
-pub trait WorldModel {
+pub trait WorldModel: Send {
     /// Z: numbers of a latent.
     fn latent_dim(&self) -> usize;
 

@@ -220,7 +220,7 @@ mod tests {
         const STEPS: u64 = 400;
         let options = WorldOptions::new(num_envs).max_episode_steps(STEPS);
         let mut world = World::new(env, options)?;
-        world.set_policy(Registry::new().policy(policy, &world)?);
+        world.set_policy(Registry::new().policy(policy, &world)?)?;
         let mut log = Log::default();
         world.run(&Rollout::new(0..6).seed(7), &mut log)?;
         log.0.sort_by_key(|row| (row.0, row.1));

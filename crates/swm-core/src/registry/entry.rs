@@ -4,7 +4,7 @@ use crate::env::{Env, EnvConfig};
 use crate::error::EnvError;
 use crate::settings::Setting;
 
-use super::PolicyEntry;
+use super::{PolicyEntry, Registry};
 
 /// Something that a [`Registry`](super::Registry) finds by name: an environment, a policy, a solver, a dataset format,
 /// a kind that another crate defines.
@@ -20,6 +20,12 @@ pub trait Entry: Send + Sync + 'static {
     /// Further names that it is found by.
     fn aliases(&self) -> &'static [&'static str] {
         &[]
+    }
+
+    /// Adds entries of other kinds that come with it, such as the policy of a model. By default none do.
+    #[must_use]
+    fn with_parts(&'static self, registry: Registry) -> Registry {
+        registry
     }
 }
 

@@ -20,7 +20,7 @@ use crate::policy::Policy;
 /// assert!(registry.env("swm/Toi-v0").unwrap_err().to_string().contains("did you mean `swm/Toy-v0`?"));
 ///
 /// let mut world = World::new(env, WorldOptions::default())?;
-/// world.set_policy(registry.policy("ou:sigma=0.3", &world)?);
+/// world.set_policy(registry.policy("ou:sigma=0.3", &world)?)?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -40,7 +40,7 @@ impl Registry {
         Self { entries: Vec::new() }.with(BASIC_POLICIES)
     }
 
-    /// Adds a table: of environments, policies, or any other kind of entry.
+    /// Adds a table: of environments, policies, or any other kind of entry, and [what comes with it](Entry::with_parts).
     ///
     /// # Panics
     ///
@@ -53,6 +53,7 @@ impl Registry {
                 panic!("{} `{}`: `{}` has its name already", T::KIND, entry.name(), taken.name());
             }
             self.entries.push(entry);
+            self = entry.with_parts(self);
         }
         self
     }

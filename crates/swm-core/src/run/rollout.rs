@@ -25,8 +25,6 @@ pub struct Rollout {
     pub seed: u64,
     resets: Resets,
     cancel: Option<Cancel>,
-    /// Why a value given to [`Rollout::set`] is unusable.
-    refused: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -41,7 +39,7 @@ impl Rollout {
     /// These episodes of the run with seed 0, reset by the environment's defaults.
     pub fn new(episodes: Range<u64>) -> Self {
         let resets = Resets::Same(ResetOptions::default());
-        Self { episodes, seed: 0, resets, cancel: None, refused: None }
+        Self { episodes, seed: 0, resets, cancel: None }
     }
 
     /// Sets the run's seed.
@@ -51,27 +49,22 @@ impl Rollout {
         self
     }
 
-    /// Samples these factors of variation (names, groups, or `all`) and no others.
+    /// Samples these factors of variation in every episode: as [`ResetOptions::vary`].
     #[must_use]
-    pub fn vary<S: Into<String>>(mut self, names: impl IntoIterator<Item = S>) -> Self {
-        let names: Vec<String> = names.into_iter().map(Into::into).collect();
+    pub fn vary<S: AsRef<str>>(mut self, names: impl IntoIterator<Item = S>) -> Self {
+        let names: Vec<S> = names.into_iter().collect();
         for options in self.resets.all_mut() {
-            options.variation.get_or_insert_default().extend_from_slice(&names);
+            *options = std::mem::take(options).vary(&names);
         }
         self
     }
 
-    /// Sets one factor of variation to a JSON value: a number, a boolean, or a list of numbers. A value of another kind
-    /// is refused when the run begins.
+    /// Sets one factor of variation in every episode: as [`ResetOptions::set`].
     #[must_use]
-    pub fn set(mut self, factor: &str, value: impl Into<serde_json::Value>) -> Self {
-        match Value::from_json(factor, &value.into()) {
-            Ok(value) => {
-                for options in self.resets.all_mut() {
-                    options.variation_values.insert(factor.to_owned(), value.clone());
-                }
-            }
-            Err(error) => self.refused = self.refused.or(Some(error.to_string())),
+    pub fn set(mut self, factor: &str, value: impl Into<Value>) -> Self {
+        let value = value.into();
+        for options in self.resets.all_mut() {
+            options.variation_values.insert(factor.to_owned(), value.clone());
         }
         self
     }
@@ -124,11 +117,8 @@ impl Rollout {
         self.cancel.as_ref()
     }
 
-    /// Refuses unusable values, and fewer reset options than episodes.
+    /// Refuses fewer reset options than episodes.
     pub(crate) fn check(&self) -> Result<(), WorldError> {
-        if let Some(reason) = &self.refused {
-            return Err(WorldError::Option { option: "set", reason: reason.clone() });
-        }
         match &self.resets {
             Resets::Each(all) if (all.len() as u64) < self.episodes.end => Err(WorldError::Option {
                 option: "each",
@@ -197,11 +187,17 @@ mod tests {
     }
 
     #[test]
-    fn unusable_values_and_missing_options_are_refused() {
+    fn missing_options_are_refused() {
         let message = |rollout: Rollout| rollout.check().unwrap_err().to_string();
-        assert!(
-            message(Rollout::new(0..1).set("x", serde_json::Value::Null)).contains("`x` must be a number")
-        );
         assert!(message(Rollout::new(0..3).each(vec![ResetOptions::default()])).contains("1 reset options"));
+    }
+
+    #[test]
+    fn rollouts_ask_as_single_resets_do() {
+        for names in [vec!["none"], vec!["agent", "+block.color"], vec!["none", "agent"], vec![]] {
+            let options = ResetOptions::default().vary(&names).set("x", [1, 2]).set("shape", "square");
+            let rollout = Rollout::new(0..1).vary(&names).set("x", [1, 2]).set("shape", "square");
+            assert_eq!(rollout.shared_options(), Some(&options), "{names:?}");
+        }
     }
 }

@@ -284,7 +284,8 @@ fn expert_episode(
     let config = EnvConfig { image: None, ..config.clone() };
     let world = WorldOptions::new(1).env(config).max_episode_steps(EXPERT_STEPS).threads(1);
     let mut world = World::new(entry, world).map_err(|e| e.to_string())?;
-    world.set_policy(Registry::new().policy("expert", &world).map_err(|e| e.to_string())?);
+    let expert = Registry::new().policy("expert", &world).map_err(|e| e.to_string())?;
+    world.set_policy(expert).map_err(|e| e.to_string())?;
     let rollout = Rollout::new(0..1).seed(3).options(options.clone());
     let evaluation = world.evaluate(&rollout).map_err(|e| e.to_string())?;
     Ok((evaluation.episode_lengths, evaluation.episode_returns))

@@ -1,7 +1,7 @@
 //! Actions of a world's next step: taken from the caller or asked of the policy, checked, and copied into the infos.
 
 use crate::batch::Slice;
-use crate::error::{PolicyError, WorldError};
+use crate::error::WorldError;
 use crate::policy::{Actions, Policy as _, View};
 use crate::run::Cancel;
 
@@ -34,10 +34,6 @@ impl World {
     pub(super) fn act(&mut self, cancel: Option<&Cancel>) -> Result<(), WorldError> {
         let Self { policy, infos, spec, slots, policy_seed, threads, actions, report, .. } = self;
         let policy = policy.as_mut().ok_or(WorldError::NoPolicy)?;
-        if let Some(reason) = &self.unfit {
-            let (policy, reason) = (policy.describe(), reason.clone());
-            return Err(PolicyError::Unsupported { policy, reason }.into());
-        }
         let fields = report.schema().fields().len();
         (0..fields).for_each(|index| report.column_mut(index).fill_missing());
         let view = View { infos, spec, slots, seed: *policy_seed, threads, cancel };

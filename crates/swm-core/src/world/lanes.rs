@@ -224,7 +224,6 @@ impl World {
             actions: self.actions.as_slice().range(row * dim, dim).to_column(),
             policy: Some(policy),
             report: Batch::new(Arc::clone(self.report.schema()), 1),
-            unfit: None,
             fields: self.fields,
             judge: self.judge.clone(),
             frames: self.frames.clone(),

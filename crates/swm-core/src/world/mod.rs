@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use crate::batch::{Batch, Column, Field, Schema, Slice};
 use crate::env::{EnvSpec, Place, ResetOptions, VARIATION_PREFIX};
-use crate::error::{BatchError, WorldError};
+use crate::error::{BatchError, PolicyError, WorldError};
 use crate::policy::{Policy, View};
 use crate::registry::{EnvEntry, PolicyContext};
 use crate::run::{EpisodeEnd, LiveEpisode, Progress, Slot, WorldOptions};
@@ -37,7 +37,7 @@ use phases::{OptionsOf, ResetRules, StepRules};
 /// use swm_core::{ResetOptions, Rollout, World, WorldOptions, policies};
 ///
 /// let mut world = World::new(&TOY, WorldOptions::new(4))?;
-/// world.set_policy(policies::random());
+/// world.set_policy(policies::random())?;
 ///
 /// // By hand: every environment at once.
 /// world.reset(42, &ResetOptions::default())?;
@@ -59,8 +59,6 @@ pub struct World {
     policy: Option<Box<dyn Policy>>,
     /// The policy's own fields at this step, to be copied into the infos.
     report: Batch,
-    /// Why the policy's own fields do not fit into the infos.
-    unfit: Option<String>,
     fields: CommonFields,
     judge: Option<Judge>,
     frames: Option<Frames>,
@@ -108,7 +106,6 @@ impl World {
             actions,
             policy: None,
             report,
-            unfit: None,
             fields,
             judge: None,
             frames: None,
@@ -180,15 +177,21 @@ impl World {
     }
 
     /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
-    /// the infos; should another field have the same name, `step` and `run` say so.
+    /// the infos.
     ///
     /// Where the fields change, the infos become another table. The replaced one is handed back: whoever holds addresses
     /// of its columns keeps it for as long.
-    pub fn set_policy(&mut self, policy: impl Policy + 'static) -> Option<Batch> {
-        let replaced = self.make_room(policy.fields());
-        self.unfit = replaced.as_ref().err().map(ToString::to_string);
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Unsupported`]: one of its fields has the name of another. The policy that was attached before stays.
+    pub fn set_policy(&mut self, policy: impl Policy + 'static) -> Result<Option<Batch>, WorldError> {
+        let replaced = self.make_room(policy.fields()).map_err(|error| {
+            let (policy, reason) = (policy.describe(), error.to_string());
+            PolicyError::Unsupported { policy, reason }
+        })?;
         self.policy = Some(Box::new(policy));
-        replaced.unwrap_or_default()
+        Ok(replaced)
     }
 
     /// Replaces the last policy's fields of the infos by `fields`; all others keep their values. Gives the replaced table.

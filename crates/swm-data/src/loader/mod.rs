@@ -41,7 +41,7 @@ use reader::Reader;
 ///
 /// // Any dataset will do: `swm_data::open` opens files, a buffer lends its episodes.
 /// let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(20))?;
-/// world.set_policy(policies::random());
+/// world.set_policy(policies::random())?;
 /// let mut buffer = ReplayBuffer::new(1000);
 /// let rollout = Rollout::new(0..8);
 /// world.record_dataset(&rollout, &mut buffer)?;

@@ -60,16 +60,16 @@ impl Recordings {
 
     /// The start and the factors in force.
     fn options(&mut self, run: &str, start: &[f64]) -> ResetOptions {
-        let mut options = ResetOptions::default().vary(&[]);
+        let mut options = ResetOptions::default().vary(["none"]);
         options.start = Some([(SIMULATOR_STATE_COLUMN.to_owned(), Value::vector(start))].into());
         let prefix = format!("{run}/fov.");
         let drawn = self.names.iter().filter_map(|name| name.strip_prefix(&prefix));
         for factor in drawn.map(str::to_owned).collect::<Vec<_>>() {
             let value = self.list::<f32>(run, &format!("fov.{factor}"));
-            options = options.fix(&factor, Value::vector(&value));
+            options = options.set(&factor, Value::vector(&value));
         }
         if let Some(factor) = run.strip_prefix("fov/").and_then(|run| run.split('/').next()) {
-            options = options.fix(factor, Value::vector(&self.list::<f32>(run, "fov_value")));
+            options = options.set(factor, Value::vector(&self.list::<f32>(run, "fov_value")));
         }
         options
     }
@@ -239,7 +239,7 @@ fn compare_images(actual: &[u8], expected: &[u8], entry: &EnvEntry, t: usize) ->
 
 fn evaluate(entry: &EnvEntry, policy: &str, options: &ResetOptions, episodes: u64) -> Evaluation {
     let mut world = World::new(entry, WorldOptions::new(4).max_episode_steps(999)).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     world.evaluate(&Rollout::new(0..episodes).seed(5).options(options.clone())).unwrap()
 }
 

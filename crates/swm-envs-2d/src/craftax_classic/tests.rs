@@ -42,9 +42,9 @@ struct Game {
 impl Game {
     fn new(seed: i64, constants: &Map<String, Json>) -> Self {
         let mut env = CraftaxClassic::symbolic(&EnvConfig::default()).unwrap();
-        let mut options = ResetOptions::default().vary(&[]).fix("world.seed", Value::scalar(seed));
+        let mut options = ResetOptions::default().vary(["none"]).set("world.seed", Value::scalar(seed));
         for (name, value) in constants {
-            options = options.fix(factor(name), Value::from_json(name, value).unwrap());
+            options = options.set(factor(name), Value::from_json(name, value).unwrap());
         }
         env.reset(&Episode::new(EpisodeSeed::new(0), &options)).unwrap();
         let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);

@@ -16,7 +16,7 @@ fn config(settings: &serde_json::Value) -> EnvConfig {
 fn success(policy: &str, settings: &serde_json::Value, vary: &[&str]) -> f64 {
     let options = WorldOptions::new(8).max_episode_steps(150).env(config(settings));
     let mut world = World::new(&PIECEWISE, options).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..60).seed(3);
     let rollout = if vary.is_empty() { rollout } else { rollout.vary(vary.iter().copied()) };
     world.evaluate(&rollout).unwrap().success_rate
@@ -59,7 +59,7 @@ fn a_target_is_as_far_as_the_task_asks() {
     for seed in 0..20 {
         let options = ResetOptions::default()
             .vary(&["agent.position", "target.position"])
-            .fix("task.min_steps", Value::scalar(20_i64));
+            .set("task.min_steps", Value::scalar(20_i64));
         env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
         assert!(env.task_cost().unwrap() >= 100.0, "seed {seed}");
     }

@@ -21,7 +21,7 @@ fn row(state: [f64; 4]) -> Option<std::collections::BTreeMap<String, Value>> {
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> (f64, f64) {
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&POINT_MAZE, options_of_world).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..episodes).seed(5).options(options.clone());
     let result = world.evaluate(&rollout).unwrap();
     (result.success_rate, result.mean_success_steps.unwrap_or(f64::NAN))
@@ -30,7 +30,8 @@ fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) ->
 #[test]
 fn cells_in_walls_are_errors_that_name_factor_and_layout() {
     let mut env = PointMaze::new(&EnvConfig::default()).unwrap();
-    let cell = |name: &str, cell: [i64; 2]| ResetOptions::default().vary(&[]).fix(name, Value::vector(&cell));
+    let cell =
+        |name: &str, cell: [i64; 2]| ResetOptions::default().vary(["none"]).set(name, Value::vector(&cell));
     let message = reset(&mut env, &cell("agent.start_cell", [1, 3])).unwrap_err();
     assert!(
         message.contains("agent.start_cell") && message.contains("a free cell of maze.layout"),
@@ -91,7 +92,7 @@ fn the_expert_reaches_goals_in_every_layout() {
     for layout in 0..4_i64 {
         let options = ResetOptions::default()
             .vary(&["agent.start_cell", "agent.start_offset", "goal.cell", "goal.offset"])
-            .fix("maze.layout", Value::scalar(layout));
+            .set("maze.layout", Value::scalar(layout));
         let (success, steps) = evaluate("expert", &options, 20, 400);
         assert!(success >= 95.0, "layout {layout}: {success} %, {steps} steps");
     }

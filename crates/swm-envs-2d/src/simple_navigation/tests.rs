@@ -22,7 +22,7 @@ fn maze() -> Maze {
 fn success(policy: &str, budget: u64) -> f64 {
     let options = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&SIMPLE_NAVIGATION, options).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     world.evaluate(&Rollout::new(0..100).seed(3)).unwrap().success_rate
 }
 
@@ -89,7 +89,7 @@ fn actions_turn_and_walk_and_walls_stop() {
 fn the_last_row_of_an_episode_is_a_start_too() {
     let mut env = SimpleNavigation::new(&EnvConfig::default()).unwrap();
     let start = [("state".to_owned(), Value::vector(&[7_i64, 7, 2, 7, 7]))];
-    let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() }.vary(&[]);
+    let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() }.vary(["none"]);
     let outcome = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     assert_eq!((outcome.success, env.task_cost()), (Some(true), Some(0.0)));
 }
@@ -114,7 +114,7 @@ fn wrong_starts_mazes_and_actions_are_refused() {
     assert!(message.contains("[3, 0] of the border is no wall"), "{message}");
     assert!(refused(vec![]).contains("needs the column `state`"));
     assert!(env.step(Slice::I64(&[3])).unwrap_err().to_string().contains("no action"));
-    let options = ResetOptions::default().vary(&[]).fix("agent.position", Value::vector(&[2_i64, 2]));
+    let options = ResetOptions::default().vary(["none"]).set("agent.position", Value::vector(&[2_i64, 2]));
     let error = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err();
     assert!(error.to_string().contains("no wall (cells of odd column and row never are)"), "{error}");
 }

@@ -137,7 +137,7 @@ impl Factors {
                 (!is_sampled).then(|| (at, fov.f32(&format!("{thing}.radius"))))
             });
             let placed = place(env, &fov, episode, &still.collect::<Vec<_>>())?;
-            options = options.fix("walls.positions", placed);
+            options = options.set("walls.positions", placed);
         }
         let episode = Episode::new(episode.seed, &options);
         match [start.is_some(), goal.is_some()] {

@@ -17,7 +17,7 @@ fn env() -> SimplePointMaze {
 fn success(policy: &str, vary: &[&str]) -> f64 {
     let options = WorldOptions::new(4).max_episode_steps(200);
     let mut world = World::new(&SIMPLE_POINT_MAZE, options).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..60).seed(3);
     let rollout = if vary.is_empty() { rollout } else { rollout.vary(vary.iter().copied()) };
     world.evaluate(&rollout).unwrap().success_rate
@@ -72,7 +72,8 @@ fn wrong_settings_starts_and_places_are_refused() {
     let row = [("state".to_owned(), Value::vector(&[7.0_f32, 2.0]))];
     let message = reset(&ResetOptions { start: Some(row.into()), ..ResetOptions::default() }).unwrap_err();
     assert!(message.contains("`state`") && message.contains("between 0 and 5"), "{message}");
-    let in_wall = ResetOptions::default().vary(&[]).fix("agent.position", Value::vector(&[1.5_f32, 3.8]));
+    let in_wall =
+        ResetOptions::default().vary(["none"]).set("agent.position", Value::vector(&[1.5_f32, 3.8]));
     let message = reset(&in_wall).unwrap_err();
     assert!(message.contains("agent.position") && message.contains("clear of the walls"), "{message}");
     assert!(env.step(Slice::F32(&[f32::NAN, 0.0])).is_err());

@@ -39,16 +39,16 @@ fn values<const N: usize>(env: &mut TwoRoom, row: &mut Batch, column: &str) -> [
 }
 
 fn fixed(values: &[(&str, Value)]) -> ResetOptions {
-    values
-        .iter()
-        .fold(ResetOptions::default().vary(&[]), |options, (name, value)| options.fix(name, value.clone()))
+    values.iter().fold(ResetOptions::default().vary(["none"]), |options, (name, value)| {
+        options.set(name, value.clone())
+    })
 }
 
 /// The recorded factors of a trajectory with one factor set, as reset options.
 fn recorded_options(npz: &mut NpzReader<File>) -> ResetOptions {
     let meta: Array1<u8> = npz.by_name("meta").unwrap();
     let meta: serde_json::Value = serde_json::from_slice(&meta.to_vec()).unwrap();
-    let mut options = ResetOptions::default().vary(&[]);
+    let mut options = ResetOptions::default().vary(["none"]);
     if let Some(values) = meta["options"]["variation_values"].as_object() {
         for (name, json) in values {
             options.variation_values.insert(name.clone(), Value::from_json(name, json).unwrap());
@@ -112,7 +112,7 @@ fn decoded(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
 fn imaged_options(npz: &mut NpzReader<File>) -> ResetOptions {
     let json: Array1<u8> = npz.by_name("variation_json").unwrap();
     let factors: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(&json.to_vec()).unwrap();
-    let mut options = ResetOptions::default().vary(&[]);
+    let mut options = ResetOptions::default().vary(["none"]);
     for (name, json) in factors {
         options.variation_values.insert(name.clone(), Value::from_json(&name, &json).unwrap());
     }
@@ -245,7 +245,7 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
     }
     // The default doors fit a radius of 30, but not where the first of them is made shorter.
     let drawn =
-        ResetOptions::default().vary(&["agent.radius"]).fix("door.size", Value::vector(&[36i64, 99, 99]));
+        ResetOptions::default().vary(&["agent.radius"]).set("door.size", Value::vector(&[36i64, 99, 99]));
     let message = reset(&mut env, &drawn).unwrap_err();
     assert!(message.contains("`door.size`") && message.contains("agent.radius"), "{message}");
 
@@ -340,7 +340,7 @@ fn evaluate(policy: &str, solid: bool, options: &ResetOptions) -> Evaluation {
     let config = EnvConfig { image: None, settings };
     let world_options = WorldOptions::new(4).env(config.clone()).threads(1).max_episode_steps(200);
     let mut world = World::new(&TWO_ROOM, world_options).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..100).seed(42).options(options.clone());
     world.evaluate(&rollout).unwrap()
 }

@@ -53,9 +53,9 @@ impl Bench {
 /// Nothing sampled; agent and target where they are put.
 fn placed(agent: [f32; 2], target: [f32; 2]) -> ResetOptions {
     ResetOptions::default()
-        .vary(&[])
-        .fix("agent.position", Value::vector(&agent))
-        .fix("target.position", Value::vector(&target))
+        .vary(["none"])
+        .set("agent.position", Value::vector(&agent))
+        .set("target.position", Value::vector(&target))
 }
 
 #[test]
@@ -85,9 +85,9 @@ fn walls_stop_and_doors_do_not() {
 fn observations_hold_the_doors_that_exist() {
     let mut bench = Bench::plain();
     let options = placed([60.0, 60.0], [150.0, 120.0])
-        .fix("wall.axis", Value::scalar(0i64))
-        .fix("door.number", Value::scalar(2i64))
-        .fix("door.position", Value::vector(&[30i64, 180, 90]));
+        .set("wall.axis", Value::scalar(0i64))
+        .set("door.number", Value::scalar(2i64))
+        .set("door.position", Value::vector(&[30i64, 180, 90]));
     bench.reset(0, &options).unwrap();
     let observation: &[f32] = bench.row.get("observation").unwrap();
     assert_eq!(observation, [60.0, 60.0, 150.0, 120.0, 30.0, 112.0, 180.0, 112.0, 0.0, 0.0]);
@@ -102,8 +102,9 @@ fn min_steps_moves_near_targets_and_no_others() {
         let [agent, target] = ["state", "goal_state"].map(|field| bench.pair(field).map(f64::from));
         route::way(room, agent, target).length / f64::from(room.speed)
     };
-    let least = |steps: i64| ResetOptions::default().vary(&[]).fix("task.min_steps", Value::scalar(steps));
-    bench.reset(1, &ResetOptions::default().vary(&[])).unwrap();
+    let least =
+        |steps: i64| ResetOptions::default().vary(["none"]).set("task.min_steps", Value::scalar(steps));
+    bench.reset(1, &ResetOptions::default().vary(["none"])).unwrap();
     assert_eq!(bench.pair("goal_state"), [164.0, 112.0]);
     bench.reset(1, &least(20)).unwrap();
     assert_eq!(bench.pair("goal_state"), [164.0, 112.0], "it is more than 20 steps away");
@@ -114,7 +115,7 @@ fn min_steps_moves_near_targets_and_no_others() {
     }
     bench.reset(1, &least(114)).unwrap();
     assert!(steps_to_target(&bench) > 47.0, "the farthest of a thousand: {:?}", bench.pair("goal_state"));
-    bench.reset(1, &least(114).fix("target.position", Value::vector(&[100.0, 30.0]))).unwrap();
+    bench.reset(1, &least(114).set("target.position", Value::vector(&[100.0, 30.0]))).unwrap();
     assert_eq!(bench.pair("goal_state"), [100.0, 30.0], "who sets the target gets it");
 }
 
@@ -143,19 +144,19 @@ fn impossible_combinations_name_constraint_and_factors() {
         Err(error @ EnvError::Constraint { .. }) => error.to_string(),
         other => panic!("{other:?}"),
     };
-    let nothing = || ResetOptions::default().vary(&[]);
-    let narrow = message(&nothing().fix("door.size", Value::vector(&[7i64, 21, 21])));
+    let nothing = || ResetOptions::default().vary(["none"]);
+    let narrow = message(&nothing().set("door.size", Value::vector(&[7i64, 21, 21])));
     for part in ["`door.size` must be at least 1.1 times agent.radius", "door.number = 1", "agent.radius = 7"]
     {
         assert!(narrow.contains(part), "{narrow}");
     }
-    let inside = message(&nothing().fix("agent.position", Value::vector(&[112.0, 49.0])));
+    let inside = message(&nothing().set("agent.position", Value::vector(&[112.0, 49.0])));
     for part in ["`agent.position` must be clear of the wall", "wall.thickness = 10", "[112.0,49.0]"] {
         assert!(inside.contains(part), "{inside}");
     }
-    let turned = message(&nothing().fix("wall.axis", Value::scalar(0i64)));
+    let turned = message(&nothing().set("wall.axis", Value::scalar(0i64)));
     assert!(turned.contains("its default does not meet: sample or set it too"), "{turned}");
-    let wide = message(&nothing().fix("agent.radius", Value::scalar(14.0)));
+    let wide = message(&nothing().set("agent.radius", Value::scalar(14.0)));
     assert!(wide.contains("`door.size` must be") && wide.contains("agent.radius = 14"), "{wide}");
 }
 
@@ -273,14 +274,14 @@ fn fast_images_look_like_exact_ones() {
 #[test]
 fn border_lines_have_a_color_of_their_own_on_request() {
     let mut bench = Bench::new(Some(ImageSize { height: 224, width: 224 }), &serde_json::json!({}));
-    let wall = |options: ResetOptions| options.fix("wall.color", Value::vector(&[1u8, 2, 3]));
+    let wall = |options: ResetOptions| options.set("wall.color", Value::vector(&[1u8, 2, 3]));
     let pixel = |bench: &Bench, x: usize, y: usize| -> [u8; 3] {
         bench.row.get::<u8>("pixels").unwrap()[(y * 224 + x) * 3..][..3].try_into().unwrap()
     };
     bench.reset(0, &wall(placed([40.0, 40.0], [60.0, 180.0]))).unwrap();
     assert_eq!([pixel(&bench, 210, 200), pixel(&bench, 112, 150)], [[1, 2, 3]; 2]);
     let options = wall(placed([40.0, 40.0], [60.0, 180.0]));
-    bench.reset(0, &options.fix("wall.border_color", Value::vector(&[9u8, 9, 9]))).unwrap();
+    bench.reset(0, &options.set("wall.border_color", Value::vector(&[9u8, 9, 9]))).unwrap();
     assert_eq!([pixel(&bench, 210, 200), pixel(&bench, 112, 150)], [[9; 3], [1, 2, 3]]);
 }
 
@@ -289,7 +290,7 @@ const SEED: u64 = 7;
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> Evaluation {
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&TWO_ROOM_V2, options_of_world).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..episodes).seed(SEED).options(options.clone());
     world.evaluate(&rollout).unwrap()
 }

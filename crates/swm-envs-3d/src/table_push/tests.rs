@@ -12,7 +12,7 @@ use super::{TABLE_PUSH, TablePush};
 fn evaluate(policy: &str, episodes: u64, vary: &[&str], threads: usize) -> (f64, Vec<f64>) {
     let options = WorldOptions::new(4).max_episode_steps(200).threads(threads);
     let mut world = World::new(&TABLE_PUSH, options).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     let rollout = Rollout::new(0..episodes).seed(3);
     let rollout = if vary.is_empty() { rollout } else { rollout.vary(vary.iter().copied()) };
     let evaluation = world.evaluate(&rollout).unwrap();
@@ -40,11 +40,11 @@ fn threads_do_not_change_a_bit() {
 fn pushed(factors: &[(&str, f64)], steps: usize) -> State {
     let mut env = TablePush::new(&EnvConfig::default()).unwrap();
     let mut options = ResetOptions::default()
-        .vary(&[])
-        .fix("pusher.position", Value::vector(&[-0.1, 0.0]))
-        .fix("goal.position", Value::vector(&[0.0, 0.25]));
+        .vary(["none"])
+        .set("pusher.position", Value::vector(&[-0.1, 0.0]))
+        .set("goal.position", Value::vector(&[0.0, 0.25]));
     for (name, value) in factors {
-        options = options.fix(name, Value::scalar(*value));
+        options = options.set(name, Value::scalar(*value));
     }
     env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
     for _ in 0..steps {
@@ -83,7 +83,7 @@ fn objects_slide_to_rest_and_fall_off_the_edge() {
         let start = Some([("state".to_owned(), Value::vector(&state.to_row()))].into());
         let goal = State::at_rest([-0.2, 0.2, 0.024], 0.0, [0.0, 0.0]);
         let goal = Some([("state".to_owned(), Value::vector(&goal.to_row()))].into());
-        let options = ResetOptions { start, goal, ..ResetOptions::default() }.vary(&[]);
+        let options = ResetOptions { start, goal, ..ResetOptions::default() }.vary(["none"]);
         env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
         let mut ended = false;
         for _ in 0..steps {
@@ -110,7 +110,7 @@ fn every_row_of_an_episode_starts_one() {
     for goal in [[0.0, 0.0], [0.2, 0.1]] {
         let state = State { position: [goal[0], goal[1], 0.024], ..pushed };
         let start = Some([("state".to_owned(), Value::vector(&state.to_row()))].into());
-        let options = ResetOptions { start, ..ResetOptions::default() }.vary(&[]);
+        let options = ResetOptions { start, ..ResetOptions::default() }.vary(["none"]);
         env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
         assert_eq!(*env.state(), state);
     }
@@ -128,9 +128,9 @@ fn wrong_settings_starts_and_actions_are_refused() {
     let row = [("state".to_owned(), Value::vector(&[0.0; 17]))];
     let start = ResetOptions { start: Some(row.into()), ..ResetOptions::default() };
     assert!(message(&start).contains("no unit quaternion"));
-    let near = ResetOptions::default().vary(&[]).fix("pusher.position", Value::vector(&[0.05, 0.0]));
+    let near = ResetOptions::default().vary(["none"]).set("pusher.position", Value::vector(&[0.05, 0.0]));
     assert!(message(&near).contains("clear of the object"));
-    let close = ResetOptions::default().vary(&[]).fix("goal.position", Value::vector(&[0.05, 0.0]));
+    let close = ResetOptions::default().vary(["none"]).set("goal.position", Value::vector(&[0.05, 0.0]));
     assert!(message(&close).contains("at least 0.1 m from object.position"));
     assert!(env.step(Slice::F32(&[f32::NAN, 0.0])).is_err());
 }

@@ -57,10 +57,10 @@ pub(super) fn controls(task: &Task) -> Vec<Control> {
             "color of the floor, times its texture",
             Effect::Material("basic_floor"),
         ),
-        model(texture("table.texture", "texture of the table: that of the file, or none"), |model, value| {
+        model(texture("table.texture", "texture of the table"), |model, value| {
             hide_texture(model, "table_wood", value)
         }),
-        model(texture("floor.texture", "texture of the floor: that of the file, or none"), |model, value| {
+        model(texture("floor.texture", "texture of the floor"), |model, value| {
             hide_texture(model, "basic_floor", value)
         }),
         model(

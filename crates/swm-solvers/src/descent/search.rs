@@ -1,5 +1,7 @@
 //! The sequences of a descent: where they are, what they cost, how they step.
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 use swm_core::Space;
 
@@ -13,7 +15,7 @@ use crate::problem::{Candidates, Plan, PlanKey, Problem};
 use crate::sampling::Noise;
 use crate::space::groups;
 use crate::trace::{Iteration, Trace};
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, is_past};
 
 /// The feasible set of plans.
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +58,7 @@ pub(crate) struct Search<'a, 'w> {
     pub(crate) best_costs: &'w mut [f64],
     /// Additional values of the solver.
     pub(crate) extra: &'w mut [f64],
+    deadline: Option<Instant>,
 }
 
 impl<'a, 'w> Search<'a, 'w> {
@@ -68,6 +71,7 @@ impl<'a, 'w> Search<'a, 'w> {
         extra: usize,
     ) -> Result<Self, PlanError> {
         problem.check_samples(descent.samples)?;
+        let deadline = workspace.deadline;
         let (episodes, size, samples) = (problem.keys.len(), problem.plan_size(), descent.samples);
         let all = episodes * samples * size;
         let [points, gradient, first, second, low, high, best] =
@@ -99,13 +103,13 @@ impl<'a, 'w> Search<'a, 'w> {
             best,
             best_costs,
             extra,
+            deadline,
         })
     }
 
     /// Begins the search.
     pub(crate) fn open(&self, trace: &mut dyn Trace, plan: &mut Plan) {
         plan.begin(self.problem, 0.0);
-        plan.iterations.fill(self.descent.iterations as u32);
         trace.begin(self.solver, self.problem);
     }
 
@@ -187,6 +191,11 @@ impl<'a, 'w> Search<'a, 'w> {
         trace.iteration(&done.with_gradient(self.gradient));
     }
 
+    /// Whether the solve's time is over.
+    pub(crate) fn is_out_of_time(&self) -> bool {
+        is_past(self.deadline)
+    }
+
     /// Resets the optimizer.
     pub(crate) fn restart(&mut self) {
         self.memories.iter_mut().for_each(|memory| memory.fill(0.0));
@@ -242,8 +251,8 @@ impl<'a, 'w> Search<'a, 'w> {
     ) -> Result<(), PlanError> {
         self.open(trace, plan);
         let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: self.solver })?;
-        let iterations = self.descent.iterations;
-        for iteration in 0..iterations {
+        let mut made = 0;
+        for iteration in 0..self.descent.iterations {
             let candidates = self.problem.candidates(self.points, self.descent.samples);
             cost.evaluate_with_gradient(&candidates, self.costs, self.gradient)?;
             self.screen(iteration, true, &mut plan.non_finite)?;
@@ -252,9 +261,14 @@ impl<'a, 'w> Search<'a, 'w> {
             }
             self.show(iteration, trace);
             self.step(iteration + 1, iteration);
+            made = iteration + 1;
+            if self.is_out_of_time() {
+                break;
+            }
         }
+        plan.iterations.fill(made as u32);
         cost.evaluate(&self.problem.candidates(self.points, self.descent.samples), self.costs)?;
-        self.screen(iterations, false, &mut plan.non_finite)?;
+        self.screen(made, false, &mut plan.non_finite)?;
         self.write_cheapest(plan);
         // Where other solvers report the cost of their elites, the reference reports this.
         plan.elite_mean_last.copy_from_slice(&plan.cost_of_returned);

@@ -145,6 +145,8 @@ pub(super) struct Tape {
     by_action: Vec<f64>,
     /// For derivatives that the model does not give.
     differences: Vec<f64>,
+    /// `[2, constraints of a step]`, for those of constraints.
+    values: Vec<f64>,
 }
 
 impl Tape {
@@ -196,7 +198,8 @@ impl Tape {
         self.earlier.resize(w, 0.0);
         self.by_action.resize(a, 0.0);
         let Self { states, actions, weights, step_by_state, step_by_action, .. } = self;
-        let Self { adjoint, earlier, by_action, differences, .. } = self;
+        let Self { adjoint, earlier, by_action, differences, values, .. } = self;
+        values.resize(2 * c, 0.0);
         differences.resize(Differentiator::scratch_size(w + a), 0.0);
         let mut differentiator = Differentiator::new(differences);
         let steps = actions.len() / a;
@@ -208,7 +211,14 @@ impl Tape {
             differentiator.cost(model, &at, earlier, by_action);
             if !weights.is_empty() {
                 let weights = &weights[step * c..][..c];
-                model.add_constraint_derivatives(episode, at.action, next, weights, adjoint, by_action);
+                let leads_to = Stage { state: next, ..at };
+                differentiator.add_constraints(
+                    model,
+                    &leads_to,
+                    weights,
+                    values,
+                    (&mut adjoint[..], &mut by_action[..]),
+                );
             }
             differentiator.step(model, &at, step_by_state, step_by_action);
             for (adjoint, (by_state, with_action)) in

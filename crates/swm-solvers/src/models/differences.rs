@@ -71,6 +71,32 @@ impl<'s> Differentiator<'s> {
         });
     }
 
+    /// As [`ControlModel::add_constraint_derivatives`], always. `at` has the action of a step and the state that it leads to;
+    /// `values`, `[2, C]`, is scratch.
+    pub(crate) fn add_constraints(
+        &mut self,
+        model: &dyn ControlModel,
+        at: &Stage<'_>,
+        weights: &[f64],
+        values: &mut [f64],
+        (by_next, by_action): (&mut [f64], &mut [f64]),
+    ) {
+        let Stage { episode, state: next, action, .. } = *at;
+        if model.add_constraint_derivatives(episode, action, next, weights, by_next, by_action) {
+            return;
+        }
+        let w = next.len();
+        let (behind, before) = values.split_at_mut(weights.len());
+        self.move_each(at, |index, distance, [back, ahead], _| {
+            model.constrain(episode, back.action, back.state, behind);
+            model.constrain(episode, ahead.action, ahead.state, before);
+            let values = weights.iter().zip(before.iter().zip(&*behind));
+            let sum: f64 = values.map(|(weight, (before, behind))| weight * (before - behind)).sum();
+            let out = if index < w { &mut by_next[index] } else { &mut by_action[index - w] };
+            *out += sum / distance;
+        });
+    }
+
     /// As [`ControlModel::cost_hessian`], always: differences of the first derivatives if those are given, second
     /// differences of the cost otherwise.
     pub(crate) fn hessian(&mut self, model: &dyn ControlModel, at: &Stage<'_>, hessian: &mut [f64]) {

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use serde_json::{Map, Value as Json};
+
 use super::control_cost::{Tape, steps_of};
 use crate::context::PlanningContext;
 use crate::control::{ControlModel, Stage};
@@ -52,6 +54,11 @@ pub trait Dynamics: Send + Sync {
     ) -> Result<(), PlanError> {
         let _ = (candidates, states, by_state, gradient);
         Err(PlanError::NoGradient { solver: "the objective" })
+    }
+
+    /// What descriptions of a planner call it, as settings: `model`.
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
     }
 }
 

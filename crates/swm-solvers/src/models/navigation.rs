@@ -201,10 +201,11 @@ impl ControlModel for Navigation {
         weights: &[f64],
         by_next: &mut [f64],
         _by_action: &mut [f64],
-    ) {
+    ) -> bool {
         for (weight, obstacle) in weights.iter().zip(&self.obstacles) {
             let away = away(next, &obstacle.center);
             by_next.iter_mut().zip(away).for_each(|(sum, away)| *sum -= 2.0 * weight * away);
         }
+        true
     }
 }

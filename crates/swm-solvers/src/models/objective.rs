@@ -4,6 +4,8 @@
 
 use std::ops::Range;
 
+use serde_json::{Map, Value as Json};
+
 use super::dynamics::Part;
 use crate::error::PlanError;
 
@@ -35,8 +37,21 @@ pub trait Objective: Send + Sync {
     /// The cost.
     fn cost(&self, path: &Path<'_>) -> f64;
 
-    /// Adds `weight` times the derivative of the cost with respect to the states, `[H, W]`, and to the actions, `[H, D]`.
-    fn add_derivatives(&self, path: &Path<'_>, weight: f64, by_state: &mut [f32], by_action: &mut [f32]);
+    /// Settings that differ from their defaults, for reports.
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
+
+    /// Whether it has derivatives: [`Objective::add_derivatives`] is implemented. Sampling solvers need none.
+    fn has_derivatives(&self) -> bool {
+        false
+    }
+
+    /// Adds `weight` times the derivative of the cost with respect to the states, `[H, W]`, and to the actions, `[H, D]`. Called
+    /// only where there are [derivatives](Objective::has_derivatives).
+    fn add_derivatives(&self, path: &Path<'_>, weight: f64, by_state: &mut [f32], by_action: &mut [f32]) {
+        let _ = (path, weight, by_state, by_action);
+    }
 }
 
 /// Constraints on a path: values that must be 0 or less.
@@ -57,8 +72,16 @@ pub trait Constraint: Send + Sync {
     /// Writes them.
     fn values(&self, path: &Path<'_>, values: &mut [f64]);
 
-    /// Adds the derivative of Σ weight × value with respect to the states, `[H, W]`, and to the actions, `[H, D]`.
-    fn add_derivatives(&self, path: &Path<'_>, weights: &[f64], by_state: &mut [f32], by_action: &mut [f32]);
+    /// As [`Objective::has_derivatives`].
+    fn has_derivatives(&self) -> bool {
+        false
+    }
+
+    /// Adds the derivative of Σ weight × value with respect to the states, `[H, W]`, and to the actions, `[H, D]`. Called only
+    /// where there are [derivatives](Constraint::has_derivatives).
+    fn add_derivatives(&self, path: &Path<'_>, weights: &[f64], by_state: &mut [f32], by_action: &mut [f32]) {
+        let _ = (path, weights, by_state, by_action);
+    }
 }
 
 /// Which states count.
@@ -141,6 +164,10 @@ impl Objective for GoalMse {
         sum * self.scale(path)
     }
 
+    fn has_derivatives(&self) -> bool {
+        true
+    }
+
     fn add_derivatives(&self, path: &Path<'_>, weight: f64, by_state: &mut [f32], _by_action: &mut [f32]) {
         let factor = (2.0 * weight * self.scale(path)) as f32;
         self.for_each(path, |index, goal| by_state[index] += factor * (path.states[index] - goal));
@@ -162,6 +189,10 @@ pub struct ControlPenalty;
 impl Objective for ControlPenalty {
     fn cost(&self, path: &Path<'_>) -> f64 {
         path.actions.iter().map(|&u| f64::from(u) * f64::from(u)).sum()
+    }
+
+    fn has_derivatives(&self) -> bool {
+        true
     }
 
     fn add_derivatives(&self, path: &Path<'_>, weight: f64, _by_state: &mut [f32], by_action: &mut [f32]) {
@@ -197,6 +228,10 @@ impl Objective for WeightedSum {
 
     fn cost(&self, path: &Path<'_>) -> f64 {
         self.0.iter().map(|(weight, term)| weight * term.cost(path)).sum()
+    }
+
+    fn has_derivatives(&self) -> bool {
+        self.0.iter().all(|(_, term)| term.has_derivatives())
     }
 
     fn add_derivatives(&self, path: &Path<'_>, weight: f64, by_state: &mut [f32], by_action: &mut [f32]) {
@@ -242,6 +277,10 @@ impl Constraint for KeepAway {
             let squares = self.part_of(state).iter().zip(&self.center).map(|(a, b)| f64::from(a - b).powi(2));
             *value = self.radius * self.radius - squares.sum::<f64>();
         }
+    }
+
+    fn has_derivatives(&self) -> bool {
+        true
     }
 
     fn add_derivatives(

@@ -1,5 +1,7 @@
 //! Dynamics, objective and constraints together: one rollout of the candidates, then its cost.
 
+use serde_json::{Map, Value as Json};
+
 use super::dynamics::{Dynamics, state_dim};
 use super::objective::{Constraint, Objective, Path};
 use super::outputs::{Outputs, for_each, scratch_for};
@@ -38,6 +40,13 @@ impl<D: Dynamics> ShootingCost<D> {
         constraints.iter_mut().try_for_each(|constraint| constraint.bind(dynamics.parts()))?;
         let (states, by_state, weights) = (Vec::new(), Vec::new(), Vec::new());
         Ok(Self { dynamics, objective, constraints, states, by_state, weights })
+    }
+
+    /// Whether the model and all that judges its states have derivatives.
+    fn has_gradients(&self) -> bool {
+        self.dynamics.has_gradients()
+            && self.objective.has_derivatives()
+            && self.constraints.iter().all(|constraint| constraint.has_derivatives())
     }
 
     /// The model.
@@ -140,11 +149,17 @@ impl<D: Dynamics> Cost for ShootingCost<D> {
     }
 
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        if self.dynamics.has_gradients() { Some(self) } else { None }
+        if self.has_gradients() { Some(self) } else { None }
     }
 
     fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
         if self.constraints.is_empty() { None } else { Some(self) }
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        let mut settings = self.dynamics.changed_settings();
+        settings.extend(self.objective.changed_settings());
+        settings
     }
 }
 
@@ -181,6 +196,9 @@ impl<D: Dynamics> ConstrainedCost for ShootingCost<D> {
         values: &mut [f64],
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
+        if !self.has_gradients() {
+            return Err(PlanError::NoGradient { solver: "the solver" });
+        }
         self.run(candidates, Some(weights_of), Outputs { costs, values, gradient, ..Outputs::default() })
     }
 }

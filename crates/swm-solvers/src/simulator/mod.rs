@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Map, Value as Json};
-use swm_core::{Cancel, EnvConfig, EnvEntry, EnvState, Settings as _, Space};
+use swm_core::{Cancel, EnvConfig, EnvEntry, EnvState, Observations, Settings as _, Space};
 
 use self::parallel::for_each;
 use self::worker::{Simulation, Worker};
@@ -85,8 +85,12 @@ impl SimulatorCost {
 
 impl Cost for SimulatorCost {
     fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        if context.view().spec().id != self.entry.id {
-            let (planner, world) = (self.entry.id.to_owned(), context.view().spec().id.clone());
+        let world = &context.view().spec().id;
+        if world == Observations::ID {
+            return Err(PlanError::NoSimulator { planner: self.entry.id.to_owned() });
+        }
+        if world != self.entry.id {
+            let (planner, world) = (self.entry.id.to_owned(), world.clone());
             return Err(PlanError::OtherEnv { planner, world });
         }
         self.add_workers(rayon::current_num_threads())?;

@@ -20,7 +20,7 @@ use crate::sampling::{Noise, count_non_finite};
 use crate::settings::Validate;
 use crate::solver::SolverConfig;
 use crate::trace::{Iteration, Trace};
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, is_past};
 
 swm_core::settings! {
     /// Settings of iterative LQR.
@@ -70,6 +70,7 @@ impl SolverConfig for Ilqr {
     ) -> Result<(), PlanError> {
         let bounds = box_bounds(Self::NAME, problem.action)?;
         problem.check_samples(self.samples)?;
+        let deadline = workspace.deadline;
         let (episodes, size, samples) = (problem.keys.len(), problem.plan_size(), self.samples);
         let count = episodes * samples;
         let model = cost.control().ok_or(PlanError::NoControlModel { solver: Self::NAME })?;
@@ -125,7 +126,7 @@ impl SolverConfig for Ilqr {
             }
             let candidates = problem.candidates(points, samples);
             trace.iteration(&Iteration::new(iteration, problem.keys, candidates, costs));
-            if !done.contains(&0) {
+            if !done.contains(&0) || is_past(deadline) {
                 break;
             }
         }

@@ -173,7 +173,7 @@ impl Run<'_, '_> {
     ) -> Result<(), PlanError> {
         let Lagrangian { descent, rounds, rho_scale, rho_max, persist, .. } = self.settings;
         self.search.open(trace, plan);
-        plan.iterations.fill((rounds * descent.iterations) as u32);
+        let mut made = 0;
         for round in 0..*rounds {
             self.search.restart();
             for step in 0..descent.iterations {
@@ -185,12 +185,20 @@ impl Run<'_, '_> {
                 }
                 self.search.show(iteration, trace);
                 self.search.step(step + 1, iteration);
+                made = iteration + 1;
+                if self.search.is_out_of_time() {
+                    break;
+                }
             }
             self.evaluate(problem, cost, false)?;
-            self.screen((round + 1) * descent.iterations, false, plan)?;
+            self.screen(made, false, plan)?;
             self.raise_multipliers();
             self.rho = (self.rho * rho_scale).min(*rho_max);
+            if self.search.is_out_of_time() {
+                break;
+            }
         }
+        plan.iterations.fill(made as u32);
         let (size, count) = (problem.plan_size(), self.constraints);
         for (episode, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
             let index = episode * descent.samples + self.cheapest_feasible(episode);

@@ -1,6 +1,7 @@
 //! Planning as its users see it: golden problems, obstacle courses, invariance, the MPC policy in a world, the true simulator.
 
 mod constrained;
+mod controller;
 mod courses;
 mod covariance;
 mod descent;
@@ -16,4 +17,5 @@ mod simulator;
 mod solving;
 mod traces;
 mod units;
+mod world_models;
 mod worlds;

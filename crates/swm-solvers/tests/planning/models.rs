@@ -3,11 +3,15 @@
 
 use proptest::prelude::*;
 use swm_solvers::models::{
-    ControlCost, ControlModel, ControlPenalty, DiscreteChain, GoalMse, KeepAway, LinearQuadratic, Navigation,
-    Obstacle, Obstacles, Reduction, ShootingCost, Stage, Steps, Stepwise, WeightedSum,
+    Constraint, ControlCost, ControlModel, ControlPenalty, DiscreteChain, GoalMse, KeepAway, LinearQuadratic,
+    Navigation, Objective, Obstacle, Obstacles, Path, Reduction, ShootingCost, Stage, Steps, Stepwise,
+    WeightedSum,
 };
-use swm_solvers::{Candidates, ConstrainedCost, Cost, DifferentiableCost, PlanError};
+use swm_solvers::{
+    Adam, Candidates, Cem, ConstrainedCost, Cost, DifferentiableCost, Lagrangian, PlanError, Solver,
+};
 
+use crate::gradients::solve;
 use crate::problems::{self, PlanCost, disc, lq, nav};
 
 /// The same plan for each of the four instances.
@@ -84,6 +88,12 @@ impl<M: ControlModel> ControlModel for Hidden<M> {
     fn cost_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
         !self.1 && self.0.cost_derivatives(at, by_state, by_action)
     }
+    fn constraints(&self) -> usize {
+        self.0.constraints()
+    }
+    fn constrain(&self, episode: usize, action: &[f64], next: &[f64], values: &mut [f64]) {
+        self.0.constrain(episode, action, next, values);
+    }
 }
 
 fn plans(size: usize) -> impl Strategy<Value = Vec<f32>> {
@@ -131,6 +141,8 @@ proptest! {
     fn constraints_have_gradients(real in plans(20), weights in proptest::collection::vec(0.0..2.0, 30)) {
         let mut cost = ControlCost::new(between_obstacles(Obstacles::Constraints));
         check_constraints(&mut cost, &four(&real, 2), 30, &weights, 1e-2);
+        let hidden = Hidden(between_obstacles(Obstacles::Constraints), true);
+        check_constraints(&mut ControlCost::new(hidden), &four(&real, 2), 30, &weights, 1e-2);
         check_constraints(&mut composed().expect("known parts"), &four(&real, 2), 30, &weights, 1e-2);
     }
 
@@ -269,4 +281,55 @@ fn wrong_parts_and_dimensions_are_named() {
     let odd = Candidates { actions: &[0.0; 3], episodes: 1, samples: 1, horizon: 1, dim: 3 };
     let error = ControlCost::new(Navigation::past_one_obstacle()).evaluate(&odd, &mut [0.0]).unwrap_err();
     assert_eq!(error.to_string(), "planning problem: `values per block` must hold 2 values, found 3");
+}
+
+/// The distance of the last state from the goal, and a wall, with no derivatives.
+struct Plain;
+
+impl Objective for Plain {
+    fn cost(&self, path: &Path<'_>) -> f64 {
+        let last = &path.states[path.states.len() - path.dim..];
+        last.iter().zip(path.goal).map(|(a, b)| f64::from((a - b).abs())).sum()
+    }
+}
+
+impl Constraint for Plain {
+    fn count(&self, _horizon: usize, _dim: usize) -> usize {
+        1
+    }
+    fn values(&self, path: &Path<'_>, values: &mut [f64]) {
+        values[0] = f64::from(path.states[0]) - 0.1;
+    }
+}
+
+#[test]
+fn objectives_without_derivatives_are_for_solvers_that_need_none() {
+    let dynamics = || {
+        let model = Navigation::past_one_obstacle();
+        let goals = model.ways.iter().map(|[_, goal]| goal.map(|value| value as f32).to_vec()).collect();
+        Stepwise::new(model, goals).expect("goals of 2 values")
+    };
+    let sampling = Cem { samples: 64, iterations: 8, elites: 8, ..Cem::default() };
+    let gradients = Adam::default();
+    let refusal = |cost: &mut dyn Cost, solver: &dyn Solver| {
+        solve(solver, cost, (&problems::space(), 10, 2), 1).err().map(|error| error.to_string())
+    };
+    let sum =
+        || WeightedSum::new(vec![(1.0, Box::new(GoalMse::default()) as _), (0.1, Box::new(Plain) as _)]);
+    let parts: [(Box<dyn Objective>, Vec<Box<dyn Constraint>>); 3] = [
+        (Box::new(Plain), Vec::new()),
+        (Box::new(sum().expect("finite weights")), Vec::new()),
+        (Box::new(GoalMse::default()), vec![Box::new(Plain)]),
+    ];
+    for (objective, constraints) in parts {
+        let is_constrained = !constraints.is_empty();
+        let mut cost = ShootingCost::new(dynamics(), objective, constraints).expect("known parts");
+        assert_eq!(refusal(&mut cost, &sampling), None);
+        let refused = refusal(&mut cost, &gradients).expect("it has no gradient");
+        assert!(refused.contains("adam needs a gradient"), "{refused}");
+        assert_eq!(cost.constrained().is_some(), is_constrained, "values need no derivatives");
+        assert!(refusal(&mut cost, &Lagrangian::default()).is_some());
+    }
+    let mut whole = ShootingCost::new(dynamics(), Box::new(GoalMse::default()), Vec::new()).unwrap();
+    assert_eq!(refusal(&mut whole, &gradients), None);
 }

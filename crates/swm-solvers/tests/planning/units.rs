@@ -89,7 +89,7 @@ fn said(policy: &str) -> Result<Vec<SaidRow>, Box<dyn std::error::Error>> {
     let options = WorldOptions::default().max_episode_steps(8);
     let registry = Registry::new().with(PLANNERS);
     let mut world = World::new(&TOY, options)?;
-    world.set_policy(registry.policy(policy, &world)?);
+    world.set_policy(registry.policy(policy, &world)?)?;
     let mut said = Said::default();
     world.run(&Rollout::new(0..1).seed(1).options(toward(1000.0)), &mut said)?;
     Ok(said.0)
@@ -127,7 +127,7 @@ fn planning_stops_within_a_plan_when_the_run_is_cancelled() {
     // A plan that would take hours.
     let policy =
         Registry::new().with(PLANNERS).policy("cem:iterations=100000,samples=10000", &world).unwrap();
-    world.set_policy(policy);
+    world.set_policy(policy).unwrap();
     let rollout = Rollout::new(0..2).options(toward(1000.0)).cancel(&cancel);
     std::thread::scope(|scope| {
         scope.spawn(|| {

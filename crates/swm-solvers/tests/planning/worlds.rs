@@ -140,7 +140,7 @@ pub(super) fn run(setting: &Setting, policy: impl Policy + 'static) -> Result<Ve
     let options =
         WorldOptions::new(setting.num_envs).max_episode_steps(setting.max_steps).threads(setting.threads);
     let mut world = World::new(&setting.entry, options)?;
-    world.set_policy(policy);
+    world.set_policy(policy)?;
     let mut stories = Stories::default();
     let rollout = Rollout::new(0..setting.episodes).seed(7);
     let rollout = match setting.each.as_slice() {

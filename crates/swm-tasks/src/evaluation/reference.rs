@@ -2,7 +2,7 @@
 //! true dynamics.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Map;
+use serde_json::{Map, Value as Json};
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs, Registry};
 
@@ -126,6 +126,39 @@ impl Reference {
     }
 }
 
+impl Reference {
+    /// Why the mean regret after the first plan is negative, where it is: an oracle is a planner with the true dynamics, which seeks what
+    /// its cost says with the time that it has, and no bound on what the task cost can be after some steps. `evaluated` are the
+    /// episodes of the evaluated policy.
+    pub fn negative_regret(&self, evaluated: &[EpisodeResult]) -> Option<String> {
+        self.regret.as_ref().filter(|regret| regret.first_plan < 0.0)?;
+        let ended = evaluated.iter().zip(&self.episodes).filter(|&(policy, oracle)| {
+            let is_ahead = policy.plan_cost.zip(oracle.plan_cost).is_some_and(|(own, other)| own < other);
+            is_ahead && oracle.success && oracle.plan_costs.len() == 1
+        });
+        let ended = ended.count();
+        let setting = |name: &str| self.candidate.policy.named.get(name).and_then(Json::as_u64).unwrap_or(5);
+        let (executed, planned) = (setting("receding_horizon"), setting("horizon"));
+        let mut reasons = Vec::new();
+        if ended > 0 {
+            let pairs = if ended == 1 { "1 pair".to_owned() } else { format!("{ended} pairs") };
+            reasons.push(format!(
+                "in {pairs} its first plan succeeded, which ends an episode at any cost that counts as success"
+            ));
+        }
+        if executed < planned {
+            reasons.push(format!(
+                "its plans are the cheapest after {planned} blocks, and the cost is that after the {executed} that it executes"
+            ));
+        }
+        reasons.push("its search is finite: more samples or iterations make it a better oracle".to_owned());
+        Some(format!(
+            "a negative regret says that the oracle's plans were not optimal: {}",
+            reasons.join("; ")
+        ))
+    }
+}
+
 /// The reference policies of a candidate: random, no-op, and the oracle (see [`Candidate::oracle`]) where the environment
 /// has a task cost.
 pub fn roles(
@@ -171,5 +204,35 @@ mod tests {
         // In the last column three of the four are at their end.
         assert_eq!(regret.by_plan, [1.5, 3.0, 2.5]);
         assert!(Regret::of(&[], &[]).is_none());
+    }
+
+    #[test]
+    fn a_negative_regret_is_explained() {
+        let oracle = |text: &str, costs: [f64; 2], solved: bool| {
+            let episodes = costs.map(|cost| {
+                let mut episode = episode(&[cost], cost);
+                episode.success = solved;
+                episode
+            });
+            let candidate = Candidate::new(PolicyArgs::parse(text).unwrap());
+            Reference::new(Role::Oracle, candidate, episodes.to_vec(), &policy())
+        };
+        fn policy() -> [EpisodeResult; 2] {
+            [episode(&[1.0], 1.0), episode(&[3.0], 3.0)]
+        }
+        let reason = |reference: Reference| reference.negative_regret(&policy());
+        assert_eq!(reason(oracle("cem", [0.5, 2.0], false)), None, "a positive regret needs no explanation");
+        let finite = "its search is finite";
+        let found = reason(oracle("cem", [1.5, 3.5], false)).unwrap();
+        assert!(
+            found.contains(finite) && !found.contains("blocks") && !found.contains("succeeded"),
+            "{found}"
+        );
+        let found = reason(oracle("cem:horizon=8,receding_horizon=2", [1.5, 3.5], false)).unwrap();
+        assert!(found.contains("cheapest after 8 blocks") && found.contains("after the 2 that"), "{found}");
+        let found = reason(oracle("cem", [1.5, 3.5], true)).unwrap();
+        assert!(found.contains("in 2 pairs its first plan succeeded"), "{found}");
+        let found = reason(oracle("cem", [0.9, 9.5], true)).unwrap();
+        assert!(found.contains("in 1 pair its first plan"), "{found}");
     }
 }

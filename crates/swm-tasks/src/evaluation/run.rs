@@ -158,7 +158,7 @@ pub fn run_pairs(
         let most = missing.iter().map(|range| range.end - range.start).max().unwrap_or(1);
         let num_envs = options.num_envs.min(usize::try_from(most)?).max(1);
         let mut world = World::new(entry, manifest.world(num_envs, options.threads))?;
-        world.set_policy(candidate.make(registry, entry, manifest)?);
+        world.set_policy(candidate.make(registry, entry, manifest)?)?;
         world.set_policy_seed(candidate.seed);
         world.set_transform(distractors::parse_all(&manifest.distractors)?);
         let mut rollout = Rollout::new(0..0).seed(manifest.seed).each(resets);

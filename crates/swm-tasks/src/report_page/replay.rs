@@ -138,15 +138,15 @@ fn episode(
     let mut watched = None;
     match actions {
         None => {
-            world.set_policy(policy);
+            world.set_policy(policy)?;
         }
         Some(actions) => match Watched::new(policy, ELITES, swm_solvers::NoTrace) {
             Ok((policy, session)) => {
-                world.set_policy(policy);
+                world.set_policy(policy)?;
                 watched = Some((session, actions));
             }
             Err(policy) => {
-                world.set_policy(policy);
+                world.set_policy(policy)?;
             }
         },
     }

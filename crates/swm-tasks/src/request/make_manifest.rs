@@ -242,7 +242,7 @@ mod tests {
     /// A dataset of the toy environment: episodes of up to 5 actions.
     fn record(path: &Path) {
         let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(5)).unwrap();
-        world.set_policy(policies::random());
+        world.set_policy(policies::random()).unwrap();
         let mut writer = swm_data::create(path, WriteMode::Error, None).unwrap();
         world.record_dataset(&Rollout::new(0..3), writer.as_mut()).unwrap();
     }

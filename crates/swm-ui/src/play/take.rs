@@ -72,7 +72,7 @@ impl Take {
         let mut world = World::new(self.entry, options)?;
         world.set_success(&self.success)?;
         world.set_transform(transform);
-        world.set_policy(policy::scripted(self.actors.clone(), |_, _| Ok(())));
+        world.set_policy(policy::scripted(self.actors.clone(), |_, _| Ok(())))?;
         let options = ResetOptions { seed: Some(self.seed), ..self.options.clone() };
         let rollout = Rollout::new(number..number + 1).seed(self.run_seed).options(options);
         let mut end = End::default();

@@ -26,7 +26,7 @@ impl swm_ui::Commands for Commands {
 /// A dataset of the toy environment.
 fn record(path: &Path) {
     let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(5)).unwrap();
-    world.set_policy(policies::random());
+    world.set_policy(policies::random()).unwrap();
     let mut writer = swm_data::create(path, WriteMode::Error, None).unwrap();
     world.record_dataset(&Rollout::new(0..2), writer.as_mut()).unwrap();
 }

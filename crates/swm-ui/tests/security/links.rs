@@ -23,7 +23,7 @@ fn record(path: &Path, format: &str) {
     let image = Some(ImageSize { height: 32, width: 32 });
     let env = EnvConfig { image, ..EnvConfig::default() };
     let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(4).threads(1).env(env)).unwrap();
-    world.set_policy(swm_core::policies::random());
+    world.set_policy(swm_core::policies::random()).unwrap();
     let mut writer = swm_data::create(path, WriteMode::Append, Some(format)).unwrap();
     world.record_dataset(&Rollout::new(0..2).seed(3), writer.as_mut()).unwrap();
 }

@@ -17,8 +17,21 @@ const FILES: [(&str, &str); 5] = [
     ("src/main.rs", include_str!("../../templates/environment/src/main.rs")),
     ("tests/conformance.rs", include_str!("../../templates/environment/tests/conformance.rs")),
 ];
-/// The crates that the template depends on.
-const CRATES: [&str; 3] = ["swm", "swm-core", "swm-fov"];
+/// The crates of this workspace that the template builds: a line in its manifest is enough to use one.
+const CRATES: [&str; 9] = [
+    "swm",
+    "swm-core",
+    "swm-data",
+    "swm-envs-2d",
+    "swm-fov",
+    "swm-media",
+    "swm-render",
+    "swm-solvers",
+    "swm-tasks",
+];
+/// The others, of which cargo would warn that nothing uses them.
+const FURTHER: [&str; 6] =
+    ["swm-baselines", "swm-data-lance", "swm-envs-3d", "swm-envs-mujoco", "swm-onnx", "swm-ui"];
 
 /// Names that cargo refuses, or that would hide a crate that the template uses.
 const TAKEN: [&str; 12] = [
@@ -132,7 +145,10 @@ impl NewEnv {
     fn source(&self) -> Result<String, Failure> {
         let mut text =
             "\n# Where the crates are taken from, in place of the registry.\n[patch.crates-io]\n".to_owned();
-        for name in CRATES {
+        for name in CRATES.into_iter().chain(FURTHER) {
+            if name == FURTHER[0] {
+                text += "# Remove the `#` of those that you add to the dependencies.\n";
+            }
             let place = match &self.checkout {
                 None => toml::Table::from_iter([("git".to_owned(), env!("CARGO_PKG_REPOSITORY").into())]),
                 Some(checkout) => {
@@ -142,7 +158,8 @@ impl NewEnv {
                     toml::Table::from_iter([("path".to_owned(), found.display().to_string().into())])
                 }
             };
-            text += &format!("{name} = {}\n", toml::Value::from(place));
+            let mark = if FURTHER.contains(&name) { "# " } else { "" };
+            text += &format!("{mark}{name} = {}\n", toml::Value::from(place));
         }
         Ok(text)
     }
@@ -166,4 +183,35 @@ fn is_installed(program: &str) -> bool {
 
 fn existing(path: &Path) -> Option<String> {
     path.exists().then(|| path.display().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    use super::{CRATES, FURTHER};
+
+    #[test]
+    fn every_crate_of_the_workspace_is_taken_from_the_checkout() {
+        let crates = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the folder of crates");
+        let folders = std::fs::read_dir(crates).unwrap().map(|entry| entry.unwrap().file_name());
+        let mut found: BTreeSet<String> =
+            folders.map(|name| name.into_string().expect("names are ASCII")).collect();
+        assert!(found.remove("swm-py"), "it is a package of Python, on which no crate depends");
+        assert_eq!(found, CRATES.into_iter().chain(FURTHER).map(str::to_owned).collect());
+    }
+
+    #[test]
+    fn the_template_has_the_features_that_it_names() {
+        let manifest: toml::Table = include_str!("../../Cargo.toml").parse().unwrap();
+        let features = manifest["features"].as_table().unwrap();
+        let template = include_str!("../../templates/environment/Cargo.toml.txt");
+        let named = template.lines().find_map(|line| line.split_once("Further features: ")).unwrap().1;
+        let named: Vec<&str> = named.trim_end_matches('.').split(", ").chain(["cli", "faer"]).collect();
+        let unknown: Vec<&&str> = named.iter().filter(|name| !features.contains_key(**name)).collect();
+        assert!(unknown.is_empty(), "{unknown:?}");
+        let missing: Vec<&String> = features.keys().filter(|name| !named.contains(&name.as_str())).collect();
+        assert_eq!(missing, ["cuda", "default"]);
+    }
 }

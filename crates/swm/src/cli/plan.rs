@@ -131,7 +131,7 @@ impl Plan {
         };
         let watched = Watched::new(policy, DRAWN_ELITES, trace);
         let (policy, session) = watched.map_err(|_| makes_no_plans(registry, &self.policy))?;
-        world.set_policy(policy);
+        world.set_policy(policy)?;
         let episodes = problem.episodes.end - problem.episodes.start;
         let bar = output.bar(episodes * problem.budget, "steps");
         let mut video = Video::first(if image.is_some() { episodes } else { 0 });

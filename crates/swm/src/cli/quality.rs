@@ -35,6 +35,7 @@ Examples:
 
 Models that need no training are for comparison: `true` (the environment in its standardized state space), `gain=G` (the same with actions \
 multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes). \
+World models that a plugin registers are measured by their names. \
 Trained ones are `lewm:RUN`, `pldm:RUN`, `conv-jepa:RUN`, `dino-wm:RUN`, `keypoint-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
 time as the frame skip that they were trained with. \
 Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
@@ -96,9 +97,6 @@ impl QualityCommand {
         }
         let entry = self.env.entry(registry)?;
         let trained = trained(registry, &self.model)?;
-        if trained.is_none() && !self.model.starts_with("pixels=") {
-            gain(&self.model)?;
-        }
         let violations: Vec<(String, Violation)> = self
             .violations
             .iter()
@@ -208,8 +206,18 @@ pub(super) fn default_probes(
 
 /// A model of the registry, where `--model` names one: `lewm:RUN`.
 fn trained(registry: &Registry, name: &str) -> Result<Option<(&'static ModelEntry, PolicyArgs)>, Failure> {
-    if !name.contains(':') {
-        return Ok(None);
+    if !name.contains(':') && registry.find::<ModelEntry>(name).is_err() {
+        if name.starts_with("pixels=") || gain(name).is_ok() {
+            return Ok(None);
+        }
+        let known: Vec<&str> = registry.all::<ModelEntry>().map(|entry| entry.name).collect();
+        let others = match known.is_empty() {
+            true => "trained ones such as lewm:RUN".to_owned(),
+            false => format!("models of the registry: {}", known.join(", ")),
+        };
+        return Err(usage(format!(
+            "--model {name}: there are true, constant, gain=NUMBER, pixels=CELLS, and {others}"
+        )));
     }
     let args = policy_args(name)?;
     match registry.find::<ModelEntry>(&args.name) {

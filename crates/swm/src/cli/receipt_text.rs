@@ -47,8 +47,10 @@ pub(super) fn receipt_text(receipt: &Receipt, path: Option<&Path>) -> String {
         text += "\nThe policy plans on the true dynamics: it is its own oracle.\n";
     }
     let others = receipt.references.iter().filter(|other| !is_itself(other));
-    if let Some(regret) = others.into_iter().find_map(|other| other.regret.as_ref()) {
+    if let Some((oracle, regret)) = others.into_iter().find_map(|other| Some((other, other.regret.as_ref()?)))
+    {
         text += &format!("\n{}\n", regret_line(regret));
+        text += &oracle.negative_regret(&receipt.episodes).map(|why| format!("{why}\n")).unwrap_or_default();
     }
     let seed = Some(receipt.candidate.seed).filter(|&seed| seed != 0);
     text += &seed.map(|seed| format!("policy seed {seed}\n")).unwrap_or_default();

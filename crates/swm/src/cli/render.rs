@@ -56,7 +56,7 @@ impl Render {
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: None };
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
-        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?);
+        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?)?;
         let mut video = Video::first(1);
         let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options(
             entry,

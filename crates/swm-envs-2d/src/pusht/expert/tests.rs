@@ -47,7 +47,7 @@ impl Run {
             .max_episode_steps(200)
             .frame_skip(self.frame_skip);
         let mut world = World::new(self.entry, options).unwrap();
-        world.set_policy(Registry::new().policy(self.policy, &world).unwrap());
+        world.set_policy(Registry::new().policy(self.policy, &world).unwrap()).unwrap();
         let rollout = Rollout::new(self.episodes.clone()).seed(7).options(self.options.clone());
         world.evaluate_with(&rollout, watcher).unwrap()
     }
@@ -84,7 +84,7 @@ fn default_episodes_are_solved() {
 #[test]
 fn every_block_shape_is_solved() {
     for shape in 1..=7_i64 {
-        let options = ResetOptions::default().fix("block.shape", Value::scalar(shape));
+        let options = ResetOptions::default().set("block.shape", Value::scalar(shape));
         let evaluation = Run { options, episodes: 0..2, ..Run::default() }.evaluate();
         assert_eq!(successes(&evaluation), 2, "block shape {shape}: {evaluation:?}");
     }
@@ -95,9 +95,9 @@ fn small_agents_of_every_shape_succeed() {
     let mut solved = 0;
     for shape in 1..=7_i64 {
         let options = ResetOptions::default()
-            .fix("agent.shape", Value::scalar(shape))
-            .fix("agent.scale", Value::scalar(20.0_f32))
-            .fix("block.shape", Value::scalar(4_i64));
+            .set("agent.shape", Value::scalar(shape))
+            .set("agent.scale", Value::scalar(20.0_f32))
+            .set("block.shape", Value::scalar(4_i64));
         solved += successes(&Run { options, episodes: 0..2, ..Run::default() }.evaluate());
     }
     // Polygon agents are pushed back, and slow: not all episodes can be done in 200 steps.

@@ -17,7 +17,7 @@ fn evaluate(policy: &str, settings: &serde_json::Value, options: &ResetOptions, 
     let config = EnvConfig { image: None, settings: settings.as_object().unwrap().clone() };
     let mut world =
         World::new(&ROCKET_LANDING, WorldOptions::new(8).env(config).max_episode_steps(1200)).unwrap();
-    world.set_policy(Registry::new().policy(policy, &world).unwrap());
+    world.set_policy(Registry::new().policy(policy, &world).unwrap()).unwrap();
     world.evaluate(&Rollout::new(0..episodes).seed(5).options(options.clone())).unwrap()
 }
 

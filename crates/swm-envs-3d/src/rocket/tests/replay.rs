@@ -50,19 +50,19 @@ impl Recordings {
 
     /// The factors in force.
     fn options(&mut self, run: &str) -> ResetOptions {
-        let mut options = ResetOptions::default().vary(&[]);
+        let mut options = ResetOptions::default().vary(["none"]);
         let prefix = format!("{run}/fov.");
         let set = self.names.iter().filter_map(|name| name.strip_prefix(&prefix)).map(str::to_owned);
         for factor in set.filter(|name| name != "environment.sky_color").collect::<Vec<_>>() {
             let name = format!("fov.{factor}");
             options = match factor.as_str() {
                 color if color.ends_with("color") => {
-                    options.fix(&factor, Value::vector(&self.list::<u8>(run, &name)))
+                    options.set(&factor, Value::vector(&self.list::<u8>(run, &name)))
                 }
                 "environment.start_height_ratio" => {
-                    options.fix(&factor, Value::scalar(self.list::<f64>(run, &name)[0]))
+                    options.set(&factor, Value::scalar(self.list::<f64>(run, &name)[0]))
                 }
-                _ => options.fix(&factor, Value::vector(&self.list::<f32>(run, &name))),
+                _ => options.set(&factor, Value::vector(&self.list::<f32>(run, &name))),
             };
         }
         options

@@ -295,7 +295,7 @@ mod tests {
         assert!(!is_sampled(&plain) && !is_sampled(&plain.clone().vary(&["agent"])));
         let both = plain.clone().vary(&["agent", "block.color"]);
         assert!(is_sampled(&both) && !change(Values::Extremes).is_sampled_in(&factors, &both));
-        assert!(!is_sampled(&both.fix("agent.shape", Value::scalar(2_i64))));
+        assert!(!is_sampled(&both.set("agent.shape", Value::scalar(2_i64))));
         let start = changes(&factors, &["block.start".to_owned()], Values::Sampled).unwrap().remove(0);
         assert!(start.is_sampled_in(&factors, &plain), "by default");
     }
@@ -303,7 +303,7 @@ mod tests {
     #[test]
     fn changes_draw_or_set_what_they_name_and_nothing_else() {
         let (factors, plain) =
-            (factors(), ResetOptions::default().fix("block.color", Value::vector(&[9u8; 3])));
+            (factors(), ResetOptions::default().set("block.color", Value::vector(&[9u8; 3])));
         let change =
             |share| Change { name: "block".to_owned(), scope: Scope::Group, value: String::new(), share };
         let none = BTreeMap::new();

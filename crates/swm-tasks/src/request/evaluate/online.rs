@@ -51,7 +51,7 @@ impl Evaluate {
         let mut world =
             World::new(entry, options.frame_skip(frame_skip).threads(self.threads)).map_err(failed)?;
         let ask = if dataset.is_some() { Ask::Dataset } else { Ask::Here };
-        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?);
+        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?).map_err(failed)?;
         let factors = &world.spec().factors;
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let reset = match &dataset {

@@ -141,7 +141,7 @@ impl Record {
             .unrecorded(&self.without)
             .checkpoints(self.replayable);
         let mut world = World::new(registry.env(&self.env).map_err(failed)?, options).map_err(of_option)?;
-        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?);
+        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?).map_err(failed)?;
         let row_bytes = world.infos().schema().row_bytes() as u64;
         if let Some(much) =
             episodes_note(world.options().num_envs, self.max_steps, row_bytes, machine_bytes())

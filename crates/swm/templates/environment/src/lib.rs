@@ -95,29 +95,11 @@ impl Env for Point {
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         self.fov = self.space.sample(&self.spec.id, episode)?;
-        // A start or a goal may be given by a recorded row, else its factor says it.
-        let recorded = |row: &Option<std::collections::BTreeMap<_, swm_core::Value>>, factor: &str| match row
-        {
-            None => Ok(self.fov.f64(factor)),
-            Some(row) => {
-                let refused = |reason: &str| EnvError::Reset {
-                    env: self.spec.id.clone(),
-                    reason: reason.to_owned(),
-                };
-                let value =
-                    row.get("state").ok_or_else(|| refused("start and goal need the column `state`"))?;
-                let position = value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0];
-                match position.is_finite() {
-                    true => Ok(position),
-                    false => Err(refused("the recorded `state` is not finite")),
-                }
-            }
-        };
-        let (position, goal) = (
-            recorded(&episode.options.start, "point.start")?,
-            recorded(&episode.options.goal, "goal.position")?,
-        );
-        (self.position, self.goal) = (position, goal);
+        // A recorded row may say where to start and what the goal is, else factors do.
+        let start = episode.start(&self.spec, "state")?.map(|state| state[0]);
+        let goal = episode.goal(&self.spec, "state")?.map(|state| state[0]);
+        self.position = start.unwrap_or(self.fov.f64("point.start"));
+        self.goal = goal.unwrap_or(self.fov.f64("goal.position"));
         Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })
     }
 
@@ -156,11 +138,7 @@ impl Env for Point {
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
         let saved: Saved = state.load(&self.spec.id)?;
-        let foreign = |error: swm_fov::FovError| EnvError::State {
-            env: self.spec.id.clone(),
-            reason: error.to_string(),
-        };
-        self.fov = self.space.recall(&saved.fov).map_err(foreign)?;
+        self.fov = self.space.recall(&saved.fov)?;
         (self.position, self.goal) = (saved.position, saved.goal);
         Ok(())
     }
