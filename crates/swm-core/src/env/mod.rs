@@ -374,7 +374,7 @@ impl ResetOptions {
         {
             return self;
         }
-        for name in names.iter().map(|name| name.as_ref()) {
+        for name in names.iter().map(AsRef::as_ref) {
             let added = name.strip_prefix('+').filter(|name| !name.is_empty());
             if added.is_some() && !asked.iter().any(|name| name == "default") {
                 asked.insert(0, "default".to_owned());
