@@ -78,7 +78,7 @@ fn allocations_of_steps(entry: &EnvEntry, num_envs: usize, render: &str) -> Opti
         "swm/CartPoleControl-v1" => swm::registry().policy("expert", &world).expect("it has one"),
         _ => Box::new(policies::random()),
     };
-    world.set_policy(policy).unwrap();
+    world.set_policy(policy).expect("it begins");
     let rollout = Rollout::new(0..num_envs as u64).seed(3);
     // Episodes of Fetch have 50 steps; a random walk on the grid meets the goal after 65, a zombie meets the player.
     let short = ["swm/Fetch", "swm/SimpleNavigation", "swm/CraftaxClassic"];

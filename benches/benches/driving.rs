@@ -10,7 +10,7 @@ fn by_hand(c: &mut Criterion) {
         for threads in [1, 2] {
             let options = WorldOptions::new(num_envs).max_episode_steps(None).threads(threads);
             let mut world = World::new(&TOY, options).expect("the options are valid");
-            world.set_policy(policies::random()).unwrap();
+            world.set_policy(policies::random()).expect("it begins");
             // So far from the goal that no episode ends.
             let far = ResetOptions {
                 start: Some([("state".to_owned(), swm_core::Value::vector(&[1e9]))].into_iter().collect()),

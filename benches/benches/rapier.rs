@@ -20,7 +20,9 @@ fn world_step(c: &mut Criterion) {
     for (name, entry, policy) in CASES {
         let options = WorldOptions::default().max_episode_steps(None).threads(1);
         let mut world = World::new(entry, options).expect("the options are valid");
-        world.set_policy(Registry::new().with(ENVS).policy(policy, &world).expect("it exists")).unwrap();
+        world
+            .set_policy(Registry::new().with(ENVS).policy(policy, &world).expect("it exists"))
+            .expect("it begins");
         let mut steps = 0;
         group.bench_function(name, |b| {
             b.iter(|| {

@@ -37,7 +37,7 @@ fn reset(c: &mut Criterion) {
     for (version, entry) in VERSIONS {
         for image in Image::ALL {
             for (name, options) in
-                [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(&["all"]))]
+                [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(["all"]))]
             {
                 let (mut world, mut seed) = (world(entry, image), 0);
                 group.bench_function(format!("{version}/{}/{name}", image.name()), |b| {

@@ -81,7 +81,7 @@ fn reset(c: &mut Criterion) {
     let mut group = c.benchmark_group("reset");
     for image in Image::ALL {
         for (name, options) in
-            [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(&["all"]))]
+            [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(["all"]))]
         {
             let mut world = world(image, Actions::Random, 1, 1).expect("the options are valid");
             let mut seed = 0;

@@ -39,7 +39,7 @@ fn every_command_that_reads_a_dataset_takes_the_options() {
     says(2, &[&make[..], &noise, &["--split", "test"]].concat(), &["no part `test`"]);
     swm_ok(&[&make[..], &noise, &["--split", "train"]].concat());
     says(2, &["quality", PUSHT, "--flip", "180"], &["--flip", "none is named"]);
-    says(2, &["replay", &noise[1], "--split", "test"], &["no part `test`"]);
+    says(2, &["replay", noise[1], "--split", "test"], &["no part `test`"]);
     let eval = ["eval", PUSHT, "--policy", "random", "--episodes", "1", "--goal-offset", "2"];
     says(1, &[&eval[..], &["--dataset", &human]].concat(), &["its `state` has 5 values a row"]);
     let other = [&eval[..], &["--dataset", &human, "--map", "all=state"]].concat();

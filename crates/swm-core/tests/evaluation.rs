@@ -46,7 +46,7 @@ fn walk(rule: &SuccessRule) -> EpisodeEnd {
             write_action(action, &[1.0]);
             Ok(())
         }))
-        .unwrap();
+        .expect("it begins");
     world.set_success(rule).expect("the toy runs");
     let row = |state: f64| Some([("state".to_owned(), Value::vector(&[state]))].into_iter().collect());
     let options = ResetOptions { start: row(0.0), goal: row(10.0), ..ResetOptions::default() };

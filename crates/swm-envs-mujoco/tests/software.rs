@@ -128,9 +128,7 @@ fn images_do_not_depend_on_what_was_drawn_before() {
     let case = &cases["humanoid-50"];
     let mut env = make(case);
     let first = render(&mut env, case);
-    env.0
-        .reset(&Episode::new(EpisodeSeed::new(7), &ResetOptions::default().vary(&["all"])))
-        .expect("a reset");
+    env.0.reset(&Episode::new(EpisodeSeed::new(7), &ResetOptions::default().vary(["all"]))).expect("a reset");
     env.0.observe(&mut env.1.rows_mut());
     assert!(render(&mut env, case) == first, "another image after another episode");
     assert!(render(&mut make(case), case) == first, "another image in another environment");

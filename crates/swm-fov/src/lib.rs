@@ -12,7 +12,7 @@
 //!     Factor::rgb("block.color", [119, 136, 153]).doc("fill of the block"),
 //!     Factor::scalar("block.scale", 20.0, 60.0, 30.0).doc("length of one cell, px"),
 //! ]);
-//! let options = ResetOptions::default().vary(&["block.scale"]);
+//! let options = ResetOptions::default().vary(["block.scale"]);
 //! let fov = space.sample("swm/Example-v0", &Episode::new(EpisodeSeed::new(7), &options))?;
 //! assert_eq!(fov.rgb("block.color"), [119, 136, 153]);
 //! assert!((20.0..=60.0).contains(&fov.f64("block.scale")));

@@ -30,10 +30,10 @@ fn sample(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
 
 #[test]
 fn groups_and_all_select_what_lies_below() {
-    let fov = sample(3, &ResetOptions::default().vary(&["goal", "wall.color"])).unwrap();
+    let fov = sample(3, &ResetOptions::default().vary(["goal", "wall.color"])).unwrap();
     assert!(fov.touched("goal.position") && fov.touched("wall.color"));
     assert!(!fov.touched("agent.position") && !fov.touched("door.number"));
-    let all = sample(3, &ResetOptions::default().vary(&["all"])).unwrap();
+    let all = sample(3, &ResetOptions::default().vary(["all"])).unwrap();
     assert!(all.iter().all(|(name, _)| all.touched(name)));
 }
 
@@ -47,7 +47,7 @@ fn default_and_ends_of_names_select_across_groups() {
     assert_eq!(touched(&["*.color"]).unwrap(), [true, false, false]);
     // The start is sampled on either side of the wall.
     let both = (0..9).find_map(|seed| {
-        let options = ResetOptions::default().vary(&["default", "goal", "*.number"]);
+        let options = ResetOptions::default().vary(["default", "goal", "*.number"]);
         sample(seed, &options).ok()
     });
     let fov = both.expect("some seeds put the agent left of the wall");
@@ -63,7 +63,7 @@ fn without_a_list_the_default_list_is_sampled() {
 
 #[test]
 fn messages_name_the_factor_and_the_fix() {
-    let message = sample(0, &ResetOptions::default().vary(&["agent.positon"])).unwrap_err();
+    let message = sample(0, &ResetOptions::default().vary(["agent.positon"])).unwrap_err();
     assert!(message.contains("did you mean `agent.position`?"), "{message}");
     let message = sample(0, &ResetOptions::default().vary(["none"]).set("door.number", Value::scalar(9i64)))
         .unwrap_err();
@@ -82,7 +82,7 @@ fn messages_name_the_factor_and_the_fix() {
 #[test]
 fn a_default_that_no_longer_fits_is_named_as_such() {
     let message =
-        (0..40).find_map(|seed| sample(seed, &ResetOptions::default().vary(&["agent.position"])).err());
+        (0..40).find_map(|seed| sample(seed, &ResetOptions::default().vary(["agent.position"])).err());
     let message = message.expect("half of the samples lie on the default goal's side");
     assert!(message.contains("`goal.position` must be on the other side"), "{message}");
     assert!(message.contains("its default does not meet: sample or set it too"), "{message}");
@@ -101,8 +101,8 @@ fn descriptions_list_every_factor() {
 proptest! {
     #[test]
     fn sampling_one_more_factor_moves_no_other(seed in 0u64..1 << 40) {
-        let few = sample(seed, &ResetOptions::default().vary(&["wall.color", "agent.radius"])).unwrap();
-        let more = sample(seed, &ResetOptions::default().vary(&["all"])).unwrap();
+        let few = sample(seed, &ResetOptions::default().vary(["wall.color", "agent.radius"])).unwrap();
+        let more = sample(seed, &ResetOptions::default().vary(["all"])).unwrap();
         prop_assert_eq!(few.rgb("wall.color"), more.rgb("wall.color"));
         prop_assert_eq!(few.f32("agent.radius"), more.f32("agent.radius"));
         prop_assert_eq!(few.i64("door.number"), 1);
@@ -110,7 +110,7 @@ proptest! {
 
     #[test]
     fn a_saved_assignment_comes_back(seed in 0u64..1 << 40) {
-        let fov = sample(seed, &ResetOptions::default().vary(&["all"])).unwrap();
+        let fov = sample(seed, &ResetOptions::default().vary(["all"])).unwrap();
         let saved = serde_json::from_str(&serde_json::to_string(&fov.save()).unwrap()).unwrap();
         prop_assert_eq!(space().recall(&saved).unwrap(), fov);
     }

@@ -30,7 +30,8 @@ fn evaluate(model: &std::path::Path, settings: &str) -> Result<Evaluation, Strin
     let mut world = world(1);
     let policy =
         Registry::new().with(POLICIES).policy(&format!("onnx:{},{settings}", model.display()), &world);
-    world.set_policy(policy.map_err(|error| format!("at load: {error}"))?)?;
+    let policy = policy.map_err(|error| format!("at load: {error}"))?;
+    world.set_policy(policy).map_err(|error| error.to_string())?;
     world.evaluate(&Rollout::new(0..2).seed(1)).map_err(|error| {
         let mut error: &dyn std::error::Error = &error;
         let mut text = format!("at run: {error}");

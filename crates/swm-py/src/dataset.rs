@@ -195,8 +195,7 @@ impl Reader {
     #[pyo3(signature = (image, fit=None))]
     fn resized(&self, py: Python<'_>, image: (usize, usize), fit: Option<&str>) -> PyResult<Self> {
         let fit: Option<Fit> = fit.map(str::parse).transpose().map_err(PyValueError::new_err)?;
-        let size =
-            ImageSize::new(image.0, image.1).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let size = ImageSize::new(image.0, image.1).map_err(PyValueError::new_err)?;
         self.derive(py, |dataset| Resized::new(dataset, size, fit))
     }
 

@@ -80,6 +80,7 @@ fn verify_receipt(
 /// Replays episodes of a dataset on the simulator and compares; gives a JSON object.
 #[pyfunction]
 #[pyo3(signature = (path, episodes=None, set=None, tolerance=0.0, env=None, tick=None, options=None))]
+#[expect(clippy::too_many_arguments, reason = "keywords of Python")]
 fn replay(
     py: Python<'_>,
     path: PathBuf,

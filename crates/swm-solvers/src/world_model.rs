@@ -351,13 +351,13 @@ struct Distance {
 
 impl Objective for Distance {
     fn cost(&self, path: &Path<'_>) -> f64 {
-        let distances = path.states.chunks_exact(path.dim).map(|state| {
+        let mut distances = path.states.chunks_exact(path.dim).map(|state| {
             let squares = state.iter().zip(path.goal).map(|(a, b)| f64::from(a - b).powi(2));
             squares.sum::<f64>() / path.dim as f64
         });
         let count = distances.len() as f64;
         match self.aggregate {
-            Aggregate::Last => distances.last().unwrap_or(f64::NAN),
+            Aggregate::Last => distances.next_back().unwrap_or(f64::NAN),
             Aggregate::Mean => distances.sum::<f64>() / count,
             Aggregate::Best => distances.fold(f64::INFINITY, f64::min),
         }

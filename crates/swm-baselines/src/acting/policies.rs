@@ -270,7 +270,9 @@ fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
     let given = Given::of(args)?;
     let mut files = match &given.foreign {
         Some(_) => Vec::new(),
-        None => TrainedModel::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
+        None => {
+            TrainedModel::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))?
+        }
     };
     if let Some(run) = given.rest.get(PROPOSAL.name) {
         let proposal = TrainedModel::companions(Path::new(&text(run)), Which::default());

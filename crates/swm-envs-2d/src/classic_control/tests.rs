@@ -245,7 +245,7 @@ fn evaluate(entry: &EnvEntry, policy: &str, options: &ResetOptions, episodes: u6
 
 #[test]
 fn experts_solve_default_episodes_and_most_varied_ones() {
-    let everything = ResetOptions::default().vary(&["all"]);
+    let everything = ResetOptions::default().vary(["all"]);
     for (entry, default, varied) in [
         (&CART_POLE, 100.0, 95.0),
         (&MOUNTAIN_CAR, 100.0, 80.0),
@@ -313,7 +313,7 @@ fn fast_images_look_like_exact_ones() {
             let mut benches = ["exact", "fast"]
                 .map(|render| Bench::new(entry, size, &serde_json::json!({ "render": render })));
             for seed in 0..3 {
-                let options = ResetOptions { seed: None, ..ResetOptions::default() }.vary(&["all"]);
+                let options = ResetOptions { seed: None, ..ResetOptions::default() }.vary(["all"]);
                 for bench in &mut benches {
                     bench.env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
                     for _ in 0..5 {

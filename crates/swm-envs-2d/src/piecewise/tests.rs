@@ -58,7 +58,7 @@ fn a_target_is_as_far_as_the_task_asks() {
     let mut env = Piecewise::new(&EnvConfig::default()).unwrap();
     for seed in 0..20 {
         let options = ResetOptions::default()
-            .vary(&["agent.position", "target.position"])
+            .vary(["agent.position", "target.position"])
             .set("task.min_steps", Value::scalar(20_i64));
         env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
         assert!(env.task_cost().unwrap() >= 100.0, "seed {seed}");

@@ -91,7 +91,7 @@ fn reaching_the_goal_ends_the_episode_unless_told_otherwise() {
 fn the_expert_reaches_goals_in_every_layout() {
     for layout in 0..4_i64 {
         let options = ResetOptions::default()
-            .vary(&["agent.start_cell", "agent.start_offset", "goal.cell", "goal.offset"])
+            .vary(["agent.start_cell", "agent.start_offset", "goal.cell", "goal.offset"])
             .set("maze.layout", Value::scalar(layout));
         let (success, steps) = evaluate("expert", &options, 20, 400);
         assert!(success >= 95.0, "layout {layout}: {success} %, {steps} steps");
@@ -100,7 +100,7 @@ fn the_expert_reaches_goals_in_every_layout() {
 
 #[test]
 fn the_expert_copes_with_every_factor_and_with_noise() {
-    let everything = ResetOptions::default().vary(&["all"]);
+    let everything = ResetOptions::default().vary(["all"]);
     let (success, steps) = evaluate("expert", &everything, 40, 400);
     assert!(success >= 95.0, "{success} %, {steps} steps");
     let (success, _) = evaluate("noisy-expert:0.5", &ResetOptions::default(), 20, 400);

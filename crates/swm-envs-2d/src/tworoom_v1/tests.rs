@@ -215,7 +215,7 @@ fn images_of_trajectories_are_the_references() {
 fn fast_images_are_close_to_exact_ones() {
     for side in [64, 96, 224] {
         let image = Some(ImageSize { height: side, width: side });
-        let options = ResetOptions::default().vary(&["all"]);
+        let options = ResetOptions::default().vary(["all"]);
         let frames = ["exact", "fast"].map(|style| {
             let settings = serde_json::Map::from_iter([("render".to_owned(), style.into())]);
             let (mut env, mut row) = env(&EnvConfig { image, settings });
@@ -245,7 +245,7 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
     }
     // The default doors fit a radius of 30, but not where the first of them is made shorter.
     let drawn =
-        ResetOptions::default().vary(&["agent.radius"]).set("door.size", Value::vector(&[36i64, 99, 99]));
+        ResetOptions::default().vary(["agent.radius"]).set("door.size", Value::vector(&[36i64, 99, 99]));
     let message = reset(&mut env, &drawn).unwrap_err();
     assert!(message.contains("`door.size`") && message.contains("agent.radius"), "{message}");
 
@@ -267,11 +267,11 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
 #[test]
 fn drawing_agent_position_alone_fails_about_every_other_time() {
     let (mut env, _) = env(&EnvConfig::default());
-    let options = ResetOptions::default().vary(&["agent.position"]);
+    let options = ResetOptions::default().vary(["agent.position"]);
     let failures =
         (0..60).filter(|&seed| env.reset(&Episode::new(EpisodeSeed::new(seed), &options)).is_err()).count();
     assert!((15..45).contains(&failures), "{failures} of 60");
-    let both = ResetOptions::default().vary(&["agent.position", "goal.position"]);
+    let both = ResetOptions::default().vary(["agent.position", "goal.position"]);
     for seed in 0..60 {
         env.reset(&Episode::new(EpisodeSeed::new(seed), &both)).unwrap();
     }
@@ -347,7 +347,7 @@ fn evaluate(policy: &str, solid: bool, options: &ResetOptions) -> Evaluation {
 
 #[test]
 fn the_expert_reaches_the_goal() {
-    let (default, all) = (ResetOptions::default(), ResetOptions::default().vary(&["all"]));
+    let (default, all) = (ResetOptions::default(), ResetOptions::default().vary(["all"]));
     for (policy, options, least) in [
         ("expert", &default, 98.0),
         ("noisy-expert:1.3", &default, 98.0),
@@ -361,7 +361,7 @@ fn the_expert_reaches_the_goal() {
 
 #[test]
 fn between_solid_walls_the_expert_fails_only_where_no_door_leads_through() {
-    for options in [ResetOptions::default(), ResetOptions::default().vary(&["all"])] {
+    for options in [ResetOptions::default(), ResetOptions::default().vary(["all"])] {
         let result = evaluate("expert", true, &options);
         for (&seed, success) in result.seeds.iter().zip(&result.episode_successes) {
             let episode = Episode::new(EpisodeSeed::new(seed as u64), &options);

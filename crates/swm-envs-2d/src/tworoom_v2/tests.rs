@@ -224,7 +224,7 @@ fn a_way_leads_through_a_door_along_the_border() {
 }
 
 fn leads_to_its_target(seed: u64) -> Result<(), TestCaseError> {
-    let options = ResetOptions::default().vary(&["all"]);
+    let options = ResetOptions::default().vary(["all"]);
     let fov = factors().sample("test", &Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
     let room = Room::new(&fov);
     let target = fov.vector::<f32, 2>("target.position").map(f64::from);
@@ -252,7 +252,7 @@ fn fast_images_look_like_exact_ones() {
         let [mut exact, mut fast] =
             ["exact", "fast"].map(|render| Bench::new(Some(size), &serde_json::json!({ "render": render })));
         for seed in 0..6 {
-            let options = ResetOptions::default().vary(&["all"]);
+            let options = ResetOptions::default().vary(["all"]);
             for bench in [&mut exact, &mut fast] {
                 bench.reset(seed, &options).unwrap();
                 bench.step([1.0, -0.3]);
@@ -307,7 +307,7 @@ fn the_expert_solves_default_episodes() {
 /// Solvable: some place that the agent can get to is within 16 px of the target.
 #[test]
 fn the_expert_solves_what_can_be_solved_under_all_factors() {
-    let options = ResetOptions::default().vary(&["all"]);
+    let options = ResetOptions::default().vary(["all"]);
     let evaluation = evaluate("expert", &options, 150, 300);
     let mut bench = Bench::plain();
     let (mut solvable, mut solved) = (0, 0);

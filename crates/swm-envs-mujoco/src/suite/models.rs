@@ -243,7 +243,7 @@ mod tests {
     fn images_need_no_compilation() {
         for domain in DOMAINS {
             let (mut models, space) = Models::new(domain, domain.tasks[0].name, false).unwrap();
-            let options = ResetOptions::default().vary(&["all"]);
+            let options = ResetOptions::default().vary(["all"]);
             let episode = Episode::new(EpisodeSeed::new(5), &options);
             let fov = space.sample(domain.id, &episode).unwrap();
             models.model(&fov).unwrap();

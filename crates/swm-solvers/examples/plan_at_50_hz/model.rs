@@ -5,32 +5,32 @@ use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{Icem, PlanConfig};
 
 /// Seconds per control step: 50 Hz.
-pub const STEP_S: f64 = 0.02;
+pub(crate) const STEP_S: f64 = 0.02;
 /// Where it goes, in m.
-pub const GOAL: [f64; 2] = [2.0, 0.0];
+pub(crate) const GOAL: [f64; 2] = [2.0, 0.0];
 /// Center of the obstacle, in m.
-pub const OBSTACLE: [f64; 2] = [1.0, 0.1];
+pub(crate) const OBSTACLE: [f64; 2] = [1.0, 0.1];
 /// Its radius, in m.
-pub const RADIUS: f64 = 0.3;
+pub(crate) const RADIUS: f64 = 0.3;
 /// Largest acceleration along each axis, in m/s².
-pub const LARGEST: f64 = 3.0;
+pub(crate) const LARGEST: f64 = 3.0;
 
 /// A body that is accelerated in x and y: `[x, y, vx, vy]`, in m and m/s.
-pub struct Body {
+pub(crate) struct Body {
     /// The measured state: where plans start.
-    pub now: [f64; 4],
+    pub(crate) now: [f64; 4],
 }
 
 impl Body {
     /// The state after one control step at `acceleration`.
-    pub fn after(state: &[f64], acceleration: [f64; 2]) -> [f64; 4] {
+    pub(crate) fn after(state: &[f64], acceleration: [f64; 2]) -> [f64; 4] {
         let velocity = [0, 1].map(|axis| state[2 + axis] + STEP_S * acceleration[axis]);
         let position = [0, 1].map(|axis| state[axis] + STEP_S * velocity[axis]);
         [position[0], position[1], velocity[0], velocity[1]]
     }
 
     /// Distance from `point` in m.
-    pub fn distance(state: &[f64], point: [f64; 2]) -> f64 {
+    pub(crate) fn distance(state: &[f64], point: [f64; 2]) -> f64 {
         (state[0] - point[0]).hypot(state[1] - point[1])
     }
 }
@@ -66,16 +66,16 @@ impl ControlModel for Body {
 }
 
 /// Accelerations `[ax, ay]`.
-pub fn actions() -> Space {
+pub(crate) fn actions() -> Space {
     Space::uniform_box(Dtype::F32, &[2], -LARGEST, LARGEST)
 }
 
 /// Colored noise explores smooth motions with few samples.
-pub fn solver() -> Icem {
+pub(crate) fn solver() -> Icem {
     Icem { samples: 64, iterations: 6, elites: 8, elites_kept: 4, sigma: 2.0, ..Icem::default() }
 }
 
 /// Looks 1 s ahead and plans again at every step.
-pub fn config() -> PlanConfig {
+pub(crate) fn config() -> PlanConfig {
     PlanConfig { horizon: 50, receding_horizon: 1, action_block: 1, ..PlanConfig::default() }
 }

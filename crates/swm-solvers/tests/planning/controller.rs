@@ -62,9 +62,9 @@ fn config() -> PlanConfig {
 /// One row of the toy's columns that [`Homing`] reads.
 fn row(state: f64, goal: f64) -> Batch {
     let fields = [Field::step("state", Dtype::F64, &[1]), Field::episode("goal_state", Dtype::F64, &[1])];
-    let mut row = Batch::new(Schema::new(fields.to_vec()).unwrap(), 1);
-    row.get_mut::<f64>("state").unwrap()[0] = state;
-    row.get_mut::<f64>("goal_state").unwrap()[0] = goal;
+    let mut row = Batch::new(Schema::new(fields.to_vec()).expect("two names"), 1);
+    row.get_mut::<f64>("state").expect("it is there")[0] = state;
+    row.get_mut::<f64>("goal_state").expect("it is there")[0] = goal;
     row
 }
 

@@ -228,7 +228,7 @@ fn composed() -> Result<ShootingCost<Stepwise<Navigation>>, PlanError> {
         (10.0, Box::new(end)),
         (0.01, Box::new(ControlPenalty)),
     ])?;
-    let mut constraints: Vec<Box<dyn swm_solvers::models::Constraint>> = Vec::new();
+    let mut constraints: Vec<Box<dyn Constraint>> = Vec::new();
     for obstacle in &model.obstacles {
         let center = obstacle.center.map(|x| x as f32);
         constraints.push(Box::new(KeepAway::new("state", &center, obstacle.radius)));
@@ -316,7 +316,8 @@ fn objectives_without_derivatives_are_for_solvers_that_need_none() {
     };
     let sum =
         || WeightedSum::new(vec![(1.0, Box::new(GoalMse::default()) as _), (0.1, Box::new(Plain) as _)]);
-    let parts: [(Box<dyn Objective>, Vec<Box<dyn Constraint>>); 3] = [
+    type Parts = (Box<dyn Objective>, Vec<Box<dyn Constraint>>);
+    let parts: [Parts; 3] = [
         (Box::new(Plain), Vec::new()),
         (Box::new(sum().expect("finite weights")), Vec::new()),
         (Box::new(GoalMse::default()), vec![Box::new(Plain)]),

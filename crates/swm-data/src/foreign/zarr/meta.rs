@@ -69,7 +69,7 @@ impl Shards {
 impl Meta {
     pub(super) fn read(store: &Store, array: &str) -> Result<Self> {
         let parse = |bytes: Vec<u8>, name: &str| -> Result<Json> {
-            Ok(serde_json::from_slice(&bytes).at(format_args!("`{name}`"))?)
+            serde_json::from_slice(&bytes).at(format_args!("`{name}`"))
         };
         let meta = match (store.about(array, V2)?, store.about(array, V3)?) {
             (_, Some(bytes)) => Self::third(&parse(bytes, V3)?).at(format_args!("`{V3}`"))?,

@@ -100,12 +100,12 @@ impl Store {
 
     /// A part of a file; `None` if there is no such file.
     pub(super) fn part(&self, key: &str, range: Range<u64>) -> Result<Option<Vec<u8>>> {
-        self.read(key, Some(range))
+        self.read(key, Some(&range))
     }
 
-    fn read(&self, key: &str, range: Option<Range<u64>>) -> Result<Option<Vec<u8>>> {
+    fn read(&self, key: &str, range: Option<&Range<u64>>) -> Result<Option<Vec<u8>>> {
         let within = |length: u64| {
-            let range = range.clone().unwrap_or(0..length);
+            let range = range.cloned().unwrap_or(0..length);
             match range.start <= range.end && range.end <= length && range.end - range.start <= MAX_CHUNK {
                 true => Ok(range),
                 false => Err(invalid(format!(

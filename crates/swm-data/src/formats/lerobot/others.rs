@@ -87,8 +87,11 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
     Ok(Shared { info: found, columns, episodes, places })
 }
 
+/// Names of features that are no columns, with the reason.
+type Skipped = Vec<(String, String)>;
+
 /// All columns under the names of the features, and what is left out, with the reason.
-fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<Listed>, Vec<(String, String)>)> {
+fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<Listed>, Skipped)> {
     let (mut listed, mut skipped) = (Vec::new(), Vec::new());
     let first = episodes.first().ok_or_else(|| missing("it holds no episode"))?;
     let places = Places::new(path, episodes);

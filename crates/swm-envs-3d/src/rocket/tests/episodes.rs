@@ -23,7 +23,7 @@ fn evaluate(policy: &str, settings: &serde_json::Value, options: &ResetOptions, 
 
 #[test]
 fn the_expert_lands() {
-    let everything = ResetOptions::default().vary(&["all"]);
+    let everything = ResetOptions::default().vary(["all"]);
     let mut wanted = Vec::new();
     for (what, settings, options, episodes, least) in [
         ("default", json!({}), ResetOptions::default(), 300, 95.0),

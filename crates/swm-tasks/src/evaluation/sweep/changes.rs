@@ -292,8 +292,8 @@ mod tests {
         assert!(lowest.variation_values.keys().eq(["agent.shape", "block.color"]));
 
         let is_sampled = |reset: &ResetOptions| change(Values::Sampled).is_sampled_in(&factors, reset);
-        assert!(!is_sampled(&plain) && !is_sampled(&plain.clone().vary(&["agent"])));
-        let both = plain.clone().vary(&["agent", "block.color"]);
+        assert!(!is_sampled(&plain) && !is_sampled(&plain.clone().vary(["agent"])));
+        let both = plain.clone().vary(["agent", "block.color"]);
         assert!(is_sampled(&both) && !change(Values::Extremes).is_sampled_in(&factors, &both));
         assert!(!is_sampled(&both.set("agent.shape", Value::scalar(2_i64))));
         let start = changes(&factors, &["block.start".to_owned()], Values::Sampled).unwrap().remove(0);
