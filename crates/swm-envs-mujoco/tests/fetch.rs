@@ -139,7 +139,7 @@ fn episodes_are_cut_off_after_their_time() {
 
 fn evaluate(entry: &'static EnvEntry, policy: &str, episodes: u64, vary: &[&str]) -> Evaluation {
     let mut world = World::new(entry, WorldOptions::new(4).max_episode_steps(50)).expect("it was set up");
-    world.set_policy(Registry::new().policy(policy, &world).expect("one")).unwrap();
+    world.set_policy(Registry::new().policy(policy, &world).expect("one")).expect("it begins");
     let rollout = Rollout::new(0..episodes).seed(7);
     let rollout = if vary.is_empty() { rollout } else { rollout.vary(vary.iter().copied()) };
     let evaluation = world.evaluate(&rollout).expect("it runs");

@@ -70,7 +70,7 @@ fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, episodes: u6
     let config = config(settings);
     let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("it was set up");
-    world.set_policy(Registry::new().policy("expert", &world).expect("one")).unwrap();
+    world.set_policy(Registry::new().policy("expert", &world).expect("one")).expect("it begins");
     let rollout = Rollout::new(0..episodes).seed(7);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
@@ -104,7 +104,7 @@ fn ball_progress(policy: &str, episodes: u64, steps: u64) -> Vec<f64> {
         .max_episode_steps(steps)
         .env(config(&json!({"terminate_at_goal": false})));
     let mut world = World::new(&OGB_ANT_SOCCER, options).expect("it was set up");
-    world.set_policy(Registry::new().policy(policy, &world).expect("one")).unwrap();
+    world.set_policy(Registry::new().policy(policy, &world).expect("one")).expect("it begins");
     world.reset(7, &ResetOptions::default()).expect("a start");
     let left = |world: &World| -> Vec<f64> {
         let infos = world.infos();

@@ -149,7 +149,7 @@ fn evaluate(
     (seed, options): (u64, ResetOptions),
 ) -> Evaluation {
     let mut world = World::new(entry, WorldOptions::new(2).max_episode_steps(350)).expect("it was set up");
-    world.set_policy(Registry::new().policy(policy, &world).expect("one")).unwrap();
+    world.set_policy(Registry::new().policy(policy, &world).expect("one")).expect("it begins");
     let rollout = Rollout::new(0..episodes).seed(seed).options(options);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     let slowest = evaluation.first_success_steps.iter().max();

@@ -32,7 +32,9 @@ fn evaluate_for(
     let config = config(settings);
     let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("a world");
-    world.set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments")).unwrap();
+    world
+        .set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments"))
+        .expect("it begins");
     let rollout = Rollout::new(0..episodes).seed(7);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(

@@ -230,7 +230,7 @@ fn an_edited_receipt_is_not_bundled() {
     assert!(said.contains("the summary is not that of the episodes; evaluate again"), "{said}");
 }
 
-fn board(given: Json) -> Result<super::super::BoardMade, TaskError> {
+fn board(given: &Json) -> Result<super::super::BoardMade, TaskError> {
     MakeBoard::from_json(given.as_object().unwrap()).and_then(|asked| asked.run(&registry(), &mut ()))
 }
 
@@ -251,7 +251,7 @@ fn a_board_sorts_bundles_by_task_and_runs_them_again() {
     reported.run(&registry(), &mut ()).unwrap();
     bundle(&two, &second).unwrap();
     let made =
-        board(json!({ "bundles": [first, second], "out": at("board"), "rerun": true, "title": "<Toy>" }))
+        board(&json!({ "bundles": [first, second], "out": at("board"), "rerun": true, "title": "<Toy>" }))
             .unwrap();
     assert!(made.board.groups.len() == 1 && made.board.differing().is_empty());
     let rows = &made.board.groups[0].rows;
@@ -273,7 +273,7 @@ fn a_board_sorts_bundles_by_task_and_runs_them_again() {
     }
     assert!(!html.contains("<script") && !html.contains("http"), "the page needs nothing else");
     // It is written anew; what is no board is kept.
-    board(json!({ "bundles": [first], "out": at("board") })).unwrap();
+    board(&json!({ "bundles": [first], "out": at("board") })).unwrap();
     assert!(!fs::read_to_string(&made.page).unwrap().contains("second"));
     for (given, told) in [
         (json!({ "bundles": [], "out": at("x") }), "bundles: must be given"),
