@@ -288,7 +288,7 @@ fn a_board_sorts_bundles_by_task_and_runs_them_again() {
         (json!({ "bundles": [first, first], "out": at("x") }), "are one bundle; give it once"),
         (json!({ "bundles": [at("random")], "out": at("x") }), "it is a result; `swm bundle "),
     ] {
-        let said = board(given).unwrap_err().to_string();
+        let said = board(&given).unwrap_err().to_string();
         assert!(said.contains(told), "{said}");
     }
     assert!(!at("x").exists());
