@@ -44,7 +44,7 @@ fn every_command_that_reads_a_dataset_takes_the_options() {
     says(1, &[&eval[..], &["--dataset", &human]].concat(), &["its `state` has 5 values a row"]);
     let other = [&eval[..], &["--dataset", &human, "--map", "all=state"]].concat();
     says(1, &other, &["100 % of its actions are outside"]);
-    says(2, &[&eval[..], &["--flip", "180"]].concat(), &["--flip", "about a dataset"]);
+    says(2, &["eval", PUSHT, "--policy", "random", "--flip", "180"], &["--flip", "about a dataset"]);
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub struct OpenOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift: Option<u8>,
     /// A folder for decoded values of compressed archives that are too large for memory. They are removed when the dataset is closed.
-    #[serde(skip)]
+    #[serde(skip_serializing)]
     pub storage: Option<PathBuf>,
 }
 

@@ -41,7 +41,7 @@ def test_every_call_that_opens_a_dataset_takes_its_options(tmp_path: Path) -> No
     with pytest.raises(swm.DataError, match="no part `test`"):
         swm.replay(noise, opening={"split": "test"}, progress=False)
     made = swm.make_manifest(tmp_path / "task.toml", "swm/PushT-v1", 2, dataset=noise, goal_offset=3, opening={"split": "train"})
-    assert len(made.pairs) == 2
+    assert len(made["pairs"]) == 2
     with pytest.raises(swm.SwmError, match="no part `test`"):
         swm.make_manifest(tmp_path / "other.toml", "swm/PushT-v1", 2, dataset=noise, opening={"split": "test"})
     with pytest.raises(swm.SwmError, match="camera: is about a dataset, and none is named"):
@@ -50,9 +50,9 @@ def test_every_call_that_opens_a_dataset_takes_its_options(tmp_path: Path) -> No
 
 def test_images_are_resized_by_area(tmp_path: Path) -> None:
     source, copy = FIELD / "robomimic_can.hdf5", tmp_path / "small.h5"
-    stored = swm.data.load_dataset(source).load_episode(0)["pixels"].numpy()
+    stored = np.asarray(swm.data.load_dataset(source).load_episode(0)["pixels"])
     swm.data.convert(source, copy, image_size=(stored.shape[-2] // 2, stored.shape[-1] // 2), progress=False)
-    small = swm.data.load_dataset(copy).load_episode(0)["pixels"].numpy().astype(int)
+    small = np.asarray(swm.data.load_dataset(copy).load_episode(0)["pixels"]).astype(int)
     whole = stored.astype(int)
     corners = whole[..., ::2, ::2] + whole[..., 1::2, ::2] + whole[..., ::2, 1::2] + whole[..., 1::2, 1::2]
     assert np.array_equal(small, (corners + 2) // 4)

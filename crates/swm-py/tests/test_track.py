@@ -158,7 +158,7 @@ def test_evaluations_log_success_with_interval_and_the_receipt(tmp_path: Path, m
     assert "evaluation/no_op/success_rate" in values
     document = tmp_path / "run" / "evaluations" / "evaluation-5.json"
     assert named(log, "Artifact.add_file")[0][0] == (str(document),)
-    assert "episode_successes" in json.loads(document.read_text())
+    assert "episode_successes" in json.loads(document.with_name("evaluation-5-2.json").read_text())
     assert [line["part"] for line in swm.track.read(tmp_path / "run")] == ["train", "evaluation", "evaluation"]
     # By name, into the folder of the result.
     receipt(tmp_path, tracker="trackio", out=tmp_path / "result")

@@ -35,4 +35,9 @@ impl Entry for Absent {
     fn name(&self) -> &'static str {
         self.name
     }
+
+    /// A policy and a model may share a name.
+    fn is_taken_by(&self, other: &Self) -> bool {
+        self.kind == other.kind
+    }
 }

@@ -22,6 +22,11 @@ pub trait Entry: Send + Sync + 'static {
         &[]
     }
 
+    /// Whether it cannot be found beside another entry of a name that it has. By default it cannot.
+    fn is_taken_by(&self, _other: &Self) -> bool {
+        true
+    }
+
     /// Adds entries of other kinds that come with it, such as the policy of a model. By default none do.
     #[must_use]
     fn with_parts(&'static self, registry: Registry) -> Registry {

@@ -48,7 +48,8 @@ impl Registry {
     #[must_use]
     pub fn with<T: Entry>(mut self, table: &'static [T]) -> Self {
         for entry in table {
-            let taken = names(entry).find_map(|name| self.get::<T>(name));
+            let has_name = |other: &&T| names(*other).any(|name| names(entry).any(|own| own == name));
+            let taken = self.all::<T>().filter(has_name).find(|other| entry.is_taken_by(other));
             if let Some(taken) = taken {
                 panic!("{} `{}`: `{}` has its name already", T::KIND, entry.name(), taken.name());
             }

@@ -66,7 +66,7 @@ pub fn read<T: DeserializeOwned>(given: &Map<String, Json>) -> Result<T, WrongSe
 ///
 /// As of [`read`].
 pub fn read_of<T: DeserializeOwned>(given: &Map<String, Json>, known: &[Setting]) -> Result<T, WrongSetting> {
-    read(given).map_err(|wrong| match wrong.reason.starts_with(UNKNOWN) {
+    read(given).map_err(|wrong| match wrong.reason.starts_with(UNKNOWN) && given.contains_key(&wrong.name) {
         true => WrongSetting::unknown(&wrong.name, known.iter().map(|setting| setting.name)),
         false => wrong,
     })

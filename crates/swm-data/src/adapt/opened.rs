@@ -55,8 +55,14 @@ pub(crate) fn opened_with(
         runs.push((0, Metadata::unknown()));
     }
     for (_, run) in &mut runs {
-        let record = source_record(info.format, options, &info.mapping, None, None);
-        run.source = record.source;
+        // A recording of this program stays one, and a copy keeps how its source was read.
+        let is_read_here = match &run.source {
+            Some(source) => source["format"] == info.format,
+            None => run.known_env().is_none(),
+        };
+        if is_read_here {
+            run.source = source_record(info.format, options, &info.mapping, None, None).source;
+        }
         run.rows_per_second = options.fps.or(run.rows_per_second);
         match (&options.env, run.known_env()) {
             (Some(env), Some(known)) if env != known => {

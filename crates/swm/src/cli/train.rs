@@ -153,12 +153,15 @@ impl Train {
             option => option.to_owned(),
         };
         let reason = match () {
-            // Where decoded values are kept is no part of the run.
-            () if self.resume.is_some() => "a run is resumed with the dataset as it was opened for it",
-            () if self.dataset.is_none() => "it is about a dataset, and none is named; give --dataset",
+            () if self.resume.is_some() => {
+                "a run is resumed with the dataset as it was opened for it; leave it out"
+            }
+            () if self.dataset.is_none() => {
+                "it is about a dataset, and none is named; give --dataset, or leave it out"
+            }
             () => return Ok(options),
         };
-        Err(super::usage(format!("--{option}: {reason}, or leave it out")))
+        Err(super::usage(format!("--{option}: {reason}")))
     }
 
     /// The run's folder: --out, or that behind --resume.

@@ -106,8 +106,8 @@ fn tasks_are_texts_of_episodes_or_of_rows() {
 fn copies_keep_the_camera_that_was_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("copy.h5");
-    let mut sources = [opened(&published(SAMPLE), &camera("wrist").fps(Some(15.0))).unwrap()];
-    assert_eq!(OpenOptions::of(sources[0].info()), camera("wrist").fps(Some(15.0)));
+    let mut sources = [opened(&published(SAMPLE), &camera("wrist").fps(Some(30.0))).unwrap()];
+    assert_eq!(OpenOptions::of(sources[0].info()), camera("wrist").fps(Some(30.0)));
     let pieces = all(&sources);
     copy(&mut sources, &pieces, &target, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
     let written = open(&target).unwrap();
@@ -117,5 +117,5 @@ fn copies_keep_the_camera_that_was_asked_for() {
     assert_eq!((&source["format"], &source["options"]["camera"]), (&"lerobot".into(), &"wrist".into()));
     assert_eq!(source["columns"]["pixels"], "observation.images.wrist");
     assert_eq!(source["columns"]["reward"], "next.reward");
-    assert_eq!(run.rows_per_second, Some(15.0));
+    assert_eq!(run.rows_per_second, Some(30.0));
 }

@@ -94,7 +94,7 @@ class NativeDataset(Dataset):
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
         options: How a dataset of another program is opened: ``map`` (new names of columns to those in its files),
             ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
-            ``shift``. :func:`load_dataset` takes each of them as an argument.
+            ``shift``, ``storage``. :func:`load_dataset` takes each of them as an argument.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
@@ -396,6 +396,7 @@ class NativeDataset(Dataset):
                 shape than the images.
         """
         other = copy(self)
+        other._merged = dict(self._merged)
         other._resize = ((int(image_size[0]), int(image_size[1])), fit)
         other._keys, other.cached_columns = list(self._keys), list(self.cached_columns)
         other._reset()

@@ -37,7 +37,7 @@ __all__ = [
     "split_held_out",
 ]
 
-_OPENING = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift")
+_OPENING = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "storage")
 """Arguments of :func:`load_dataset` that say how a dataset of another program is opened."""
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
@@ -52,7 +52,7 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
             OGBench, PLDM, robomimic, LIBERO, ManiSkill, Minari, D4RL) also ``map``, ``camera``, ``flip``, ``fps``, ``env``,
-            ``env_options``, ``split``, ``max_steps``, ``shift``: see ``options`` of :class:`NativeDataset`.
+            ``env_options``, ``split``, ``max_steps``, ``shift``, ``storage``: see ``options`` of :class:`NativeDataset`.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5, keys_to_load=["pixels", "action"])

@@ -24,6 +24,9 @@ _PRIVATE = (
     "wandb", "mlruns", "mlartifacts", "mlflow.db", "tensorboard", "track.json", "__pycache__",
 )  # fmt: skip
 
+# What describes arrays of Zarr begins with a dot, too.
+ZARR: frozenset[str] = frozenset({".zarray", ".zgroup", ".zattrs", ".zmetadata"})
+
 
 def save_model(
     source: AnyPath,
@@ -95,7 +98,7 @@ def save_dataset(
     kind = "of another program" if detected is None else str(detected.name)
     with _new(folder) as draft:
         if where.is_dir():
-            shutil.copytree(where, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".*", "*.lock", "new-*"))
+            shutil.copytree(where, draft, dirs_exist_ok=True, ignore=_ignored_data)
         else:
             shutil.copy2(where, draft / where.name)
         text = dataset_card(
@@ -113,7 +116,9 @@ def dataset_in(folder: Path) -> Path:
     if len(inside) == 1:
         return inside[0]
     if not inside:
-        raise ValueError(f"{folder} holds no dataset that this package reads; fetch all of its files, or open them by their paths")
+        # Of another program: it is known by its content where it is opened.
+        rest = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and path.name != "README.md"]
+        return rest[0] if len(rest) == 1 and rest[0].is_file() else folder
     raise ValueError(f"{folder} holds {len(inside)} datasets: {', '.join(path.name for path in inside)}; open one by its path")
 
 
@@ -136,6 +141,11 @@ def _new(folder: AnyPath) -> Generator[Path]:
 
 def _ignored(folder: str, names: list[str]) -> list[str]:
     return [name for name in names if any(fnmatch(name, pattern) for pattern in _PRIVATE)]
+
+
+def _ignored_data(folder: str, names: list[str]) -> list[str]:
+    hidden = [name for name in names if name.startswith(".") and name not in ZARR]
+    return [*hidden, *(name for name in names if fnmatch(name, "*.lock") or fnmatch(name, "new-*"))]
 
 
 def _license(license: str) -> str:

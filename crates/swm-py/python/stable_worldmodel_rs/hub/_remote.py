@@ -11,8 +11,8 @@ from typing import Any, cast
 
 from ..data.utils import download as download_dataset
 from ..data.utils import load_dataset
-from ..wm.utils import download_model, load_pretrained
-from ._folders import dataset_in
+from ..wm.utils import load_pretrained
+from ._folders import ZARR, dataset_in
 
 AnyPath = str | os.PathLike[str]
 
@@ -95,8 +95,8 @@ def download(
     if repo_type == "dataset":
         return download_dataset(repo_id, revision=revision or "main", allow_patterns=allow_patterns)
     if allow_patterns is not None:
-        raise ValueError("allow_patterns is for datasets; of a model, its settings and weights are fetched")
-    return download_model(repo_id, revision=revision)
+        raise ValueError("allow_patterns is for datasets; of a model, all files are fetched")
+    return Path(_hub("download").snapshot_download(repo_id, revision=revision))
 
 
 def from_pretrained(name: AnyPath, *, repo_type: str = "model", **options: Any) -> Any:
@@ -148,7 +148,7 @@ def _check_card(folder: Path) -> None:
 def _files(folder: Path) -> Iterator[str]:
     for path in folder.rglob("*"):
         below = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") for part in below.parts):
+        if path.is_file() and not any(part.startswith(".") and part not in ZARR for part in below.parts):
             yield below.as_posix()
 
 

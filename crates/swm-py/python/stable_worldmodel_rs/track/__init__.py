@@ -5,6 +5,7 @@ A tracker's library is imported when it is asked for; nothing is sent from this 
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 import os
@@ -99,12 +100,18 @@ class Tracker:
         self.log(_figures(result), at, name)
         text, videos = _document(result), [Path(path) for path in result.get("videos") or ()]
         if self._sinks or self.folder is not None:
-            file = _write(self.folder, f"{name.replace('/', '-')}-{at}.json", text)
+            file = _write(self.folder, self._free(f"{name.replace('/', '-')}-{at}"), text)
             for sink in self._sinks:
                 sink.document(name, file, at)
         for video in videos:
             for sink in self._sinks:
                 sink.video(f"{name}/{video.stem}", video, at)
+
+    def _free(self, stem: str) -> str:
+        """The name of a file that is not there yet: a step may have several evaluations."""
+        places = (self.folder or Path()) / "evaluations"
+        names = (f"{stem}.json" if number == 1 else f"{stem}-{number}.json" for number in itertools.count(1))
+        return next(name for name in names if not (places / name).exists())
 
     def finish(self) -> None:
         """End the run. More than once is no error."""
