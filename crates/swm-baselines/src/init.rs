@@ -32,10 +32,11 @@ fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
     let std = match (layer, name) {
         ("LayerNorm" | "BatchNorm", "weight")
         | (_, "running_var" | "lambda1" | "deviation")
-        | ("LatentScale", "std" | "change") => {
+        | ("LatentScale", "std" | "change")
+        | ("LatentMoments", "std") => {
             return values.fill(1.0);
         }
-        ("LayerNorm" | "BatchNorm" | "Background" | "LatentScale", _)
+        ("LayerNorm" | "BatchNorm" | "Background" | "LatentScale" | "LatentMoments", _)
         | (_, "log_stds" | "log_ent_coef" | "running_mean" | "running_count") => return,
         _ if spec.name.contains("adaLN_modulation") => return,
         (_, "bias") if spec.is_in_vit => return,

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json};
-use swm_core::registry::Setting;
+use swm_core::registry::{Setting, TrainedIn};
 use swm_core::settings::text;
 use swm_core::{PolicyArgs, PolicyError, Registry};
 use swm_tasks::request::{List, TaskError, Words, value_text};
@@ -114,15 +114,22 @@ impl Foreign {
         request.describe(registry).ok()
     }
 
-    /// The environment that its notes name: an export of this program has them.
-    pub(super) fn trained_in(&self) -> Option<String> {
-        self.request.noted_env()
+    /// What its notes say: an export of this program has them.
+    pub(super) fn trained_in(&self) -> Option<TrainedIn> {
+        let noted = self.request.noted()?;
+        let skip = noted["frame_skip"].as_u64().and_then(|skip| u32::try_from(skip).ok());
+        let trained = TrainedIn::new(noted["env"].as_str()?).frame_skip(skip);
+        Some(match noted["env_settings"].as_object() {
+            Some(settings) => trained.settings(settings.clone()),
+            None => trained,
+        })
     }
 
     /// The files that it is made of, and those that say how vectors were scaled.
     pub(super) fn files(&self, args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         let mut files = self.request.files().map_err(|error| wrong(args, error))?;
-        files.extend([&self.request.dataset, &self.request.stats].into_iter().flatten().cloned());
+        let given = [&self.request.encoder, &self.request.dataset, &self.request.stats];
+        files.extend(given.into_iter().flatten().cloned());
         Ok(files)
     }
 }

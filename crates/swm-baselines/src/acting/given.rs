@@ -118,7 +118,7 @@ impl Given {
                 self.wrong(args, "it is a checkpoint of others, which is imported first: `swm import`")
             );
         };
-        self.check_env(args, foreign.trained_in().as_deref(), env)?;
+        self.check_env(args, foreign.trained_in().map(|trained| trained.env).as_deref(), env)?;
         foreign.load(args, registry, env)
     }
 

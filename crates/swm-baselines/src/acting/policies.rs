@@ -231,7 +231,7 @@ fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
 pub(super) fn trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
     let given = Given::of(args).ok()?;
     if let Some(foreign) = &given.foreign {
-        return Some(TrainedIn::new(foreign.trained_in()?));
+        return foreign.trained_in();
     }
     let run = RunFolder::open(&given.run).ok()?;
     let data = RunConfig::read(&run).ok()?.data;

@@ -54,6 +54,19 @@ pub(super) enum Model {
     Tdmpc2,
 }
 
+impl Model {
+    /// Whether models of this kind are of this class.
+    pub(super) fn is_of(self, kind: &str) -> bool {
+        match self {
+            Self::Lewm => kind == "lewm",
+            Self::Pldm => kind == "pldm",
+            Self::DinoWm => kind == "dino-wm",
+            Self::Goal => ["gcbc", "gciql", "gcivl", "hilp"].contains(&kind),
+            Self::Tdmpc2 => kind == "tdmpc2",
+        }
+    }
+}
+
 /// The deepest nesting of a config.
 const DEEPEST: usize = 32;
 

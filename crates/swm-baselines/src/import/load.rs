@@ -164,6 +164,11 @@ fn recipe(
         let kind = noted("kind")?.as_str()?;
         KNOWN.contains(&kind).then_some(kind)
     });
+    if let (Some(model), Some(kind)) = (model, kind)
+        && !model.is_of(kind)
+    {
+        return Err(Message::about("kind", kind, "is another model than its config.json names").into());
+    }
     match (model, kind) {
         (_, Some("lewm")) | (Some(Model::Lewm), None) => joint::recipe(&given, "lewm"),
         (_, Some("pldm")) | (Some(Model::Pldm), None) => joint::recipe(&given, "pldm"),

@@ -183,6 +183,8 @@ impl Import {
     ///
     /// As of [`Request::run`].
     pub fn load(&self, registry: &Registry) -> Result<Loaded, TaskError> {
+        // Nothing is written, so no folder has to be named.
+        Self { check_only: true, ..self.clone() }.check(registry)?;
         let request = Self { check_only: false, ..self.clone() };
         let (_, loaded) = load::load(&request, registry)?;
         Ok(loaded.expect("a model that is not checked alone is loaded or an error"))
@@ -194,10 +196,9 @@ impl Import {
         Ok(load::load(&request, registry)?.0)
     }
 
-    /// The environment that an export of this program notes.
-    pub(crate) fn noted_env(&self) -> Option<String> {
-        let source = source::find(&self.from, self.file.as_deref()).ok()?;
-        Some(source.notes?.get("env")?.as_str()?.to_owned())
+    /// What an export of this program notes.
+    pub(crate) fn noted(&self) -> Option<Json> {
+        source::find(&self.from, self.file.as_deref()).ok()?.notes
     }
 
     /// The files of the checkpoint.

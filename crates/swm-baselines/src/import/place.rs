@@ -36,8 +36,13 @@ impl Place {
             settings.get_or_insert_default().extend(request.env_option.clone());
         }
         let mut action = None;
-        if let Some(env) = &env {
-            let entry = registry.env(env).map_err(|error| Message::new(error.to_string()))?;
+        // What an export notes does not have to be known to describe it.
+        let is_noted = request.env.is_none() && dataset.is_none_or(|dataset| dataset.env.is_none());
+        let entry = match env.as_ref().map(|env| registry.env(env)).transpose() {
+            Err(_) if request.check_only && is_noted => None,
+            entry => entry.map_err(|error| Message::new(error.to_string()))?,
+        };
+        if let (Some(env), Some(entry)) = (&env, entry) {
             let config = EnvConfig { image: None, settings: settings.clone().unwrap_or_default() };
             let made = entry.make(&config).map_err(|error| Message::new(format!("{env}: {error}")))?;
             action = Some(made.spec().action.dim());

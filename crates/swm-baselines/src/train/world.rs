@@ -45,8 +45,17 @@ impl FrozenWorld {
 
     /// Settings that differ from the preset's, with it among them.
     pub(super) fn within(&self, changes: &Json) -> Json {
-        let mut changes = if changes.is_object() { changes.clone() } else { json!({}) };
-        changes["model"]["world"] = json!(self.config);
+        let mut changes = if changes.is_null() { json!({}) } else { changes.clone() };
+        // What is no group of settings is refused where the model is made.
+        if let Some(all) = changes.as_object_mut() {
+            let model = all.entry("model").or_insert(Json::Null);
+            if model.is_null() {
+                *model = json!({});
+            }
+            if let Some(model) = model.as_object_mut() {
+                model.insert("world".to_owned(), json!(self.config));
+            }
+        }
         changes
     }
 }

@@ -21,7 +21,7 @@ const SEARCH: &str = "horizon=2,receding_horizon=1,samples=8,elites=2,iterations
 fn a_published_checkpoint_plans_as_its_import_does() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    for (family, name) in [("lewm", "lewm_trainer"), ("pldm", "pldm")] {
+    for (family, name) in [("lewm", "lewm_transformers4"), ("pldm", "pldm")] {
         let from = golden(name);
         let request = Import {
             from: from.display().to_string(),
@@ -53,7 +53,7 @@ fn a_published_checkpoint_plans_as_its_import_does() {
 
 #[test]
 fn what_a_checkpoint_lacks_is_asked_for_by_the_names_of_settings() {
-    let from = golden("lewm_trainer").display().to_string();
+    let from = golden("lewm_transformers4").display().to_string();
     let fails = |settings: &str| made(&format!("lewm:{from}{settings}")).err().unwrap();
     let message = fails("");
     for part in ["how the column `action` was scaled", "dataset=", "stats=", "action_mean=", "action_std="] {
@@ -92,7 +92,7 @@ fn what_a_checkpoint_lacks_is_asked_for_by_the_names_of_settings() {
 fn an_export_needs_nothing_and_knows_its_environment() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let from = golden("lewm_trainer").display().to_string();
+    let from = golden("lewm_transformers4").display().to_string();
     let request = Import {
         from,
         env: Some(DOT.id.to_owned()),

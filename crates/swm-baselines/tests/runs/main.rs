@@ -118,7 +118,7 @@ fn paths_in(
     image: Option<ImageSize>,
 ) -> Result<States, String> {
     let mut world = world(env, num_envs, image);
-    world.set_policy(made_for(env, policy)?)?;
+    world.set_policy(made_for(env, policy)?).map_err(|error| chain(&error))?;
     let rollout = Rollout::new(0..4).seed(9);
     let mut states = States::default();
     world.run(&rollout, &mut states).map_err(|error| chain(&error))?;
