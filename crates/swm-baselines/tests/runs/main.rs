@@ -44,7 +44,7 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
 /// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
     let mut world = world(&DOT, 1, image);
-    world.set_policy(policies::random()).unwrap();
+    world.set_policy(policies::random()).expect("it begins");
     let rollout = Rollout::new(0..12).seed(seed);
     let mut buffer = ReplayBuffer::new(1000);
     world.record_dataset(&rollout, &mut buffer).expect("sound in this test");

@@ -11,7 +11,7 @@ use super::{export, imported, registry};
 use crate::train::RunFolder;
 
 fn message(request: &Export) -> String {
-    request.run(&registry(), &mut ()).err().expect("a refusal").to_string()
+    request.run(&registry(), &mut ()).expect_err("a refusal").to_string()
 }
 
 /// Changes a setting of a run's `config.json`.
