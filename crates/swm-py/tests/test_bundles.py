@@ -32,8 +32,8 @@ def task(tmp_path: Path) -> Path:
     return path
 
 
-def result(task: Path, policy: Any, name: str, **more: Any) -> Path:
-    out = task.parent / name
+def result(task: Path, policy: Any, folder: str, **more: Any) -> Path:
+    out = task.parent / folder
     swm.evaluate(task, policy, out, references=["random"], progress=False, **more)
     return out
 

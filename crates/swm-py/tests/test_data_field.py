@@ -67,7 +67,7 @@ def test_images_are_resized_by_area(tmp_path: Path) -> None:
 
 
 def test_evaluations_refuse_what_does_not_fit() -> None:
-    world = swm.World("swm/PushT-v1", num_envs=1, image_shape=None)
+    world = swm.World("swm/PushT-v1", num_envs=1, add_pixels=False)
     world.set_policy(swm.policy.RandomPolicy(0))
     human = FIELD / "pusht_cchi_v7_replay.zarr"
     with pytest.raises(swm.SwmError, match="its `state` has 5 values a row, that of swm/PushT-v1 has 7"):
