@@ -142,6 +142,9 @@ def check_recording(dataset: Any, env: str, frame_skip: int) -> None:
         return
     metadata = cast("Mapping[str, Any]", found)
     recorded, skip = metadata.get("env", env), metadata.get("frame_skip", frame_skip)
+    # What other programs recorded, and its copies, may fit.
+    if recorded in ("", "unknown"):
+        return
     if recorded != env:
         raise _swm.SwmError(f"the dataset was recorded in `{recorded}`, this World is `{env}`")
     if skip != frame_skip:
