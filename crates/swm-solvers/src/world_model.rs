@@ -11,13 +11,14 @@ use swm_core::evaluate::{MakeModel, ModelEntry};
 use swm_core::registry::{FilesOf, ImageOf, TrainedOf};
 use swm_core::{
     Batch, BoxError, Column, Entry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry,
-    Row, Schema, Setting,
+    Row, Schema, Setting, Settings,
 };
 
 use crate::context::{ActionMap, PlanningContext};
 use crate::error::PlanError;
 use crate::learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 use crate::models::{Dynamics, Objective, Part, Path, ShootingCost};
+use crate::mpc::PlanConfig;
 use crate::problem::Candidates;
 use crate::simulator::Aggregate;
 
@@ -130,7 +131,14 @@ impl WorldModelEntry {
             args.named.clone().into_iter().partition(|(name, _)| is_own(name));
         let mut own = PolicyArgs::new(args.name.clone(), named);
         own.positional.clone_from(&args.positional);
-        for (name, value) in PolicyArgs::parse(&format!("{}:{}", args.name, self.plan))?.named {
+        let plan = PolicyArgs::parse(&format!("{}:{}", args.name, self.plan))?.named;
+        let solver = |of: &Map<String, Json>| of.get(SOLVER_SETTING.name).cloned();
+        let usual = solver(&plan).unwrap_or_else(|| SOLVER_SETTING.default.into());
+        let is_other = solver(&given).is_some_and(|asked| asked != usual);
+        // Another solver has other settings.
+        let is_kept =
+            |name: &str| !is_other || PlanConfig::SETTINGS.iter().any(|setting| setting.name == name);
+        for (name, value) in plan.into_iter().filter(|(name, _)| is_kept(name)) {
             given.entry(name).or_insert(value);
         }
         Ok((own, given))
@@ -171,7 +179,7 @@ fn plan_with(context: &PolicyContext<'_>, args: &PolicyArgs) -> Result<Box<dyn P
     let wrong = |error: PlanError| args.wrong(error.to_string());
     let dynamics = ModelDynamics::new(model, own.to_string()).map_err(wrong)?;
     let cost = ShootingCost::new(dynamics, Box::new(Distance { aggregate }), Vec::new()).map_err(wrong)?;
-    let learned = LearnedCost::new(Box::new(cost), block).with_settings(OF_PLANS);
+    let learned = LearnedCost::new(Box::new(cost), block).with_settings(&[AGGREGATE]);
     Ok(Box::new(plan_on(context, learned, given).map_err(wrong)?))
 }
 

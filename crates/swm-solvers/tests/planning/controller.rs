@@ -208,8 +208,7 @@ fn wrong_observations_and_settings_are_refused() {
     mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
     let force = Schema::new(vec![Field::step("force", Dtype::F32, &[3])]).unwrap();
     let refused = mpc.next(&mut cost, &Batch::new(force, 1)).unwrap_err().to_string();
-    let expected =
-        "`the observation` must be a row of state f64 [1], goal_state f64 [1], found a row of force f32 [3]";
+    let expected = "`the observation` must be a row of state float64 [1], goal_state float64 [1], found a row of force float32 [3]";
     assert_eq!(refused, expected);
     let two = Batch::new(row(1.0, 2.0).schema().clone(), 2);
     let refused = mpc.next(&mut cost, &two).unwrap_err().to_string();
