@@ -50,6 +50,8 @@ mod parity;
 mod pass;
 mod placement;
 mod plan;
+#[cfg(test)]
+mod plane;
 mod precision;
 mod reading;
 pub mod train;

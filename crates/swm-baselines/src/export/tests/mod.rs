@@ -6,10 +6,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json, json};
-use swm_core::{
-    Dtype, Env, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, Registry, RowsMut, Slice,
-    Space,
-};
 use swm_solvers::Candidates;
 use swm_tasks::request::Request as _;
 
@@ -18,49 +14,9 @@ use crate::Device;
 use crate::data::{Images, PlanningBatch, Vectors};
 use crate::import::{Description, Import};
 use crate::online::TrainedAgent;
+use crate::plane::{PLANE, registry};
 use crate::train::{RunFolder, TrainedModel, Which};
 use crate::weights::{self, Of, Stored};
-
-/// Two actions, and nothing else.
-const PLANE: EnvEntry =
-    EnvEntry::new("swm/Plane-v0", "two actions (for tests)", |_| Ok(Box::new(Plane(spec()))));
-
-struct Plane(EnvSpec);
-
-fn spec() -> EnvSpec {
-    let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
-    EnvSpec::new(PLANE.id, action, vec![Field::step("state", Dtype::F32, &[2])]).time_step_s(0.1)
-}
-
-impl Env for Plane {
-    fn spec(&self) -> &EnvSpec {
-        &self.0
-    }
-
-    fn reset(&mut self, _episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        Ok(Outcome { reward: f64::NAN, terminated: false, success: None })
-    }
-
-    fn step(&mut self, _action: Slice<'_>) -> Result<Outcome, EnvError> {
-        Ok(Outcome { reward: 0.0, terminated: false, success: None })
-    }
-
-    fn write_episode(&mut self, _out: &mut RowsMut<'_>) {}
-
-    fn observe(&mut self, _out: &mut RowsMut<'_>) {}
-
-    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
-        state.store(PLANE.id, &0_u8)
-    }
-
-    fn restore(&mut self, _state: &EnvState) -> Result<(), EnvError> {
-        Ok(())
-    }
-}
-
-fn registry() -> Registry {
-    Registry::new().with(&[PLANE])
-}
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints").join(name)

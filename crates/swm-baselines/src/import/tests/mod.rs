@@ -8,10 +8,6 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::{Device as TensorDevice, Tensor, TensorData};
 use serde_json::{Map, Value as Json, json};
-use swm_core::{
-    Dtype, Env, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, Registry, RowsMut, Slice,
-    Space,
-};
 use swm_solvers::Candidates;
 use swm_tasks::request::Request as _;
 
@@ -20,45 +16,9 @@ use crate::Device;
 use crate::data::{Images, Observations, PlanningBatch, Vectors};
 use crate::online::tdmpc2::{Observed, Tdmpc2Config, Tdmpc2Network};
 use crate::params::host;
+use crate::plane::{PLANE, registry};
 use crate::train::{TrainedModel, Which};
 use crate::weights::{self, Stored};
-
-/// Two actions, and nothing else.
-const PLANE: EnvEntry =
-    EnvEntry::new("swm/Plane-v0", "two actions (for tests)", |_| Ok(Box::new(Plane(spec()))));
-
-struct Plane(EnvSpec);
-
-fn spec() -> EnvSpec {
-    let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
-    EnvSpec::new(PLANE.id, action, vec![Field::step("state", Dtype::F32, &[2])]).time_step_s(0.1)
-}
-
-impl Env for Plane {
-    fn spec(&self) -> &EnvSpec {
-        &self.0
-    }
-
-    fn reset(&mut self, _episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        Ok(Outcome { reward: f64::NAN, terminated: false, success: None })
-    }
-
-    fn step(&mut self, _action: Slice<'_>) -> Result<Outcome, EnvError> {
-        Ok(Outcome { reward: 0.0, terminated: false, success: None })
-    }
-
-    fn write_episode(&mut self, _out: &mut RowsMut<'_>) {}
-
-    fn observe(&mut self, _out: &mut RowsMut<'_>) {}
-
-    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
-        state.store(PLANE.id, &0_u8)
-    }
-
-    fn restore(&mut self, _state: &EnvState) -> Result<(), EnvError> {
-        Ok(())
-    }
-}
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints")
@@ -73,10 +33,6 @@ fn cases() -> Vec<PathBuf> {
         folders.filter(|folder| folder.join("expected.safetensors").is_file()).collect();
     folders.sort();
     folders
-}
-
-fn registry() -> Registry {
-    Registry::new().with(&[PLANE])
 }
 
 /// A request for a file, with the scales of vectors that are scaled already.
