@@ -41,7 +41,7 @@ fn what_is_missing_depends_on_what_shall_learn() {
         assert!(message.contains(reason), "{words}: {message}");
     }
     let env = registry.env("swm/PushT-v1").unwrap();
-    let message = registry.policy_entry(env, "lewm").unwrap_err().to_string();
+    let message = registry.policy_entry(env, "keypoint-wm").unwrap_err().to_string();
     assert!(message.contains("it is a model; to plan with a trained one, use `mpc:RUN`"), "{message}");
 }
 
