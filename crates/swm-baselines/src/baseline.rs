@@ -244,31 +244,32 @@ pub trait GoalPolicy: Send {
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
 
-    /// Fills `actions`, `[B, D]`, with the mean action of each of B problems.
-    ///
-    /// # Errors
-    ///
-    /// The network fails.
-    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
-
-    /// K: decisions to the farthest goals of a policy that is told how many are left; 0 of others.
+    /// K: decisions to the farthest goals of a policy that takes how many are left; 0 of others.
     fn horizon(&self) -> usize {
         0
     }
 
-    /// As [`GoalPolicy::act`], where `left`, `[B]`, decisions are left to reach each goal, 1 to K, this one included. A policy
-    /// without a horizon does the same whatever is left.
+    /// Fills `actions`, `[B, D]`, with the mean action of each of B problems, where `left`, `[B]`, decisions are left to reach each goal,
+    /// 1 to K, this one included. A policy without a horizon ignores `left`.
     ///
     /// # Errors
     ///
-    /// As of [`GoalPolicy::act`]; or `left` is of another length.
+    /// The network fails, or sizes differ.
     fn act_within(
         &mut self,
         batch: &PlanningBatch<'_>,
-        _left: &[usize],
+        left: &[usize],
         actions: &mut [f32],
-    ) -> Result<(), BaselineError> {
-        self.act(batch, actions)
+    ) -> Result<(), BaselineError>;
+
+    /// As [`GoalPolicy::act_within`], with all K decisions left.
+    ///
+    /// # Errors
+    ///
+    /// As of [`GoalPolicy::act_within`].
+    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
+        let left = vec![self.horizon(); batch.pixels.rows];
+        self.act_within(batch, &left, actions)
     }
 }
 

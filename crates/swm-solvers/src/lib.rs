@@ -138,4 +138,4 @@ pub use trace::{
     Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};
-pub use world_model::{ModelDynamics, WorldModelEntry};
+pub use world_model::{ModelDynamics, WorldModelEntry, registered_model};

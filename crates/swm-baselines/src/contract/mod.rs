@@ -335,7 +335,7 @@ fn plans_and_decisions_do_not_depend_on_their_neighbors() {
 }
 
 #[test]
-fn what_cannot_be_made_says_why() {
+fn what_cannot_be_made_is_an_error_with_a_reason() {
     let error = |name, options: &MakeOptions<'_>| match make(name, options) {
         Ok(_) => panic!("{name} was made"),
         Err(error) => error.to_string(),

@@ -32,7 +32,7 @@ pub(super) struct Form {
     pub(super) backbone: Option<Backbone>,
     /// The version of transformers whose names the encoder's tensors have.
     pub(super) transformers: Option<usize>,
-    /// What the card says of sizes and of how to use it: a row each.
+    /// What the card contains of sizes and use: a row each.
     pub(super) facts: Vec<(&'static str, String)>,
     /// How vectors are scaled, by column.
     pub(super) scales: BTreeMap<String, Scale>,

@@ -1,5 +1,6 @@
 //! Published datasets of other programs, as their own packages wrote them. Beside each is what these packages read from it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -45,7 +46,7 @@ pub(crate) fn column_of(dataset: &dyn Dataset, name: &str) -> usize {
 }
 
 fn json_of(name: &str) -> Value {
-    serde_json::from_slice(&std::fs::read(golden(&format!("{name}.expected.json"))).unwrap()).unwrap()
+    serde_json::from_slice(&fs::read(golden(&format!("{name}.expected.json"))).unwrap()).unwrap()
 }
 
 fn naturals(value: &Value) -> Vec<usize> {
@@ -215,6 +216,24 @@ fn archives_of_pldm_repeat_their_last_action() {
         [("proprio_states", "proprio", 1.0), ("locations", "locations", 1.0), ("actions", "action", 1.0)];
     let mut dataset = check("pldm_maze.npz", &OpenOptions::default(), &names);
     assert_only_last_is_missing(dataset.as_mut(), "action");
+}
+
+#[test]
+fn a_description_of_robomimic_in_a_damaged_heap_is_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    let mut bytes = fs::read(golden("robomimic_can.hdf5")).unwrap();
+    let known = |path: &Path| opened(path, &OpenOptions::default()).unwrap().info().notes.to_vec();
+    assert!(known(&golden("robomimic_can.hdf5")).iter().any(|note| note.contains("its environment is")));
+    while let Some(at) = bytes.windows(4).position(|word| word == b"GCOL") {
+        bytes[at + 3] = b'X';
+    }
+    fs::write(&path, bytes).unwrap();
+    let notes = known(&path);
+    let damaged =
+        |note: &&String| note.contains("its attribute `env_args` cannot be read: the heap at byte ");
+    assert_eq!(notes.iter().filter(damaged).count(), 1, "{notes:?}");
+    assert!(!notes.iter().any(|note| note.contains("its environment is")), "{notes:?}");
 }
 
 #[test]
@@ -392,7 +411,7 @@ fn no_reader_of_published_datasets_trips_over_foreign_bytes() {
         let path = folder.path().join(sample);
         match golden(sample).is_dir() {
             true => crate::copied(&golden(sample), &path),
-            false => drop(std::fs::copy(golden(sample), &path).unwrap()),
+            false => drop(fs::copy(golden(sample), &path).unwrap()),
         }
         mutate_for(sample, &path, &mut |path| {
             let Ok(mut dataset) = opened(path, &options_of(sample)) else { return false };

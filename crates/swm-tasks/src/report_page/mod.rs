@@ -233,7 +233,7 @@ mod tests {
         [PolicyEntry::new("of-file", "acts at random", |_, _| Ok(Box::new(policies::random())))];
 
     #[test]
-    fn a_result_of_a_model_that_was_trained_since_says_so() {
+    fn a_result_of_a_model_that_was_trained_since_is_marked() {
         let folder = tempfile::tempdir().unwrap();
         let (weights, page) = (folder.path().join("weights"), folder.path().join("page.html"));
         std::fs::write(&weights, "100 steps").unwrap();

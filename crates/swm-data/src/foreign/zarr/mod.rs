@@ -6,7 +6,7 @@
 //! | file | duty |
 //! |---|---|
 //! | `store` | files of a folder or an archive, by key |
-//! | `meta`, `fill` | what the description of an array says, in both versions |
+//! | `meta`, `fill` | the description of an array, in both versions |
 //! | `codec`, `blosc` | chunks as they were before they were stored |
 //! | `array` | rows out of chunks |
 
@@ -109,7 +109,7 @@ fn lengths(ends: &[f64]) -> Result<Vec<usize>> {
     Ok(lengths)
 }
 
-/// What is known of the human demonstrations of PushT, which are told by their columns.
+/// What is known of the human demonstrations of PushT, which are recognized by their columns.
 fn about_pusht(found: &mut Found) -> Result<()> {
     let array = |name: &str| {
         let source = found.sources.iter().find(|source| source.old == name)?;

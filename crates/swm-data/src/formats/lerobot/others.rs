@@ -96,7 +96,7 @@ fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<List
     let first = episodes.first().ok_or_else(|| missing("it holds no episode"))?;
     let places = Places::new(path, episodes);
     let stated = Place { data: first.data.clone(), first: first.first };
-    // One that cannot be found is told where it is read.
+    // One that cannot be found is reported where it is read.
     let place = places.of(episodes, 0).unwrap_or(&stated);
     let table = Table::open(&place.data)?;
     for (name, feature) in &info.features {
