@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use swm_core::Column;
+use swm_data::loader::{ClipOptions, Loader, Rewards};
 use swm_data::testing::mutations::mutate_for;
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{all, copy};
@@ -256,6 +257,41 @@ fn episodes_of_robomimic_are_sorted_by_their_numbers() {
     assert!(wrist.info().mapping.contains(&("pixels".to_owned(), "obs/robot0_eye_in_hand_image".to_owned())));
     let valid = OpenOptions::default().split(Some("valid".to_owned()));
     assert_eq!(lengths(opened(&golden("robomimic_can.hdf5"), &valid).unwrap().as_ref()), [6]);
+}
+
+/// All clips of one row, as stored and beside their actions.
+fn rewards(path: &Path) -> [Vec<f64>; 2] {
+    [Rewards::Recorded, Rewards::OfActions].map(|rewards| {
+        let keys = Some(vec!["reward".to_owned()]);
+        let options = ClipOptions::default().num_steps(1).keys(keys).rewards(rewards).threads(Some(1));
+        let loader = Loader::new(open(path).unwrap(), &options).unwrap();
+        let mut batch = loader.new_batch();
+        loader.read(&(0..loader.len()).collect::<Vec<_>>(), &mut batch).unwrap();
+        let of_row = |row| match batch.row(row).get::<f32>("reward") {
+            Ok(values) => f64::from(values[0]),
+            Err(_) => batch.row(row).get::<f64>("reward").unwrap()[0],
+        };
+        (0..loader.len()).map(of_row).collect()
+    })
+}
+
+#[test]
+fn rewards_of_other_programs_and_of_their_copies_are_beside_their_actions_already() {
+    let folder = tempfile::tempdir().unwrap();
+    for sample in ["robomimic_can.hdf5", "halfcheetah-medium-v2.hdf5"] {
+        let copied = folder.path().join(sample).with_extension("h5");
+        let mut sources = [open(&golden(sample)).unwrap()];
+        let pieces = all(&sources);
+        copy(&mut sources, &pieces, &copied, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+        for path in [golden(sample), copied] {
+            let [stored, of_actions] = rewards(&path);
+            assert!(stored.iter().any(|&reward| reward != 0.0 && !reward.is_nan()), "{stored:?}");
+            let same = |(one, other): (&f64, &f64)| {
+                one.to_bits() == other.to_bits() || one.is_nan() && other.is_nan()
+            };
+            assert!(stored.iter().zip(&of_actions).all(same), "{stored:?} {of_actions:?}");
+        }
+    }
 }
 
 #[test]

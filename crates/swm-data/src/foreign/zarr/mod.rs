@@ -68,7 +68,7 @@ fn find(path: &Path) -> Result<Found> {
                 found.skipped.push((name.replace('/', "."), reason));
             }
             Ok(array) => step(&name, Arc::new(array), &mut found),
-            Err(error) if is_unsupported(&error) => {
+            Err(error) if error.is_unsupported() => {
                 found.skipped.push((name.replace('/', "."), error.to_string()));
             }
             Err(error) => return Err(error.at(whole)),
@@ -82,15 +82,6 @@ fn find(path: &Path) -> Result<Found> {
     }
     about_pusht(&mut found)?;
     Ok(found)
-}
-
-/// Whether this program lacks something, rather than the file.
-fn is_unsupported(error: &FormatError) -> bool {
-    match error {
-        FormatError::Unsupported(_) => true,
-        FormatError::At { source, .. } => is_unsupported(source),
-        _ => false,
-    }
 }
 
 /// Lengths of episodes, from where each ends among all rows.
