@@ -53,7 +53,7 @@ impl Entrant {
         let entry = env_of(registry, &manifest).map_err(wrong)?;
         let (candidate, description, files) = match foreign {
             None => {
-                let candidate = Candidate::new(policy_args(policy)?).seeded(seed);
+                let candidate = Candidate::new(policy_args(registry, policy)?).seeded(seed);
                 let candidate = candidate.on(registry, entry, &manifest);
                 let made = candidate.make(registry, entry, &manifest)?;
                 let files = apart(report, || candidate.files(registry, entry))??;

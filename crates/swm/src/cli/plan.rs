@@ -116,7 +116,7 @@ impl Plan {
         let config = EnvConfig { image: seen, settings: problem.settings.clone() };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(problem.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), problem.budget))?;
-        let asked = problem.policy(registry, policy_args(&self.policy)?);
+        let asked = problem.policy(registry, policy_args(registry, &self.policy)?);
         let mut policy = self.planner(registry, &asked, &world)?;
         problem.note_training(registry, &asked, &world, output);
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
@@ -228,7 +228,7 @@ impl Plan {
             plan.cost.zip(plan.last_best).is_some_and(|(cost, best)| cost > best + 1e-9 * best.abs())
         };
         let worse = plans.iter().filter(is_worse).count();
-        let name = policy_args(&self.policy).ok()?.name;
+        let name = policy_args(registry, &self.policy).ok()?.name;
         let policy = registry.policy_entry(entry, &name).ok()?;
         let fix = match policy.settings.iter().any(|setting| setting.name == "return_best") {
             true => "; return_best=true takes the best candidate",

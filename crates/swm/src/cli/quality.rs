@@ -219,7 +219,7 @@ fn trained(registry: &Registry, name: &str) -> Result<Option<(&'static ModelEntr
             "--model {name}: there are true, constant, gain=NUMBER, pixels=CELLS, and {others}"
         )));
     }
-    let args = policy_args(name)?;
+    let args = policy_args(registry, name)?;
     match registry.find::<ModelEntry>(&args.name) {
         Ok(entry) => Ok(Some((entry, args))),
         Err(_) if registry.all::<ModelEntry>().next().is_none() => Err(usage(format!(

@@ -145,7 +145,7 @@ impl SweepCommand {
             return Err(usage("--frame-skip: the manifest says how often actions are applied"));
         }
         let entry = env_of(registry, &manifest).map_err(usage)?;
-        let candidate = Candidate::new(policy_args(&self.policy)?).seeded(self.policy_seed);
+        let candidate = Candidate::new(policy_args(registry, &self.policy)?).seeded(self.policy_seed);
         let candidate = candidate.on(registry, entry, &manifest);
         if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
             return Err(usage("--points is for --values grid; give both"));

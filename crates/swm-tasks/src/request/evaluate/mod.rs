@@ -142,7 +142,7 @@ impl Request for Evaluate {
         self.roles()?;
         if self.manifest.is_none() {
             let entry = registry.env(&self.env).map_err(failed)?;
-            registry.policy_entry(entry, &policy_args(&self.policy)?.name).map_err(failed)?;
+            registry.policy_entry(entry, &policy_args(registry, &self.policy)?.name).map_err(failed)?;
         }
         Ok(())
     }

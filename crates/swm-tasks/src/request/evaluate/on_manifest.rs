@@ -229,7 +229,7 @@ impl Evaluate {
         let mut all = roles(registry, entry, manifest, candidate);
         if let Some(text) = &self.oracle {
             all.retain(|(role, _)| *role != Role::Oracle);
-            let oracle = Candidate::new(policy_args(text)?).seeded(candidate.seed);
+            let oracle = Candidate::new(policy_args(registry, text)?).seeded(candidate.seed);
             all.push((Role::Oracle, oracle.on(registry, entry, manifest)));
         }
         all.retain(|(role, _)| asked.contains(role));
