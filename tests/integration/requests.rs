@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 use serde_json::{Map, Value as Json, json};
-use swm::tasks::request::{Evaluate, MakeManifest, Record, Request as _, value_text};
+use swm::tasks::request::{Evaluate, MakeManifest, Record, Request as _, Sweep, value_text};
 
 use crate::support::{Folder, swm_fails, swm_ok};
 use crate::ui::Page;
@@ -108,6 +108,38 @@ fn a_receipt_is_the_same_from_the_request_and_the_command() {
         let receipt =
             |dir: &str| without_time(&std::fs::read_to_string(format!("{dir}/receipt.json")).unwrap());
         assert_eq!(receipt(&command), receipt(&value), "{request:?}");
+    }
+}
+
+#[test]
+fn a_sweep_is_the_same_from_the_request_and_the_command() {
+    let folder = Folder::new();
+    let (task, registry) = (folder.path("task.toml"), swm::registry());
+    swm_ok(&[
+        "manifest",
+        "make",
+        "swm/PushT-v1",
+        "--episodes",
+        "3",
+        "--budget",
+        "6",
+        "--out",
+        &task,
+        "--quiet",
+    ]);
+    for (index, request) in table(include_str!("../requests/sweep.json"), "").into_iter().enumerate() {
+        let [value, command] = ["value", "command"].map(|name| folder.path(&format!("{name}-{index}")));
+        let on = |out: &str| {
+            let mut request = to(&request, out);
+            request.insert("manifest".to_owned(), task.clone().into());
+            request
+        };
+        Sweep::from_json(&on(&value)).unwrap().run(&registry, &mut ()).unwrap();
+        run(&["sweep", "--quiet"], &on(&command));
+        for file in ["sweep.json", "sweep.csv", "sweep.svg"] {
+            let bytes = |dir: &str| std::fs::read(format!("{dir}/{file}")).unwrap();
+            assert!(bytes(&command) == bytes(&value), "{file}: {request:?}");
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod scenario;
 mod shard;
 mod source;
 mod stream;
+mod sweep;
 mod training_note;
 
 use serde_json::{Map, Value as Json};
@@ -29,7 +30,7 @@ use swm_core::settings::{Settings, read_of};
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
-pub use entrant::{Foreign, RunOn};
+pub use entrant::{Foreign, RunOn, verify_foreign};
 pub use evaluate::{Evaluate, Evaluated, Needs};
 pub use image_choice::ImageChoice;
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
@@ -43,6 +44,7 @@ pub use source::{
     ManifestSource, check_opening, check_recorded_in, create_parent, make_folder, open_dataset,
     open_dataset_with,
 };
+pub use sweep::{Sweep, Swept};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 
 /// A request that can be checked and run.
