@@ -7,6 +7,7 @@
 mod board;
 mod bundle;
 mod defaults;
+mod divided;
 mod entrant;
 mod evaluate;
 mod image_choice;
@@ -30,8 +31,9 @@ use swm_core::settings::{Settings, read_of};
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
+pub use divided::{Divided, Needs};
 pub use entrant::{Foreign, RunOn, verify_foreign};
-pub use evaluate::{Evaluate, Evaluated, Needs};
+pub use evaluate::{Evaluate, Evaluated};
 pub use image_choice::ImageChoice;
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};

@@ -6,12 +6,11 @@ use clap::Args;
 use serde_json::{Map, Value as Json, json};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, Registry, World, WorldOptions};
 use swm_tasks::request::{self, Ask, NUM_ENVS};
-pub(super) use swm_tasks::request::{Shard, model_image, policy_args, policy_files};
+pub(super) use swm_tasks::request::{Shard, model_image, policy_args};
 
 use super::output::counted;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
-use crate::evaluation::RunOptions;
 
 /// The environment and how it is made.
 #[derive(Args, Clone)]
@@ -93,11 +92,6 @@ pub(super) struct WorldArgs {
 }
 
 impl WorldArgs {
-    /// How a run on a manifest is spread.
-    pub(super) fn run_options(&self) -> RunOptions {
-        RunOptions { num_envs: self.num_envs, threads: self.threads.count(), ..RunOptions::default() }
-    }
-
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
         let options = WorldOptions::new(self.num_envs).env(env).max_episode_steps(max_steps);
         options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads.count())
@@ -146,24 +140,21 @@ pub(super) struct PartArgs {
     pub join: bool,
 }
 
-impl PartArgs {
-    /// Says that a part is done.
-    pub(super) fn done(
-        &self,
-        dir: Option<&Path>,
-        shard: Shard,
-        episodes: u64,
-        output: &Output,
-    ) -> Result<(), Failure> {
-        let (index, count) = shard.numbers();
-        let result = json!({ "out": dir, "shard": index, "of": count, "episodes": episodes });
-        output.result(&result, || {
-            format!(
-                "part {index}/{count} is done ({}); when all parts are, --join in place of --shard joins them",
-                counted(episodes, "episode")
-            )
-        })
-    }
+/// Prints that a part is done.
+pub(super) fn part_done(
+    dir: Option<&Path>,
+    shard: Shard,
+    episodes: u64,
+    output: &Output,
+) -> Result<(), Failure> {
+    let (index, count) = shard.numbers();
+    let result = json!({ "out": dir, "shard": index, "of": count, "episodes": episodes });
+    output.result(&result, || {
+        format!(
+            "part {index}/{count} is done ({}); when all parts are, --join in place of --shard joins them",
+            counted(episodes, "episode")
+        )
+    })
 }
 
 /// As [`request::make_policy`].

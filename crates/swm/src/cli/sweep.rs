@@ -5,15 +5,14 @@ use std::sync::LazyLock;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use swm_core::{Cancel, Registry};
+use swm_core::Registry;
 use swm_tasks::evaluation;
 use swm_tasks::request::{Fix, ManifestSource, Message, Request as _, Sweep, Swept, TaskError};
 
-use super::args::{PartArgs, WorldArgs};
+use super::args::{PartArgs, WorldArgs, part_done};
 use super::output::table;
 use super::rates::{at_reset, p_value, rate};
 use super::reporter::Reporter;
-use super::work::Plan;
 use super::{Failure, Output, interrupt};
 
 /// The defaults of a request, for help and for what is not given.
@@ -66,7 +65,7 @@ pub(super) struct SweepCommand {
 
 impl SweepCommand {
     /// What is asked for.
-    fn request(&self) -> Result<Sweep, Failure> {
+    pub(super) fn request(&self) -> Result<Sweep, Failure> {
         if let Some(given) = self.world.frame_skip {
             let message = Message::about("frame_skip", given, "the manifest fixes it");
             return Err(TaskError::from(message.fix(Fix::Leave("frame_skip"))).into());
@@ -88,28 +87,24 @@ impl SweepCommand {
         })
     }
 
-    /// What a job needs to know before it is submitted.
-    pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
-        let needs = self.request()?.needs(registry)?;
-        Ok(Plan { episodes: needs.episodes, inputs: needs.inputs })
-    }
-
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        match self.request()?.run(registry, &mut Reporter::new(output, self.watch()))? {
-            Swept::Sweep(sweep) => output.result(&sweep, || text(&sweep, self.out.as_deref())),
-            Swept::Part(shard, episodes) => self.part.done(self.out.as_deref(), shard, episodes, output),
-            _ => Ok(()),
-        }
+        run(&self.request()?, registry, output)
     }
+}
 
-    /// What ends the sweep when the command is interrupted.
-    fn watch(&self) -> Cancel {
-        match &self.out {
-            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
-            None => interrupt::watch(|| {
-                "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
-            }),
-        }
+/// Sweeps, and prints what came out.
+pub(super) fn run(request: &Sweep, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let out = request.out.as_deref();
+    let cancel = match out {
+        Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
+        None => interrupt::watch(|| {
+            "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
+        }),
+    };
+    match request.run(registry, &mut Reporter::new(output, cancel))? {
+        Swept::Sweep(sweep) => output.result(&sweep, || text(&sweep, out)),
+        Swept::Part(shard, episodes) => part_done(out, shard, episodes, output),
+        _ => Ok(()),
     }
 }
 

@@ -91,15 +91,6 @@ pub enum Evaluated {
     Episodes(Box<Evaluation>, Result<Vec<PathBuf>, BoxError>),
 }
 
-/// What an evaluation that is divided needs.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Needs {
-    /// Episodes of all parts.
-    pub episodes: u64,
-    /// Files and folders that are read.
-    pub inputs: Vec<PathBuf>,
-}
-
 /// What a manifest fixes.
 const OF_MANIFEST: &[&str] = &[
     "env",

@@ -9,7 +9,7 @@ use swm_core::error::{BoxError, did_you_mean, nearest};
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{Manifest, Registry, ResetOptions};
 
-use super::{Evaluate, Evaluated, Needs};
+use super::{Evaluate, Evaluated};
 use crate::evaluation::{
     Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints,
     held_receipt, identity, refusal, roles, run_pairs, write_receipt,
@@ -20,7 +20,8 @@ use crate::request::report::apart;
 use crate::request::source::{claim, make_folder};
 use crate::request::training_note::note_training_on;
 use crate::request::{
-    Assignment, Fix, Foreign, Message, Progress, Report, Request as _, Stage, TaskError, note_rewards_only,
+    Assignment, Fix, Foreign, Message, Needs, Progress, Report, Request as _, Stage, TaskError,
+    note_rewards_only,
 };
 
 /// Planners take many times as long as the random and the no-op policy.
