@@ -36,7 +36,9 @@ pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;
 pub use probes::{NetworkProbe, ProbeScore, ProbeTarget, Probed, Samples, probe};
-pub use quality::{Quality, QualityOptions, Ranking, Surprised, measurements, quality, recorded_episodes};
+pub use quality::{
+    Quality, QualityOptions, Ranking, Surprised, default_probes, measurements, quality, recorded_episodes,
+};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::{Ledger, identity};

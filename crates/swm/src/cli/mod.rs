@@ -36,7 +36,6 @@ mod plan;
 mod plan_problem;
 mod preview;
 mod quality;
-mod quality_checks;
 mod rates;
 mod receipt_text;
 mod regret;
