@@ -33,7 +33,6 @@ mod new_env;
 mod opening;
 mod output;
 mod plan;
-mod plan_problem;
 mod preview;
 mod quality;
 mod rates;
