@@ -191,7 +191,6 @@ mod work {
     use swm_core::Registry;
 
     use super::{Checkpoints, Train};
-    use crate::cli::work::Plan;
     use crate::cli::{Failure, Output, usage};
 
     use crate::absent::BASELINES;
@@ -245,7 +244,7 @@ mod work {
     }
 
     impl Train {
-        pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+        pub(in crate::cli) fn inputs(&self) -> Result<Vec<std::path::PathBuf>, Failure> {
             Err(not_built())
         }
     }

@@ -1,5 +1,6 @@
 //! `swm train` at work, in builds that have baselines.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar};
@@ -17,7 +18,6 @@ use super::Train;
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
-use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, images, inputs, interrupt, memory, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
@@ -99,15 +99,15 @@ impl Train {
         output.result(&state, || text(&state, &out.display().to_string()))
     }
 
-    /// What a job needs to know before it is submitted.
-    pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+    /// The files that a run reads, before it is submitted as a job.
+    pub(in crate::cli) fn inputs(&self) -> Result<Vec<PathBuf>, Failure> {
         let Self { baseline, dataset, encoder, resume, .. } = self;
         let name = baseline.as_deref().unwrap_or_default();
         if resume.is_none() && !trainable().any(|(known, ..)| known == name) {
             return Err(unknown(name));
         }
         changes(&self.set)?;
-        Ok(Plan { episodes: 0, inputs: dataset.iter().chain(encoder).cloned().collect() })
+        Ok(dataset.iter().chain(encoder).cloned().collect())
     }
 
     /// What a new run should be told about before it takes hours.

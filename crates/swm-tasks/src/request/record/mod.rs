@@ -18,8 +18,8 @@ use swm_core::{
 use swm_data::{WriteMode, WriteOptions};
 
 use super::{
-    Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Report, Request, Scenario, Shard, Stage, TaskError,
-    create_parent, envs_at_most, failed, make_policy, must_be_given, policy_files, wrong,
+    Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Needs, Report, Request, Scenario, Shard, Stage,
+    TaskError, create_parent, envs_at_most, failed, make_policy, must_be_given, policy_files, wrong,
 };
 use crate::memory::{episodes_note, machine_bytes};
 use crate::threads::{self, within};
@@ -28,6 +28,9 @@ use sink::{Continued, Sink};
 
 /// Size of recorded images (the reference's).
 const IMAGE: ImageSize = ImageSize { height: 64, width: 64 };
+
+/// A divided recording in a format of a file per image has at most so many.
+const MAX_IMAGE_FILES: u64 = 1_000_000;
 
 swm_core::settings! {
     /// Record episodes of a policy to a dataset.
@@ -154,13 +157,22 @@ impl Record {
         Ok((world, options))
     }
 
-    /// Files that the recording reads: those of its policy.
+    /// What a job needs to know before it is submitted; environment and policy are made.
     ///
     /// # Errors
     ///
-    /// There is no such environment or policy, or the settings of the policy are wrong.
-    pub fn inputs(&self, registry: &Registry) -> Result<Vec<PathBuf>, TaskError> {
-        policy_files(registry, registry.env(&self.env).map_err(failed)?, &self.policy)
+    /// As of `check`; the environment or the policy cannot be made.
+    pub fn needs(&self, registry: &Registry, report: &mut dyn Report) -> Result<Needs, TaskError> {
+        self.check(registry)?;
+        self.prepare(registry, report)?;
+        let episodes = self.wanted();
+        let steps = episodes.saturating_mul(self.max_steps);
+        if let (Some("folder"), true) = (self.format.as_deref(), steps > MAX_IMAGE_FILES) {
+            let text = format!("up to {steps} image files are too many for a shared file system");
+            return Err(Message::about("format", "folder", text).fix(Fix::Leave("format")).into());
+        }
+        let entry = registry.env(&self.env).map_err(failed)?;
+        Ok(Needs { episodes, inputs: policy_files(registry, entry, &self.policy)? })
     }
 
     /// Episodes that are asked for.
