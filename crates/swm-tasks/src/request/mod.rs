@@ -6,6 +6,7 @@
 
 mod board;
 mod bundle;
+mod clear;
 mod defaults;
 mod divided;
 mod entrant;
