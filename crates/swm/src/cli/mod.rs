@@ -25,6 +25,7 @@ mod inspect;
 mod interrupt;
 mod job_status;
 mod jobs;
+mod looks;
 mod man;
 mod manifest;
 #[cfg(feature = "baselines")]

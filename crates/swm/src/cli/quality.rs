@@ -1,5 +1,6 @@
 //! `swm quality`: a world model, evaluated without control.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -121,7 +122,7 @@ impl QualityCommand {
             self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
         let mut dataset = match (dataset, image) {
             (Some(blind), Some(size)) if !images::holds_images(blind.as_ref()) => {
-                Some(images::rendered(blind, registry, size)?)
+                Some(images::rendered(blind, registry, size, BTreeMap::new())?)
             }
             (dataset, _) => dataset,
         };
