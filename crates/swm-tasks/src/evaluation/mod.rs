@@ -16,6 +16,7 @@ mod quality;
 mod receipt;
 mod reference;
 mod resume;
+mod robustness;
 mod run;
 mod sweep;
 mod tiers;
@@ -40,6 +41,7 @@ pub use quality::{Quality, QualityOptions, Ranking, Surprised, measurements, qua
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::{Ledger, identity};
+pub use robustness::{Published, ROBUST_TASKS, ROBUSTNESS_VERSION, RobustTask, Robustness, RobustnessRow};
 pub use run::{Candidate, ForeignPolicy, RunEpisodes, RunOptions, run_pairs};
 pub use sweep::{
     Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, grid_points, held_sweep, is_sweep,

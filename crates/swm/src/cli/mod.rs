@@ -45,6 +45,7 @@ mod render;
 mod replay;
 mod report;
 mod reporter;
+mod robustness;
 mod scenario;
 mod solvers;
 mod stats;
@@ -121,6 +122,7 @@ enum Command {
     Compare(compare::Compare),
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
+    Robustness(robustness::RobustnessCommand),
     Report(report::ReportCommand),
     Bundle(bundle::BundleCommand),
     Board(board::BoardCommand),
@@ -203,6 +205,7 @@ impl Command {
             Self::Eval(command) => command.world.threads,
             Self::VerifyResult(command) => command.threads,
             Self::Sweep(command) => command.world.threads,
+            Self::Robustness(command) => command.world.threads,
             Self::Report(command) => command.threads,
             Self::Board(command) => command.threads,
             Self::Quality(command) => command.threads,
@@ -237,6 +240,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Compare(command) => command.run(output),
         Command::VerifyResult(command) => command.run(registry, output),
         Command::Sweep(command) => command.run(registry, output),
+        Command::Robustness(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Bundle(command) => command.run(registry, output),
         Command::Board(command) => command.run(registry, output),
@@ -314,6 +318,7 @@ mod tests {
             "eval",
             "verify-result",
             "sweep",
+            "robustness",
             "report",
             "board",
             "quality",

@@ -77,6 +77,36 @@ const DIVISION: Division = Division::ByCell;
 
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        match self.sweep(registry, output)? {
+            Some(sweep) => output.result(&sweep, || text(&sweep, self.out.as_deref())),
+            None => Ok(()),
+        }
+    }
+
+    /// That of `policy`, for a command that does several.
+    pub(super) fn of(
+        manifest: &Path,
+        policy: &str,
+        factors: &[String],
+        world: &WorldArgs,
+        out: PathBuf,
+    ) -> Self {
+        Self {
+            manifest: manifest.to_owned(),
+            policy: policy.to_owned(),
+            policy_seed: 0,
+            factors: factors.to_vec(),
+            values: ValuesArg::default(),
+            points: None,
+            world: world.clone(),
+            out: Some(out),
+            again: false,
+            part: PartArgs::default(),
+        }
+    }
+
+    /// What comes of it; nothing where it was a part.
+    pub(super) fn sweep(&self, registry: &Registry, output: &Output) -> Result<Option<Sweep>, Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
         let entry = env_of(registry, &manifest).map_err(usage)?;
         note_rewards_only(entry, &manifest.success, &mut &*output);
@@ -101,7 +131,7 @@ impl SweepCommand {
                 )?
             {
                 output.note(format!("{}: already done; --again repeats it", dir.display()));
-                return output.result(&held, || text(&held, Some(dir)));
+                return Ok(Some(held));
             }
         }
         let bar = output.bar(cells, "evaluations");
@@ -119,7 +149,8 @@ impl SweepCommand {
                 done?;
                 ledger.finish_part()?;
                 let episodes = shard.of(cells * pairs);
-                return self.part.done(Some(dir), shard, episodes.end - episodes.start, output);
+                self.part.done(Some(dir), shard, episodes.end - episodes.start, output)?;
+                return Ok(None);
             }
             (Some(dir), None) if self.part.join => {
                 CellLedger::join(dir, DIVISION, &run.identity()?, cells, pairs)?
@@ -133,7 +164,7 @@ impl SweepCommand {
             write_sweep(dir, &result)?;
         }
         ledger.close()?;
-        output.result(&result, || text(&result, self.out.as_deref()))
+        Ok(Some(result))
     }
 }
 
