@@ -24,6 +24,7 @@ type Changes = fn() -> Json;
 
 /// Settings that make each baseline tiny.
 const TINY: &[(&str, Changes)] = &[
+    ("canonical", || json!({"model": {"image": 16, "channels": [4, 4, 4], "clip": 2, "frameskip": 1}})),
     ("conv-jepa", maps),
     ("dino-wm", || {
         let encoder = json!({"kind": "vit", "dim": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
@@ -45,6 +46,7 @@ const TINY: &[(&str, Changes)] = &[
         let encoder = json!({"channels": [4, 8], "count": 4});
         json!({"model": {"image": 16, "encoder": encoder, "hidden": 8}, "optim": {"lr": 1e-4}})
     }),
+    ("keypoints", || json!({"model": {"image": 32, "encoder": {"channels": [4, 8], "count": 4}}})),
     ("lewm", joint),
     ("pldm", joint),
 ];
@@ -107,6 +109,7 @@ impl Clips {
         ClipBatch {
             pixels: images(&self.pixels, self.steps),
             latents: None,
+            canonical: Some(images(&self.pixels, self.steps)),
             action: Vectors { values: &self.action, rows: CLIPS, steps: self.steps, dim: self.dim },
             proprio: None,
             goal_pixels: Some(images(&self.goals, 1)),

@@ -97,6 +97,10 @@ impl Dataset for Opened {
         self.inner.rows(column, episode, steps, out)
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { inner: self.inner.share(), info: self.info.clone() })
     }

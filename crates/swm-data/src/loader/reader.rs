@@ -39,6 +39,7 @@ impl Reader {
                 );
             };
             let goal = plan.goals.as_ref().map_or((0, 0), |goals| goals.draw(epoch, index, clip));
+            self.dataset.dress(Some([epoch, index as u64]))?;
             let row = rows.select(row);
             for (target, (window, darkroom)) in plan.windows.iter().zip(&mut self.darkrooms).enumerate() {
                 let (episode, steps) = match window.rows {

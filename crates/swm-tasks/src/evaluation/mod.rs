@@ -16,6 +16,7 @@ mod quality;
 mod receipt;
 mod reference;
 mod resume;
+mod robustness;
 mod run;
 mod sweep;
 mod tiers;
@@ -42,6 +43,7 @@ pub use quality::{
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::{Ledger, identity};
+pub use robustness::{Published, ROBUST_TASKS, ROBUSTNESS_VERSION, RobustTask, Robustness, RobustnessRow};
 pub use run::{Candidate, ForeignPolicy, RunEpisodes, RunOptions, run_pairs};
 pub(crate) use sweep::unknown_factor;
 pub use sweep::{

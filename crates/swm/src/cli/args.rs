@@ -108,7 +108,7 @@ impl std::str::FromStr for ImageArg {
 }
 
 /// Which part of an evaluation is run, or that the parts are joined.
-#[derive(Args, Clone)]
+#[derive(Args, Clone, Default)]
 pub(super) struct PartArgs {
     /// With --out: run the I-th of N parts of the episodes of all policies or changes. When all parts are done, --join in place
     /// of it makes the result, which equals the undivided one but for the wall time.

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
+use swm_core::env::{GOAL_IMAGE, PIXELS};
 use swm_core::error::BoxError;
 use swm_core::settings::Settings as _;
 use swm_core::{
@@ -136,12 +137,15 @@ impl Record {
         let own = self.shard.map_or(0..self.wanted(), |shard| shard.of(self.wanted()));
         let image = self.image_size.filter(|_| self.replayable.is_none());
         let env = EnvConfig { image, settings: self.env_option.clone() };
+        // A replayable recording holds no images anyway: what is left out of others may be named.
+        let is_rendered_later =
+            |name: &String| self.replayable.is_some() && [PIXELS, GOAL_IMAGE].contains(&name.as_str());
         let options = WorldOptions::new(envs_at_most(self.num_envs, own.end - own.start))
             .env(env)
             .max_episode_steps(self.max_steps)
             .frame_skip(self.frame_skip)
             .threads(self.threads)
-            .unrecorded(&self.without)
+            .unrecorded(self.without.iter().filter(|name| !is_rendered_later(name)).cloned())
             .checkpoints(self.replayable);
         let mut world = World::new(registry.env(&self.env).map_err(failed)?, options).map_err(of_option)?;
         world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?).map_err(failed)?;
