@@ -369,7 +369,7 @@ fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> 
 
 impl Reader {
     /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
-    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
+    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, Value>> {
         let given = json_map(text)?;
         if given.is_empty() {
             return Ok(BTreeMap::new());

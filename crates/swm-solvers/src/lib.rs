@@ -140,4 +140,4 @@ pub use trace::{
     Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};
-pub use world_model::{ModelDynamics, WorldModelEntry, registered_model};
+pub use world_model::{ModelDynamics, WorldModelEntry};

@@ -1,6 +1,6 @@
 //! One run of the command `swm`, with a limit of time and memory, and how it ended.
 
-use std::io::Read as _;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::{self, JoinHandle};
@@ -164,7 +164,7 @@ fn stop(child: &mut Child) -> Result<()> {
     Ok(())
 }
 
-fn listen(from: Option<impl std::io::Read + Send + 'static>) -> JoinHandle<String> {
+fn listen(from: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
     thread::spawn(move || {
         let mut bytes = Vec::new();
         // What was written before a kill is whole or not there.

@@ -27,7 +27,7 @@ pub(super) fn detect(path: &Path) -> bool {
 
 /// The folder of a part, and the names of the parts that there are.
 fn part(path: &Path, split: Option<&str>) -> Result<(PathBuf, Vec<String>), DataError> {
-    let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+    let entries = fs::read_dir(path).into_iter().flatten().flatten();
     let is_part = |name: &String| path.join(name).join("states.pth").is_file();
     let mut parts: Vec<String> =
         entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(is_part).take(1000).collect();

@@ -133,35 +133,6 @@ fn the_policy_of_trained_models_takes_registered_ones() {
 }
 
 #[test]
-fn the_policy_of_trained_models_takes_registered_ones() {
-    let registry = registry();
-    for (text, same) in [
-        ("mpc:line", "line:"),
-        ("mpc:line:stride=2,samples=8", "line:stride=2,samples=8"),
-        ("mpc:line,solver=icem", "line:solver=icem"),
-        (" mpc : line:data.h5", "line:data.h5"),
-        // Training runs, other policies, and other models.
-        ("mpc:runs/line", "mpc:runs/line"),
-        ("mpc:./line", "mpc:./line"),
-        ("mpc:lines,samples=8", "mpc:lines,samples=8"),
-        ("mpc", "mpc"),
-        ("line:stride=2", "line:stride=2"),
-        ("cem:line", "cem:line"),
-    ] {
-        assert_eq!(registered_model(&registry, text).unwrap(), same, "{text}");
-    }
-    assert_eq!(acts(TOY, &registered_model(&registry, "mpc:line,samples=60").unwrap()).unwrap(), Some(true));
-    // A folder of the package's, as tests run there.
-    static SRC: [WorldModelEntry; 1] =
-        [WorldModelEntry::new("src", "as a folder", |_, _| Ok(Box::new(Blind)))];
-    let registry = registry.with(&SRC);
-    let message = registered_model(&registry, "mpc:src,samples=8").unwrap_err().to_string();
-    assert!(message.contains("`src:…` for the model") && message.contains("`mpc:./src`"), "{message}");
-    assert_eq!(registered_model(&registry, "mpc:src:samples=8").unwrap(), "src:samples=8");
-    assert_eq!(registered_model(&registry, "mpc:./src").unwrap(), "mpc:./src");
-}
-
-#[test]
 fn its_oracle_is_the_same_planner_on_the_true_dynamics() {
     let (registry, config) = (registry(), EnvConfig::default());
     let context = PolicyContext::new(&TOY, &config).within(&registry);

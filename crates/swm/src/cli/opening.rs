@@ -75,20 +75,6 @@ impl DataArgs {
     pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
         Ok(self.columns.options()?.split(self.part.clone()).max_steps(self.max_steps))
     }
-
-    /// As [`DataArgs::options`], of a dataset that may not be named.
-    pub(super) fn options_of(&self, dataset: Option<&PathBuf>) -> Result<OpenOptions, Failure> {
-        let options = self.options()?;
-        match (dataset, options.given().first()) {
-            (None, Some(option)) => {
-                let option = option.replace('_', "-");
-                Err(usage(format!(
-                    "--{option}: it is about a dataset, and none is named; give --dataset, or leave it out"
-                )))
-            }
-            _ => Ok(options),
-        }
-    }
 }
 
 impl OpenArgs {

@@ -23,7 +23,7 @@ use std::sync::Arc;
 use super::array::{Array, Joined, Scratch, Shared, is_number, numbers};
 use super::found::{Found, Source};
 use crate::dataset::Dataset;
-use crate::error::{At as _, DataError, FormatError, Result, invalid, missing};
+use crate::error::{At as _, DataError, Result, invalid, missing};
 use crate::open_options::OpenOptions;
 
 use array::ZarrArray;

@@ -1,6 +1,6 @@
 //! Tests of measurements as requests: refusals, and what is noted.
 
-use serde_json::{Map, Value as Json, json};
+use serde_json::{Value as Json, json};
 use swm_core::Registry;
 use swm_core::testing::TOY;
 
