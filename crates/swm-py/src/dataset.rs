@@ -369,12 +369,12 @@ fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> 
 
 impl Reader {
     /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
-    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, Value>> {
+    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
         let given = json_map(text)?;
         if given.is_empty() {
             return Ok(BTreeMap::new());
         }
-        let run = self.info.runs.first().map(|(_, run)| run).and_then(swm::core::Metadata::of_known_env);
+        let run = self.info.runs.first().map(|(_, run)| run).and_then(Metadata::of_known_env);
         let Some(run) = run else {
             let path = self.info.path.display();
             return Err(SwmError::new_err(format!(

@@ -26,7 +26,7 @@ pub fn looks_change_images_alone(entry: &EnvEntry, config: &EnvConfig) -> Result
         let value = value_of(&bench.row, &format!("{VARIATION_PREFIX}{name}"));
         let look = BTreeMap::from([(name.clone(), value)]);
         if factor.visual {
-            check(entry, config, factor, look)?;
+            check(entry, config, factor, &look)?;
         } else if bench.env.dress(&look).is_ok() {
             return Err(format!("`{name}` is not visual, and a look with it is accepted"));
         }
@@ -42,7 +42,7 @@ fn check(
     entry: &EnvEntry,
     config: &EnvConfig,
     factor: &FactorSpec,
-    look: BTreeMap<String, Value>,
+    look: &BTreeMap<String, Value>,
 ) -> Result<(), String> {
     let name = &factor.name;
     let mut context = BTreeMap::new();
@@ -56,7 +56,7 @@ fn check(
     let usual = fresh()?.trajectory(SEED, &plain, STEPS)?;
     let wanted = fresh()?.trajectory(SEED, &varied, STEPS)?;
     let mut bench = fresh()?;
-    bench.env.dress(&look).map_err(|error| format!("the look `{name}`: {error}"))?;
+    bench.env.dress(look).map_err(|error| format!("the look `{name}`: {error}"))?;
     let dressed = bench.trajectory(SEED, &plain, STEPS)?;
     let snapshot = |bench: &Bench| {
         let mut state = EnvState::new();
@@ -74,7 +74,7 @@ fn check(
     }
     // In another instance, whose look was set before.
     let mut other = fresh()?;
-    other.env.dress(&look).map_err(|error| error.to_string())?;
+    other.env.dress(look).map_err(|error| error.to_string())?;
     other.env.restore(&state).map_err(|error| error.to_string())?;
     let observe = |bench: &mut Bench| {
         bench.env.write_episode(&mut bench.row.rows_mut());

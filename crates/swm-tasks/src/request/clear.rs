@@ -214,8 +214,9 @@ impl ClearManifest {
         let ClearFile { task, protocol, .. } = &self.file;
         let tier = |tier| tier_rules(env, settings, tier).map(|rules| rules.success.all).map_err(wrong);
         let (moderate, strict) = (tier(Tier::Moderate)?, tier(Tier::Strict)?);
-        let bound = |name: &str| {
-            protocol.number(name).ok_or_else(|| self.refused(&format!("its protocol has no number `{name}`")))
+        let bound = |name: &str| -> Result<f64, TaskError> {
+            let lacks = || self.refused(&format!("its protocol has no number `{name}`"));
+            Ok(protocol.number(name).ok_or_else(lacks)?)
         };
         let below = |condition: &Condition, below: f64| Condition { below, ..condition.clone() };
         Ok(match task.as_str() {

@@ -326,16 +326,14 @@ pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
 
 #[cfg(test)]
 mod tests {
-    use swm_tasks::request::{Evaluate, Record, Sweep};
-
     use super::*;
 
     #[test]
     fn episodes_are_explained_where_a_pair_counts_several_times() {
-        let evaluate = Divided::Evaluate(Box::new(Evaluate::default()));
+        let evaluate = Divided::Evaluate(Box::default());
         assert!(what(Some(&evaluate)).contains("each reference policy"));
-        let sweep = Divided::Sweep(Box::new(Sweep::default()));
+        let sweep = Divided::Sweep(Box::default());
         assert!(what(Some(&sweep)).contains("each change"));
-        assert_eq!(what(Some(&Divided::Record(Box::new(Record::default())))), "");
+        assert_eq!(what(Some(&Divided::Record(Box::default()))), "");
     }
 }

@@ -8,7 +8,9 @@ use clap::Args;
 use swm_data::{Flip, OpenOptions};
 
 use super::args::{assignment, json_value};
-use super::{Failure, usage};
+use super::Failure;
+#[cfg(feature = "baselines")]
+use super::usage;
 
 /// What becomes of the columns of a dataset of another program.
 #[derive(Args, Clone, Default)]
@@ -74,6 +76,21 @@ impl ColumnArgs {
 impl DataArgs {
     pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
         Ok(self.columns.options()?.split(self.part.clone()).max_steps(self.max_steps))
+    }
+
+    /// As [`DataArgs::options`], of a dataset that may not be named.
+    #[cfg(feature = "baselines")]
+    pub(super) fn options_of(&self, dataset: Option<&PathBuf>) -> Result<OpenOptions, Failure> {
+        let options = self.options()?;
+        match (dataset, options.given().first()) {
+            (None, Some(option)) => {
+                let option = option.replace('_', "-");
+                Err(usage(format!(
+                    "--{option}: it is about a dataset, and none is named; give --dataset, or leave it out"
+                )))
+            }
+            _ => Ok(options),
+        }
     }
 }
 

@@ -112,7 +112,7 @@ impl Sweep {
     pub fn run_by(
         &self,
         registry: &Registry,
-        mut foreign: Option<&mut Foreign<'_>>,
+        foreign: Option<&mut Foreign<'_>>,
         report: &mut dyn Report,
     ) -> Result<Swept, TaskError> {
         let entrant = self.entrant(registry, foreign.as_deref(), report)?;
@@ -167,7 +167,7 @@ impl Sweep {
             progress.done(None);
             progress.now(name);
         };
-        let mut foreign = foreign.as_deref_mut().map(|foreign| entrant.foreign(foreign));
+        let mut foreign = foreign.map(|foreign| entrant.foreign(foreign));
         if let Some(shard) = self.shard {
             match &mut foreign {
                 Some(foreign) => run.run_part(&mut ledger, Some(foreign), done)?,
