@@ -39,6 +39,7 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("HAS_TRAINING", cfg!(feature = "baselines"))?;
     bundles::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;

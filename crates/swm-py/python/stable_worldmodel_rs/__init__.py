@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
     from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
+    from ._train import train
     from .buffer import HistoryBuffer
     from .planning.mpc import MpcPolicy
     from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
@@ -77,6 +78,7 @@ __all__ = [
     "spaces",
     "sweep",
     "track",
+    "train",
     "vector",
     "verify",
     "wm",
@@ -111,6 +113,7 @@ _HOMES: dict[str, str] = {
     "Sweep": "world.results",
     "read_sweep": "world.sweeps",
     "sweep": "world.sweeps",
+    "train": "_train",
     "PlanConfig": "policy",
     "WorldModelPolicy": "policy",
     "FeedForwardPolicy": "policy",

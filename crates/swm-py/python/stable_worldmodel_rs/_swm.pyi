@@ -15,6 +15,7 @@ __all__ = [
     "EnvError",
     "EpisodeWriter",
     "Episodes",
+    "HAS_TRAINING",
     "PlanError",
     "PolicyError",
     "Reader",
@@ -59,6 +60,7 @@ __all__ = [
     "wilson95",
 ]
 __version__: str
+HAS_TRAINING: bool
 
 _Path: TypeAlias = str | PathLike[str]
 _Array: TypeAlias = npt.NDArray[Any]

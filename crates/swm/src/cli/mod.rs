@@ -53,6 +53,7 @@ mod sweep;
 mod table;
 mod task;
 mod threads;
+mod track;
 mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
@@ -243,7 +244,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
-        Command::Train(command) => command.run(registry, output),
+        Command::Train(command) => command.tracked(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
