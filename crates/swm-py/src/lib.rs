@@ -32,6 +32,7 @@ mod sweep;
 mod words;
 mod world;
 mod writer;
+mod zoo;
 
 use pyo3::prelude::*;
 
@@ -57,5 +58,6 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     sweep::add(m)?;
     world::add(m)?;
     writer::add(m)?;
+    zoo::add(m)?;
     Ok(())
 }

@@ -130,6 +130,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("hilp", BASELINES),
     policy("sac", BASELINES),
     policy("tdmpc2", BASELINES),
+    policy("zoo", BASELINES),
     policy("onnx", ONNX),
     model("conv-jepa"),
     model("lewm"),

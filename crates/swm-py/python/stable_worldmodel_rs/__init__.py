@@ -12,7 +12,7 @@ from ._swm import __version__
 
 if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
-    from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world
+    from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world, zoo
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
     from ._train import train
     from .buffer import HistoryBuffer
@@ -83,6 +83,7 @@ __all__ = [
     "verify",
     "wm",
     "world",
+    "zoo",
 ]
 
 # Public name -> the module that defines it.
@@ -128,7 +129,7 @@ _HOMES: dict[str, str] = {
     "save_pretrained": "wm.utils",
 }
 _MODULES = frozenset(
-    {"buffer", "compat", "data", "envs", "hub", "planning", "policy", "protocols", "spaces", "track", "vector", "wm", "world"}
+    {"buffer", "compat", "data", "envs", "hub", "planning", "policy", "protocols", "spaces", "track", "vector", "wm", "world", "zoo"}
 )
 
 # Without a handler of the program, Python would write warnings to stderr.
