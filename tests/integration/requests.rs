@@ -3,9 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 use serde_json::{Map, Value as Json, json};
-use swm::tasks::request::{Evaluate, MakeManifest, Record, Request as _, value_text};
+use swm::tasks::request::{
+    Evaluate, MakeManifest, Measure, Plan, Record, Render, Request as _, Sweep, value_text,
+};
 
-use crate::support::{Folder, swm_fails, swm_ok};
+use crate::support::{Folder, swm_fails, swm_json, swm_ok};
 use crate::ui::Page;
 
 /// The requests of a table, with the path of a dataset in the place of `DATA`.
@@ -20,7 +22,7 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
         let option = format!("--{}", name.replace('_', "-"));
         match (name.as_str(), value) {
             ("env", env) => words.insert(0, value_text(env)),
-            ("distractor", Json::Array(each)) => {
+            ("distractor" | "probe" | "violation", Json::Array(each)) => {
                 words.extend(each.iter().flat_map(|one| [option.clone(), value_text(one)]));
             }
             ("set" | "env_option", Json::Object(each)) => {
@@ -40,6 +42,16 @@ fn run(command: &[&str], request: &Map<String, Json>) {
     swm_ok(&[command, &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
 }
 
+/// Runs the command for a request as a job of two shards; its folder.
+fn run_job(command: &str, request: &Map<String, Json>, job: &str) {
+    let words = words(request);
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let submit = ["submit", "--job", job, "--shards", "2", "--no-copy", "--on", "script", "--", command];
+    swm_ok(&[&submit[..], &words].concat());
+    swm_ok(&["task", job, "--all"]);
+    swm_ok(&["task", job, "--finish"]);
+}
+
 /// A request that writes to this path.
 fn to(request: &Map<String, Json>, out: &str) -> Map<String, Json> {
     let mut request = request.clone();
@@ -48,14 +60,18 @@ fn to(request: &Map<String, Json>, out: &str) -> Map<String, Json> {
 }
 
 #[test]
-fn a_recording_is_the_same_from_the_request_and_the_command() {
+fn a_recording_is_the_same_from_the_request_the_command_and_a_job() {
     let (folder, registry) = (Folder::new(), swm::registry());
     for (index, request) in table(include_str!("../requests/record.json"), "").into_iter().enumerate() {
         let [task, command] = ["task", "command"].map(|name| folder.path(&format!("{name}-{index}.h5")));
+        let job = folder.path(&format!("job-{index}"));
         let made = Record::from_json(&to(&request, &task)).unwrap().run(&registry, &mut ()).unwrap();
         assert_eq!(Some(made.total_episodes), request["episodes"].as_u64());
         run(&["collect", "--quiet"], &to(&request, &command));
-        assert!(std::fs::read(&command).unwrap() == std::fs::read(&task).unwrap(), "{request:?}");
+        run_job("collect", &request, &job);
+        for path in [command, format!("{job}/result.h5")] {
+            assert!(std::fs::read(&path).unwrap() == std::fs::read(&task).unwrap(), "{path}: {request:?}");
+        }
     }
 }
 
@@ -89,14 +105,15 @@ fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
 }
 
 #[test]
-fn a_receipt_is_the_same_from_the_request_and_the_command() {
+fn a_receipt_is_the_same_from_the_request_the_command_and_a_job() {
     let folder = Folder::new();
     let (task, registry) = (folder.path("task.toml"), swm::registry());
     let request = json!({ "env": "swm/PushT-v1", "episodes": 3, "budget": 6, "out": task });
     let Json::Object(request) = request else { panic!("it is an object") };
     MakeManifest::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
     for (index, request) in table(include_str!("../requests/evaluate.json"), "").into_iter().enumerate() {
-        let [value, command] = ["value", "command"].map(|name| folder.path(&format!("{name}-{index}")));
+        let [value, command, job] =
+            ["value", "command", "job"].map(|name| folder.path(&format!("{name}-{index}")));
         let to = |out: &str| {
             let mut request = request.clone();
             request.extend([("manifest".to_owned(), task.clone().into()), ("out".to_owned(), out.into())]);
@@ -108,6 +125,93 @@ fn a_receipt_is_the_same_from_the_request_and_the_command() {
         let receipt =
             |dir: &str| without_time(&std::fs::read_to_string(format!("{dir}/receipt.json")).unwrap());
         assert_eq!(receipt(&command), receipt(&value), "{request:?}");
+        let mut divided = to(&job);
+        divided.remove("out");
+        run_job("eval", &divided, &job);
+        assert_eq!(receipt(&job), receipt(&value), "{request:?}");
+    }
+}
+
+#[test]
+fn a_sweep_is_the_same_from_the_request_the_command_and_a_job() {
+    let folder = Folder::new();
+    let (task, registry) = (folder.path("task.toml"), swm::registry());
+    swm_ok(&[
+        "manifest",
+        "make",
+        "swm/PushT-v1",
+        "--episodes",
+        "3",
+        "--budget",
+        "6",
+        "--out",
+        &task,
+        "--quiet",
+    ]);
+    for (index, request) in table(include_str!("../requests/sweep.json"), "").into_iter().enumerate() {
+        let [value, command, job] =
+            ["value", "command", "job"].map(|name| folder.path(&format!("{name}-{index}")));
+        let on = |out: &str| {
+            let mut request = to(&request, out);
+            request.insert("manifest".to_owned(), task.clone().into());
+            request
+        };
+        Sweep::from_json(&on(&value)).unwrap().run(&registry, &mut ()).unwrap();
+        run(&["sweep", "--quiet"], &on(&command));
+        let mut divided = on(&job);
+        divided.remove("out");
+        run_job("sweep", &divided, &job);
+        for file in ["sweep.json", "sweep.csv", "sweep.svg"] {
+            let bytes = |dir: &str| std::fs::read(format!("{dir}/{file}")).unwrap();
+            assert!(bytes(&command) == bytes(&value), "{file}: {request:?}");
+            assert!(bytes(&job) == bytes(&value), "{file} of the job: {request:?}");
+        }
+    }
+}
+
+#[test]
+fn images_of_an_episode_are_the_same_from_the_request_and_the_command() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    for (index, request) in table(include_str!("../requests/render.json"), "").into_iter().enumerate() {
+        for end in ["png", "gif"] {
+            let [value, command] =
+                ["value", "command"].map(|name| folder.path(&format!("{name}-{index}.{end}")));
+            Render::from_json(&to(&request, &value)).unwrap().run(&registry, &mut ()).unwrap();
+            run(&["render", "--quiet"], &to(&request, &command));
+            assert!(std::fs::read(&command).unwrap() == std::fs::read(&value).unwrap(), "{request:?}");
+        }
+    }
+}
+
+#[test]
+fn a_trace_is_the_same_from_the_request_and_the_command() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    for (index, request) in table(include_str!("../requests/plan.json"), "").into_iter().enumerate() {
+        let [value, command] = ["value", "command"].map(|name| folder.path(&format!("{name}-{index}")));
+        let on = |trace: &str| {
+            let mut request = request.clone();
+            let more = [("env", "swm/PushT-v1"), ("video_format", "gif"), ("trace", trace)];
+            request.extend(more.map(|(name, text)| (name.to_owned(), text.into())));
+            request
+        };
+        let planned = Plan::from_json(&on(&value)).unwrap().run(&registry, &mut ()).unwrap();
+        assert!(!planned.summary.plans.is_empty() && planned.written.is_ok());
+        run(&["plan", "--quiet"], &on(&command));
+        let trace = |dir: &str| std::fs::read(format!("{dir}/trace.jsonl")).unwrap();
+        assert!(trace(&command) == trace(&value), "{request:?}");
+    }
+}
+
+#[test]
+fn measures_of_a_model_are_the_same_from_the_request_and_the_command() {
+    let registry = swm::registry();
+    for request in table(include_str!("../requests/measure.json"), "") {
+        let value = Measure::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
+        let words = words(&request);
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        // As the command prints it.
+        let value: Json = serde_json::from_str(&serde_json::to_string(&value).unwrap()).unwrap();
+        assert_eq!(swm_json(&[&["quality", "--quiet"], &words[..]].concat()), value, "{request:?}");
     }
 }
 

@@ -65,4 +65,4 @@ pub use format::{FORMATS, Format, create, create_in, create_with, open, open_in,
 pub use loader::{BatchOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
 pub use open_options::{Flip, OpenOptions};
-pub use rendered::{RenderOptions, Rendered};
+pub use rendered::{Looks, RenderOptions, Rendered};

@@ -12,7 +12,8 @@ use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, S
 use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset};
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
-    DataError, Dataset, DatasetInfo, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps, format,
+    DataError, Dataset, DatasetInfo, Looks, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps,
+    format,
 };
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
@@ -157,26 +158,25 @@ impl Reader {
         self.derive(py, |dataset| Cached::new(dataset, &keys))
     }
 
-    /// The same with images that are rendered when they are read, `image = (H, W)`; `settings` and `factors` are JSON.
-    #[pyo3(signature = (image, settings="{}", factors="{}"))]
+    /// The same with images that are rendered when they are read, `image = (H, W)`; `settings` and `factors` are JSON, and so are `looks`
+    /// that are sampled for every clip, and the factors of the `canonical` look, if there are any.
+    #[pyo3(signature = (image, settings="{}", factors="{}", looks=None, canonical=None))]
     fn rendered(
         &self,
         py: Python<'_>,
         image: (usize, usize),
         settings: &str,
         factors: &str,
+        looks: Option<&str>,
+        canonical: Option<&str>,
     ) -> PyResult<Self> {
-        let json = |text: &str| {
-            serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text)
-                .map_err(|error| DataFault::new_err(error.to_string()))
-        };
-        let mut options = RenderOptions::default()
+        let looks = looks.map(serde_json::from_str::<Looks>).transpose();
+        let options = RenderOptions::default()
             .image(ImageSize { height: image.0, width: image.1 })
-            .settings(json(settings)?);
-        for (name, value) in json(factors)? {
-            let value = swm::core::Value::from_json(&name, &value).or_raise()?;
-            options.factors.insert(name, value);
-        }
+            .settings(json_map(settings)?)
+            .factors(self.factor_values(factors)?)
+            .looks(looks.map_err(|error| DataFault::new_err(error.to_string()))?)
+            .canonical(canonical.map(|look| self.factor_values(look)).transpose()?);
         self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
     }
 
@@ -362,7 +362,31 @@ impl Reader {
     }
 }
 
+/// An object of JSON.
+fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> {
+    serde_json::from_str(text).map_err(|error| DataFault::new_err(error.to_string()))
+}
+
 impl Reader {
+    /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
+    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
+        let given = json_map(text)?;
+        if given.is_empty() {
+            return Ok(BTreeMap::new());
+        }
+        let run = self.info.runs.first().map(|(_, run)| run).and_then(swm::core::Metadata::of_known_env);
+        let Some(run) = run else {
+            let path = self.info.path.display();
+            return Err(SwmError::new_err(format!(
+                "{path} does not say how it was recorded, and has no factors to set"
+            )));
+        };
+        let entry = registry().env(&run.env).or_raise()?;
+        let config = EnvConfig { image: None, settings: run.settings.clone() };
+        let factors = entry.make(&config).or_raise()?.spec().factors.clone();
+        swm::tasks::request::factor_values(&given, entry, &factors, &mut ()).or_raise()
+    }
+
     /// A handle that stops reading when it is cancelled.
     pub(crate) fn watched(&self, py: Python<'_>) -> PyResult<Watched> {
         Ok(Watched { dataset: self.share(py)?, cancel: Cancel::new() })
@@ -391,6 +415,10 @@ impl Dataset for Watched {
             return Err(DataError::request(self.path(), "reading was interrupted"));
         }
         self.dataset.rows(column, episode, steps, out)
+    }
+
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.dataset.dress(key)
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -11,7 +11,7 @@ pub(crate) struct Arguments {
 }
 
 /// Settings that keep their name in a request, whatever the others call them.
-const KEPT: &[(&str, &str)] = &[("board", "out"), ("bundle", "out"), ("evaluate", "out")];
+const KEPT: &[(&str, &str)] = &[("board", "out"), ("bundle", "out"), ("evaluate", "out"), ("sweep", "out")];
 
 /// Settings that have another name here.
 const NAMES: &[(&str, &str)] = &[
@@ -44,6 +44,7 @@ impl Words for Arguments {
     fn list(&self, list: &List) -> String {
         match list {
             List::Factors(_) => "`variation_space` of the environment".to_owned(),
+            List::Solvers => "`swm.planning`".to_owned(),
             _ => "the documentation".to_owned(),
         }
     }
@@ -73,19 +74,10 @@ fn literal(value: &Json) -> String {
 const WORDS: &[(&str, &str)] = &[
     ("`swm envs` lists", "`swm.envs.WORLDS` lists"),
     ("`swm fovs ENV` lists", "`variation_space` of the environment lists"),
-    ("`swm solvers` lists", "`swm.planning` holds"),
     ("`swm convert --help` lists", "`swm.data.list_formats()` lists"),
     ("`swm manifest make`", "`swm.make_manifest`"),
     ("`swm bundle RESULT --out FOLDER`", "`swm.bundle(result, out)`"),
     ("`swm merge`", "`swm.data.merge`"),
-    ("`swm eval --manifest TASK --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
-    ("`swm eval --manifest … --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
-    ("evaluate again with --again", "evaluate again with again=True"),
-    ("--policy-seed ", "policy_seed "),
-    (
-        "commas join runs, and spaces separate results to compare",
-        "a list joins runs, and arguments are results to compare",
-    ),
     ("say --env ID", "give env_name="),
     ("give --image-size none", "make the World with add_pixels=False"),
     ("give --image-size ", "make the World with images of "),

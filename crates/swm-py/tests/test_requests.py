@@ -80,6 +80,17 @@ def test_a_receipt_is_the_same_from_python_and_the_command(command: str, tmp_pat
         assert first == other, request
 
 
+def test_a_sweep_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    swm.make_manifest(task, "swm/PushT-v1", 3, budget=6)
+    for index, request in enumerate(json.loads((TABLES / "sweep.json").read_text())):
+        ours, theirs = tmp_path / f"python-{index}", tmp_path / f"command-{index}"
+        subprocess.run([command, "sweep", "--manifest", task, *words(request), "--out", theirs, "--quiet"], check=True)
+        swm.sweep(task, out=ours, progress=False, **request)
+        for file in ("sweep.json", "sweep.csv", "sweep.svg"):
+            assert (ours / file).read_bytes() == (theirs / file).read_bytes(), request
+
+
 def recorded(request: dict[str, Any], out: Path) -> None:
     """A request of the table, from Python."""
     size = request.get("image_size", {"height": 64, "width": 64})

@@ -97,6 +97,7 @@ mod mpc;
 mod planners;
 mod problem;
 mod ranges;
+mod registered;
 #[cfg(feature = "faer")]
 mod riccati;
 mod sampler;
@@ -122,6 +123,7 @@ pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 pub use mpc::{Mpc, MpcPolicy, PlanConfig, Report, planner_of};
 pub use planners::{EXPERT, PLANNERS};
 pub use problem::{Candidates, Plan, PlanKey, Problem};
+pub use registered::registered_model;
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
@@ -138,4 +140,4 @@ pub use trace::{
     Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};
-pub use world_model::{ModelDynamics, WorldModelEntry};
+pub use world_model::{ModelDynamics, WorldModelEntry, registered_model};

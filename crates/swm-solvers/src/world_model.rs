@@ -1,5 +1,7 @@
 //! World models of a registry: one entry, by whose name a model is measured and planned with.
 
+use std::borrow::Cow;
+use std::path::Path as FilePath;
 use std::slice;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -22,9 +24,9 @@ use crate::mpc::PlanConfig;
 use crate::problem::Candidates;
 use crate::simulator::Aggregate;
 
-/// A world model of a registry, which implements [`WorldModel`] alone. With `registry.with(&[MODEL])` every command knows it by its
+/// A world model of a registry, which implements [`WorldModel`] alone. With `registry.with(&[MODEL])` every command finds it by its
 /// name: `quality --model NAME:ARGS` measures it, and the policy `NAME:ARGS` plans with it by any solver, with its oracle, in
-/// evaluations, sweeps and traces.
+/// evaluations, sweeps and traces. Requests also take it as `mpc:NAME:ARGS` ([`registered_model`]).
 ///
 /// A plan's cost is the squared distance of predicted latents from that of the goal, per number of the latent: of the last state, or
 /// over all as `aggregate` says. The goal's row is made of the goal's columns: `goal_state` as `state`, `goal` as `pixels`.
@@ -86,7 +88,7 @@ impl WorldModelEntry {
         Self { model: ModelEntry::new(name, summary, make), policy, settings: &[], plan: "" }
     }
 
-    /// The settings of the model itself, by which they are told from those of solver and plan. Values without a key, such as a
+    /// The settings of the model itself, which distinguish them from those of solver and plan. Values without a key, such as a
     /// file, need none.
     #[must_use]
     pub const fn settings(mut self, settings: &'static [Setting]) -> Self {
@@ -156,6 +158,32 @@ impl Entry for WorldModelEntry {
     fn with_parts(&'static self, registry: Registry) -> Registry {
         registry.with(slice::from_ref(&self.model)).with(slice::from_ref(&self.policy))
     }
+}
+
+/// The policy that plans on trained models, `mpc:RUN`. It plans on world models of a registry, too.
+const MPC: &str = "mpc";
+
+/// The policy `mpc:NAME` or `mpc:NAME:ARGS`, where the registry has the [world model](WorldModelEntry) NAME, is the policy of that model,
+/// `NAME` or `NAME:ARGS`. Settings may follow a comma, as those of `mpc:RUN` do. Any other text is returned as it is.
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: NAME is also a file or folder here, so that it could be the folder of a training run.
+pub fn registered_model<'a>(registry: &Registry, text: &'a str) -> Result<Cow<'a, str>, PolicyError> {
+    let of_mpc = text.split_once(':').filter(|(policy, _)| policy.trim() == MPC);
+    let Some(rest) = of_mpc.map(|(_, rest)| rest.trim()) else { return Ok(text.into()) };
+    let (name, args) = rest.split_once([':', ',']).unwrap_or((rest, ""));
+    if registry.find::<WorldModelEntry>(name).is_err() {
+        return Ok(text.into());
+    }
+    if !rest[name.len()..].starts_with(':') && FilePath::new(name).exists() {
+        let reason = format!(
+            "`{name}` is a world model of this program, and a file or folder here; write `{name}:…` for the model, `mpc:./{name}` for the \
+             training run"
+        );
+        return Err(PolicyArgs::new(MPC, Map::new()).wrong(reason));
+    }
+    Ok(format!("{name}:{args}").into())
 }
 
 /// The entry that arguments name.

@@ -3,9 +3,10 @@
 use serde_json::{Map, Value as Json, json};
 use swm_solvers::{ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
+use super::canonical::{CANONICAL, canonicalizer};
 use super::planning::PlanningTable;
 use super::proposal::Proposal;
-use crate::baseline::{Baseline, PlanModel};
+use crate::baseline::{Baseline, Canonicalizer, PlanModel};
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
 
@@ -18,6 +19,8 @@ pub struct ModelCost {
     aggregate: Aggregate,
     /// What plans begin from.
     proposal: Option<Proposal>,
+    /// What draws its images in the canonical look, if anything does, and which it is.
+    canonical: Option<(Box<dyn Canonicalizer>, String)>,
     /// By the number of frames, from 1.
     copies: Vec<Copy>,
 }
@@ -48,7 +51,7 @@ impl ModelCost {
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
         let aggregate = Aggregate::default();
-        let mut cost = Self { model, aggregate, proposal: None, copies: Vec::new() };
+        let mut cost = Self { model, aggregate, proposal: None, canonical: None, copies: Vec::new() };
         cost.copies.push(cost.copy(planner));
         Ok(cost)
     }
@@ -71,6 +74,18 @@ impl ModelCost {
         Ok(self)
     }
 
+    /// With observations and goals that `canonical` draws in the canonical look before the model sees them.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Unfit`]: it draws no images.
+    pub fn with_canonical(mut self, canonical: &TrainedModel) -> Result<Self, BaselineError> {
+        self.canonical = Some(canonicalizer(canonical)?);
+        let planner = |this: &Self| this.model.baseline.planner().expect("there was one when this was made");
+        self.copies = vec![self.copy(planner(&self))];
+        Ok(self)
+    }
+
     /// How actions are scaled in plans.
     pub fn action_scale(&self) -> ActionScale {
         let scale = &self.model.config.data.scales[ACTION];
@@ -90,7 +105,8 @@ impl ModelCost {
     fn copy(&self, mut model: Box<dyn PlanModel>) -> Copy {
         model.set_aggregate(self.aggregate);
         let baseline: &dyn Baseline = self.model.baseline.as_ref();
-        let table = PlanningTable::new(baseline, &self.model.config.data);
+        let canonical = self.canonical.as_ref().map(|(canonicalizer, _)| canonicalizer.share());
+        let table = PlanningTable::new(baseline, &self.model.config.data).with_canonical(canonical);
         let (rows, actions, costs, gradient) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Copy { model, table, rows, actions, costs, gradient }
     }
@@ -174,6 +190,7 @@ impl Cost for ModelCost {
             rows.push(index);
         }
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            copy.table.finish()?;
             copy.model.prepare(&copy.table.batch())?;
         }
         Ok(())
@@ -206,6 +223,9 @@ impl Cost for ModelCost {
         let mut settings = Map::from_iter([("model".to_owned(), model.into())]);
         if let Some(proposal) = &self.proposal {
             settings.insert("proposal".to_owned(), proposal.name().into());
+        }
+        if let Some((_, name)) = &self.canonical {
+            settings.insert(CANONICAL.name.to_owned(), name.clone().into());
         }
         if self.aggregate != Aggregate::default() {
             settings.insert(AGGREGATE.to_owned(), json!(self.aggregate));

@@ -14,6 +14,7 @@
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod agent_policy;
+mod canonical;
 mod cost;
 mod foreign;
 mod given;

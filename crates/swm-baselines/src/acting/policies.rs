@@ -11,6 +11,7 @@ use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan
 use swm_tasks::zoo::run_of;
 
 use super::agent_policy::AgentPolicy;
+use super::canonical::{self, CANONICAL};
 use super::cost::{self, ModelCost};
 use super::foreign;
 use super::given::Given;
@@ -67,7 +68,7 @@ pub const POLICIES: &[PolicyEntry] = &[
 
 /// What a policy that plans on a model is set by.
 const OF_MPC: &[Setting] =
-    &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, PROPOSAL, SOLVER_SETTING];
+    &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, PROPOSAL, CANONICAL, SOLVER_SETTING];
 /// The same, of a model that may be a published checkpoint.
 const OF_FAMILY: &Table = &Table::of(&[OF_MPC, foreign::SETTINGS]);
 
@@ -84,7 +85,7 @@ const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another envi
 pub(super) const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, PRECISION, TRANSFER];
 
 /// And what those that plan know.
-const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, PROPOSAL];
+const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, PROPOSAL, CANONICAL];
 const PROPOSAL: Setting = Setting::new(
     "proposal",
     "Run of gc-idm over the model's latents, whose plans the search begins from",
@@ -139,6 +140,9 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
             let with = proposal.and_then(|policy| cost.with_proposal(&policy));
             cost = with.map_err(|error| args.wrong(format!("setting `{}`: {error}", PROPOSAL.name)))?;
         }
+        if let Some(canonical) = canonical::take(args, &mut given.rest, given.device, context.env.id)? {
+            cost = cost.with_canonical(&canonical).map_err(|error| canonical::wrong(args, error))?;
+        }
         check_history(args, &given.rest, cost.history())?;
         let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
         with_defaults(&mut given.rest, cost.plan_settings());
@@ -154,6 +158,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
     .oracle(|context, args| {
         let mut given = Given::of(args).ok()?;
         given.rest.shift_remove(PROPOSAL.name);
+        given.rest.shift_remove(CANONICAL.name);
         let block = |block: usize| Map::from_iter([("action_block".to_owned(), Json::from(block))]);
         if let Some(foreign) = &given.foreign {
             let described = foreign.describe(context.registry?, Some(context.env.id))?;
@@ -168,7 +173,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
 
 const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> PolicyEntry {
     PolicyEntry::new(name, summary, make)
-        .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
+        .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, CANONICAL])
         .image(image_size)
         .trained(trained_in)
         .files(model_files)
@@ -199,11 +204,15 @@ fn model_policy(
     args: &PolicyArgs,
     baseline: Option<&str>,
 ) -> Result<Box<dyn Policy>, PolicyError> {
-    let given = Given::of(args)?;
+    let mut given = Given::of(args)?;
     let model = given.model(args, context.env.id, context.registry)?;
-    given.check_all_known(args, &[])?;
+    let canonical = canonical::take(args, &mut given.rest, given.device, context.env.id)?;
+    given.check_all_known(args, &[CANONICAL])?;
     let found = model.baseline.name();
-    let policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
+    let mut policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
+    if let Some(canonical) = canonical {
+        policy = policy.with_canonical(&canonical).map_err(|error| canonical::wrong(args, error))?;
+    }
     match baseline.filter(|wanted| *wanted != found) {
         Some(wanted) => {
             Err(given
@@ -216,6 +225,9 @@ fn model_policy(
 /// The size of the images that the model of these arguments was trained on; `None` for runs that are not there.
 pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
     let given = Given::of(args).ok()?;
+    if let Some(size) = canonical::image_size(&given.rest) {
+        return Some(size);
+    }
     let side = match &given.foreign {
         Some(foreign) => foreign.describe(&Registry::new(), None)?.image,
         None => RunConfig::read(&RunFolder::open(&given.run).ok()?).ok()?.data.image,
@@ -267,6 +279,7 @@ fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         let proposal = TrainedModel::files(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
+    canonical::add_files(args, &given.rest, &mut files, TrainedModel::files)?;
     Ok(files)
 }
 
@@ -284,5 +297,6 @@ fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         let proposal = TrainedModel::companions(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
+    canonical::add_files(args, &given.rest, &mut files, TrainedModel::companions)?;
     Ok(files)
 }

@@ -7,7 +7,7 @@
 //! | `config` | a config by name; nothing in it is executed |
 //! | `shapes`, `recipe`, `joint`, `tokens`, `tdmpc2` | settings of ours |
 //! | `scales` | what no file says: how vectors were scaled |
-//! | `notes` | what an export of this program says of it |
+//! | `notes` | what an export of this program notes of it |
 //! | `place`, `load` | model, environment and scales put together |
 //!
 //! What is missing, such as the scale of actions, is asked for and never guessed.

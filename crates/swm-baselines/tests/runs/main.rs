@@ -1,6 +1,7 @@
 //! From recorded episodes to plans and actions: tiny models are trained, interrupted, stored, named as policies, and act in
 //! an environment that renders images. How well is not the question here.
 
+mod canonical;
 mod dot;
 mod foreign;
 mod idm;
@@ -12,7 +13,8 @@ use std::path::Path;
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{
-    DataConfig, Diagnosis, FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training,
+    DataConfig, Diagnosis, FitSettings, ImageLooks, MetricSink, NewRun, Record, RunFolder, Split, State,
+    Training,
 };
 use swm_baselines::{Baseline, BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
@@ -28,7 +30,7 @@ use swm_data::format::built_in;
 use swm_data::{Dataset, OpenOptions, WriteMode, open_with};
 use swm_solvers::MpcPolicy;
 
-use dot::{DOT, IMAGE, SIDE, TWIN, WIDE};
+use dot::{DOT, IMAGE, SHADED, SIDE, TWIN, WIDE};
 
 fn world(env: &EnvEntry, num_envs: usize, image: Option<ImageSize>) -> World {
     let config = EnvConfig { image, ..EnvConfig::default() };
@@ -43,7 +45,11 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
 
 /// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
-    let mut world = world(&DOT, 1, image);
+    record_in(&DOT, path, image, seed)
+}
+
+fn record_in(env: &EnvEntry, path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
+    let mut world = world(env, 1, image);
     world.set_policy(policies::random()).expect("it begins");
     let rollout = Rollout::new(0..12).seed(seed);
     let mut buffer = ReplayBuffer::new(1000);
@@ -68,6 +74,7 @@ fn new_run(baseline: &str) -> NewRun<'_> {
         preset: "small",
         changes,
         encoder: None,
+        looks: ImageLooks::default(),
         split: Split::default(),
         fit,
         device: Device::Cpu,
@@ -87,7 +94,8 @@ fn made(text: &str) -> Result<Box<dyn Policy>, String> {
 }
 
 fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, String> {
-    let (registry, config) = (Registry::new().with(POLICIES).with(&[DOT, TWIN, WIDE]), EnvConfig::default());
+    let (registry, config) =
+        (Registry::new().with(POLICIES).with(&[DOT, SHADED, TWIN, WIDE]), EnvConfig::default());
     registry.policy(text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
 }
 

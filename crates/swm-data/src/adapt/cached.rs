@@ -76,6 +76,10 @@ impl Dataset for Cached {
         Ok(())
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { inner: self.inner.share(), held: self.held.clone() })
     }

@@ -66,6 +66,11 @@ impl Dataset for Columns {
         }
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.first.dress(key)?;
+        self.second.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { first, second, info, added } = self;
         let (info, added) = (info.clone(), added.clone());

@@ -59,6 +59,10 @@ impl Dataset for Constants {
         Ok(())
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, info, values } = self;
         Box::new(Self { inner: inner.share(), info: info.clone(), values: values.clone() })

@@ -120,6 +120,10 @@ impl Dataset for Joined {
         Ok(())
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let (info, parts) = (self.info.clone(), self.parts.clone());
         let scratch = scratch(&info.schema, &parts);

@@ -6,7 +6,7 @@ use swm_core::{Metadata, Schema, SliceMut};
 
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
-use crate::foreign::source_record;
+use crate::foreign::{RewardsAt, source_record};
 use crate::open_options::OpenOptions;
 
 /// A dataset whose description differs.
@@ -61,7 +61,8 @@ pub(crate) fn opened_with(
             None => run.known_env().is_none(),
         };
         if is_read_here {
-            run.source = source_record(info.format, options, &info.mapping, None, None).source;
+            let rewards = Some(RewardsAt::of(run));
+            run.source = source_record(info.format, options, &info.mapping, None, None, rewards).source;
         }
         run.rows_per_second = options.fps.or(run.rows_per_second);
         match (&options.env, run.known_env()) {
@@ -94,6 +95,10 @@ impl Dataset for Opened {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         self.inner.rows(column, episode, steps, out)
+    }
+
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -191,6 +191,10 @@ impl Dataset for Resized {
         Ok(())
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let (info, changes) = (self.info.clone(), self.changes.clone());
         Box::new(Self { inner: self.inner.share(), info, changes, stored: Vec::new() })

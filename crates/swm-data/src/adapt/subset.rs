@@ -94,6 +94,10 @@ impl Dataset for Subset {
         self.inner.rows(column, self.episodes[episode], steps, out)
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, episodes, info } = self;
         Box::new(Self { inner: inner.share(), episodes: episodes.clone(), info: info.clone() })

@@ -2,6 +2,7 @@
 //!
 //! Source of the layout: dino_wm 0a9492f, `datasets/*_dset.py`.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -184,10 +185,10 @@ fn images(folder: &Path, found: &mut Found) -> Result<()> {
             }
             Err(error) => return Err(error.at("obses/episode_000.mp4")),
         }
+    } else if fs::read_dir(folder.join("obses")).is_ok_and(|mut files| files.next().is_some()) {
+        return Err(missing("`obses` has no `episode_000.mp4` or `episode_000.pth`; copy it again"));
     } else if !found.lengths.is_empty() {
-        found
-            .skipped
-            .push(("pixels".to_owned(), "`obses` has no `episode_000.mp4` or `episode_000.pth`".to_owned()));
+        found.skipped.push(("pixels".to_owned(), "`obses` has no files".to_owned()));
     }
     Ok(())
 }

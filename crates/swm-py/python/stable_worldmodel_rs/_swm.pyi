@@ -179,7 +179,14 @@ class Reader:
     def beside(self, other: Reader) -> Reader: ...
     def subset(self, episodes: Sequence[int]) -> Reader: ...
     def cached(self, keys: Sequence[str]) -> Reader: ...
-    def rendered(self, image: tuple[int, int], settings: str = "{}", factors: str = "{}") -> Reader: ...
+    def rendered(
+        self,
+        image: tuple[int, int],
+        settings: str = "{}",
+        factors: str = "{}",
+        looks: str | None = None,
+        canonical: str | None = None,
+    ) -> Reader: ...
     def check_fit(self, env: str, settings: str) -> None: ...
     def resized(self, image: tuple[int, int], fit: str | None = None) -> Reader: ...
     def slice(self, episode: int, start: int, stop: int, frameskip: int, columns: Sequence[int]) -> list[Any]: ...
@@ -318,7 +325,7 @@ def evaluate(
 ) -> tuple[str, list[str]]: ...
 def evaluate_manifest(
     request: str,
-    foreign: _Given | None = None,
+    policy: _Given | None = None,
     begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
 ) -> tuple[str | None, list[str]]: ...
@@ -350,23 +357,11 @@ def set_zoo(folders: Sequence[_Path], advice: str) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
 def sweep_json(path: _Path) -> str: ...
 def sweep_manifest(
-    manifest: str,
-    policy: str,
-    foreign: _Given | None = None,
-    factors: Sequence[str] = ...,
-    values: str = "sampled",
-    points: int | None = None,
-    policy_seed: int = 0,
-    out: _Path | None = None,
-    num_envs: int = 8,
-    threads: int | None = None,
-    plan_steps: int | None = None,
-    again: bool = False,
-    shard: tuple[int, int] | None = None,
-    join: bool = False,
-    begin: Callable[[int], object] | None = None,
+    request: str,
+    policy: _Given | None = None,
+    begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
-) -> tuple[str | None, bool]: ...
+) -> tuple[str | None, list[str]]: ...
 def verify_receipt(
     receipt: str,
     policy: tuple[str, _Given] | None = None,

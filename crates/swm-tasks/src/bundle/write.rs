@@ -105,7 +105,7 @@ fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Resu
     let entry = registry.policy_entry(env_of(registry, &receipt.manifest)?, &candidate.policy.name)?;
     let mut files: Vec<PathBuf> = receipt.files.keys().map(PathBuf::from).collect();
     if !files.is_empty() {
-        // Those of a run that has gone on, or that is gone, are told apart by their hashes: as files that are not there.
+        // Those of a run that has gone on, or that is gone, are distinguished by their hashes: as files that are not there.
         files.extend(entry.companion_files(&candidate.policy)?);
     }
     Ok(files)

@@ -62,10 +62,10 @@ impl Side {
             return Err(match by_setting(one) == by_setting(other) {
                 true => format!(
                     "{name}: `{one}` and `{other}` are not runs of one policy: they differ in its setting `seed`; leave that out, and \
-                     evaluate the policy with --policy-seed 1, --policy-seed 2, …"
+                     evaluate the policy with the policy seeds 1, 2, …"
                 ),
                 false => format!(
-                    "{name}: `{one}` and `{other}` are not runs of one policy; commas join runs, and spaces separate results to compare"
+                    "{name}: `{one}` and `{other}` are not runs of one policy, which alone are joined; compare them as results of their own"
                 ),
             }
             .into());

@@ -132,7 +132,7 @@ fn check_selected<'a>(
 }
 
 /// Why there is no factor `name`: it is a setting, a group, or nothing.
-fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> Message {
+pub(super) fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> Message {
     let names = || factors.iter().map(|factor| factor.name.as_str());
     let below: Vec<&str> = names().filter(|factor| selects(name, factor)).collect();
     let id = env.id;

@@ -18,7 +18,7 @@ use super::args::ImageArg;
 use super::opening::OpenArgs;
 use super::output::{counted, create_parent};
 use super::threads::ThreadsArg;
-use super::{Failure, Output, images, inputs, interrupt, usage};
+use super::{Failure, Output, images, inputs, interrupt, looks, usage};
 
 /// The size of images where a recording without images is copied to a format that is for them.
 const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
@@ -55,6 +55,10 @@ pub(super) struct TargetArgs {
     /// shape than theirs.
     #[arg(long, value_name = "HOW", requires = "image_size")]
     fit: Option<Fit>,
+    /// Render images with this value of a visual factor, `NAME=VALUE`, such as `background.color=black`; may be repeated. The copy has
+    /// that factor in its column, and is otherwise the same. Needs a recording of this program.
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    set: Vec<String>,
     /// Replace an existing dataset. Without it, a dataset that holds the first episodes of this copy is continued, and anything else
     /// is refused.
     #[arg(long)]
@@ -112,11 +116,26 @@ impl TargetArgs {
                 Some(RENDERED)
             }
         };
+        let look = looks::values(dataset.as_ref(), registry, ("--set", &self.set), output)?;
+        let size = match (size, self.set.first()) {
+            (None, Some(set)) => match images::size(dataset.as_ref()) {
+                Some(size) => Some(size),
+                None => {
+                    let reason = "the copy would have no images, and factors that change more than images cannot be set in a copy";
+                    return Err(usage(format!("--set {set}: {reason}; give --image-size 64x64")));
+                }
+            },
+            (size, _) => size,
+        };
         match size {
+            Some(_) if self.fit.is_some() && !look.is_empty() => Err(usage(
+                "--set renders images anew, and --fit resizes those that are there; leave one of them out",
+            )),
+            Some(size) if !look.is_empty() => images::rendered(dataset, registry, size, look),
             Some(size) if self.resizes(dataset.as_ref()) => {
                 Ok(Box::new(Resized::new(dataset, size, self.fit)?))
             }
-            Some(size) => images::rendered(dataset, registry, size),
+            Some(size) => images::rendered(dataset, registry, size, look),
             None if self.fit.is_some() => {
                 Err(usage("--fit: no image is resized; give --image-size 64x64, or leave it out"))
             }
@@ -216,6 +235,7 @@ Examples:
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
   swm convert small.h5 pusht.video --image-size 96x96    (images of a recording without images are rendered)
+  swm convert small.h5 dark.h5 --image-size 64x64 --set background.color=black    (the same states in another look)
   swm convert robomimic.hdf5 small.h5 --camera agentview --image-size 64x64 --fit crop
   swm convert pusht.video again.h5 --overwrite
 

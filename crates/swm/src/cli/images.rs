@@ -1,8 +1,9 @@
 //! Images of recordings that hold none: rendered by replaying the episodes.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use swm_core::{Dtype, ImageSize, Registry};
+use swm_core::{Dtype, ImageSize, Registry, Value};
 use swm_data::{Dataset, RenderOptions, Rendered};
 
 use super::{Failure, usage};
@@ -14,7 +15,7 @@ pub(super) fn holds_images(dataset: &dyn Dataset) -> bool {
 }
 
 /// The size of the images that a dataset holds.
-fn size(dataset: &dyn Dataset) -> Option<ImageSize> {
+pub(super) fn size(dataset: &dyn Dataset) -> Option<ImageSize> {
     let mut fields = dataset.schema().fields().iter().filter(|field| field.dtype == Dtype::U8);
     fields.find_map(|field| match field.shape[..] {
         [height, width, 1 | 3] => Some(ImageSize { height, width }),
@@ -65,17 +66,18 @@ fn check_names(first: &dyn Dataset, rest: &[Box<dyn Dataset>], command: &str) ->
     Ok(())
 }
 
-/// The dataset with images of this size, in place of those that it holds.
+/// The dataset with images of this size, in place of those that it holds, and with these factors in place of the recorded ones.
 ///
 /// # Errors
 ///
-/// It does not say how it was recorded, or its environment cannot be made.
+/// It does not say how it was recorded, or its environment cannot be made, or has no such factors.
 pub(super) fn rendered(
     dataset: Box<dyn Dataset>,
     registry: &Registry,
     size: ImageSize,
+    look: BTreeMap<String, Value>,
 ) -> Result<Box<dyn Dataset>, Failure> {
-    let options = RenderOptions::default().image(size);
+    let options = RenderOptions::default().image(size).factors(look);
     Ok(Box::new(Rendered::new(dataset, registry, &options).map_err(usage)?))
 }
 

@@ -10,8 +10,6 @@ use swm_data::tools::copy::{Piece, is_same};
 use swm_data::{DataError, Dataset, OpenOptions};
 use swm_tasks::request;
 
-pub(super) use request::check_recorded_in as check_env;
-
 use super::{Failure, Output, usage};
 
 /// Opens a dataset that the user named.

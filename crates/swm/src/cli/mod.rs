@@ -25,6 +25,7 @@ mod inspect;
 mod interrupt;
 mod job_status;
 mod jobs;
+mod looks;
 mod man;
 mod manifest;
 #[cfg(feature = "baselines")]
@@ -33,10 +34,8 @@ mod new_env;
 mod opening;
 mod output;
 mod plan;
-mod plan_problem;
 mod preview;
 mod quality;
-mod quality_checks;
 mod rates;
 mod receipt_text;
 mod regret;
@@ -44,6 +43,7 @@ mod render;
 mod replay;
 mod report;
 mod reporter;
+mod robustness;
 mod scenario;
 mod solvers;
 mod stats;
@@ -122,6 +122,7 @@ enum Command {
     Compare(compare::Compare),
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
+    Robustness(robustness::RobustnessCommand),
     Report(report::ReportCommand),
     Bundle(bundle::BundleCommand),
     Board(board::BoardCommand),
@@ -209,6 +210,7 @@ impl Command {
             Self::Eval(command) => command.world.threads,
             Self::VerifyResult(command) => command.threads,
             Self::Sweep(command) => command.world.threads,
+            Self::Robustness(command) => command.threads,
             Self::Report(command) => command.threads,
             Self::Board(command) => command.threads,
             Self::Quality(command) => command.threads,
@@ -243,6 +245,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Compare(command) => command.run(output),
         Command::VerifyResult(command) => command.run(registry, output),
         Command::Sweep(command) => command.run(registry, output),
+        Command::Robustness(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Bundle(command) => command.run(registry, output),
         Command::Board(command) => command.run(registry, output),
@@ -321,6 +324,7 @@ mod tests {
             "eval",
             "verify-result",
             "sweep",
+            "robustness",
             "report",
             "board",
             "quality",

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::Registry;
 
+use super::looks::LookArgs;
 use super::opening::ColumnArgs;
 use super::threads::ThreadsArg;
 use super::track::TrackArgs;
@@ -20,6 +21,7 @@ Examples:
   swm train lewm --dataset tworoom.h5 --preset small --out runs/lewm --epochs 10
   swm train pldm --dataset tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume runs/lewm
+  swm train canonical --dataset small.h5 --vary visual --canonical background.color=black --canonical agent.color=red --out runs/canonical
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --observe pixels --preset small --steps 100000 --out runs/tdmpc2-pixels
@@ -51,6 +53,10 @@ pub(super) struct Train {
     /// for `keypoint-wm`, or of a world model for `gc-idm`.
     #[arg(long, value_name = "FILE|RUN", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
+    /// Optimizer steps of the encoder that keypoint-wm trains first, in RUN/encoder, where no --encoder is given: `keypoints`, which
+    /// learns to draw the images.
+    #[arg(long, value_name = "STEPS", default_value_t = 1500, conflicts_with_all = ["encoder", "resume"])]
+    encoder_steps: u64,
     /// Resume the run in this folder, or in --out, possibly with more epochs or steps.
     #[arg(long, value_name = "RUN", conflicts_with = "baseline")]
     #[expect(clippy::option_option, reason = "clap: not given, given alone, or with a folder")]
@@ -105,6 +111,8 @@ pub(super) struct Train {
     pub(super) track: TrackArgs,
     #[command(flatten)]
     online: OnlineArgs,
+    #[command(flatten)]
+    looks: LookArgs,
     #[command(flatten)]
     opening: ColumnArgs,
     /// A part of the dataset, such as `val`.
@@ -206,8 +214,7 @@ pub(super) struct Checkpoints {
 mod work {
     use swm_core::Registry;
 
-    use super::{Checkpoints, Train};
-    use crate::cli::work::Plan;
+    use super::{Checkpoints, LookArgs, Train};
     use crate::cli::{Failure, Output, usage};
 
     use crate::absent::BASELINES;
@@ -236,6 +243,7 @@ mod work {
                 preset: _,
                 set: _,
                 encoder: _,
+                encoder_steps: _,
                 resume: _,
                 epochs: _,
                 steps: _,
@@ -253,6 +261,7 @@ mod work {
                 patience: _,
                 threads: _,
                 track: _,
+                looks: LookArgs { look: _, vary: _, vary_share: _, vary_usual: _, canonical: _ },
                 opening: _,
                 dataset_split: _,
                 dataset_max_steps: _,
@@ -262,7 +271,7 @@ mod work {
     }
 
     impl Train {
-        pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+        pub(in crate::cli) fn inputs(&self) -> Result<Vec<std::path::PathBuf>, Failure> {
             Err(not_built())
         }
     }

@@ -31,6 +31,7 @@ impl Words for Options {
     fn list(&self, list: &List) -> String {
         match list {
             List::Factors(env) => format!("`swm fovs {env}`"),
+            List::Solvers => "`swm solvers`".to_owned(),
             _ => "`swm --help`".to_owned(),
         }
     }

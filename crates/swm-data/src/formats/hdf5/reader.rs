@@ -73,7 +73,10 @@ impl Hdf5Dataset {
     fn open_as(path: &Path, unclean: bool) -> Result<Self, DataError> {
         let library = open_library(path, unclean)?;
         let failed = |part: &str, error| DataError::damaged(path, library_error(error).at(part));
-        let attributes = Attributes::read(&library).map_err(|error| DataError::damaged(path, error))?;
+        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
+        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
+        let attributes =
+            Attributes::read(&library, &file).map_err(|error| DataError::damaged(path, error))?;
 
         let Members { mut datasets, skipped: mut outside } =
             Members::of(&library).map_err(|error| DataError::damaged(path, error))?;
@@ -85,8 +88,6 @@ impl Hdf5Dataset {
             chunks_end = chunks_end.max(end);
         }
 
-        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
-        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
                 if let Some(reason) = foreign::of_hdf5(&Members::names(&library)) {

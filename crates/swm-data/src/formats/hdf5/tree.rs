@@ -6,10 +6,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_metno as h5;
-use hdf5_metno::types::{IntSize, TypeDescriptor, VarLenAscii, VarLenUnicode};
+use hdf5_metno::types::{IntSize, TypeDescriptor};
 use hdf5_metno::{IndexType, IterationOrder, LinkType, LocationType};
 use swm_core::{Dtype, Field, SliceMut};
 
+use super::attributes::text;
 use super::handles::library_error;
 use super::layout::element_of;
 use super::members::foreign_part;
@@ -173,22 +174,10 @@ impl Tree {
         }
     }
 
-    /// A text in an attribute of a group.
-    pub(crate) fn attribute(&self, group: &str, name: &str) -> Option<String> {
-        let attribute = self.library.group(group).ok()?.attr(name).ok()?;
-        match attribute.dtype().ok()?.to_descriptor().ok()? {
-            TypeDescriptor::VarLenUnicode => {
-                attribute.read_scalar::<VarLenUnicode>().ok().map(|text| text.to_string())
-            }
-            TypeDescriptor::VarLenAscii => {
-                attribute.read_scalar::<VarLenAscii>().ok().map(|text| text.to_string())
-            }
-            TypeDescriptor::FixedAscii(_) => {
-                let text = attribute.read_scalar::<h5::types::FixedAscii<4096>>().ok()?;
-                Some(text.to_string())
-            }
-            _ => None,
-        }
+    /// A text in an attribute of a group; `None` if there is no such attribute, or it is no text.
+    pub(crate) fn attribute(&self, group: &str, name: &str) -> Result<Option<String>> {
+        let attribute = self.library.group(group).and_then(|group| group.attr(name));
+        attribute.map_or(Ok(None), |attribute| text(&attribute, &self.file))
     }
 }
 

@@ -92,7 +92,7 @@ fn folders_of_two_rates_are_not_joined_silently() {
 }
 
 #[test]
-fn a_folder_without_its_description_is_told() {
+fn a_folder_without_its_description_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let [empty, cut] = ["empty.lerobot", "cut.lerobot"].map(|name| folder.path().join(name));
     fs::create_dir(&empty).unwrap();

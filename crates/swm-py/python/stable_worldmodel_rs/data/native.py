@@ -34,6 +34,11 @@ _LAYOUT = ("ep_len", "ep_offset")
 _abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
 
 
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of factors for JSON: arrays and tuples as lists."""
+    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in values.items()}
+
+
 class Clips(Sequence[dict[str, Any]]):
     """Clips that were read together. :func:`~stable_worldmodel_rs.data.collate` takes :attr:`batch` without a copy.
 
@@ -89,6 +94,15 @@ class NativeDataset(Dataset):
         image: ``(H, W)`` to which images are resized, antialiased.
         render: ``(H, W)`` of images that are rendered when they are read, for recordings without images of this
             package.
+        look: ``{factor: value}`` of visual factors that rendered images show in place of the recorded ones, such as
+            ``{"background.color": "black"}``.
+        vary: Visual factors that are sampled for every clip: names, groups, ``*.color``, or ``visual`` for all of them. A
+            clip's look depends on ``vary_seed``, :meth:`set_epoch` and its number. Whole columns and episodes show none.
+        vary_share: The probability of each of these factors to be sampled for a clip.
+        vary_usual: The probability of a clip to show none of them sampled.
+        vary_seed: The seed of the looks.
+        canonical: ``{factor: value}`` of the canonical look: adds the column ``canonical``, the same rows in that look. ``{}``
+            is the recorded one.
         episodes: The episodes to take, in this order; ``None``: all.
         rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
@@ -116,11 +130,17 @@ class NativeDataset(Dataset):
         keys_to_merge: Mapping[str, list[str] | str] | None = None,
         image: tuple[int, int] | None = None,
         render: tuple[int, int] | None = None,
+        look: Mapping[str, Any] | None = None,
+        vary: Sequence[str] | None = None,
+        vary_share: float = 1.0,
+        vary_usual: float = 0.0,
+        vary_seed: int = 0,
+        canonical: Mapping[str, Any] | None = None,
         episodes: Sequence[int] | None = None,
         rewards: Rewards = "recorded",
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
+        for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache), ("vary", vary)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
         self.path: Any = Path(path)
@@ -128,6 +148,17 @@ class NativeDataset(Dataset):
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
         self._render = render
+        looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": vary_seed}
+        self._looks: tuple[str, str | None, str | None] = (
+            json.dumps(_plain(look or {})),
+            looks and json.dumps(looks),
+            None if canonical is None else json.dumps(_plain(canonical)),
+        )
+        if render is None and (look or vary or canonical is not None):
+            raise ValueError("look, vary and canonical are of images that are rendered; give their size: render=(64, 64)")
+        if vary and "pixels" in (keys_to_cache or ()):
+            raise ValueError("keys_to_cache: images of sampled looks differ from epoch to epoch; leave out 'pixels'")
+        self._epoch = 0
         self._resize: tuple[tuple[int, int], str | None] | None = None
         self._options: str | None = json.dumps(dict(options)) if options else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
@@ -172,7 +203,8 @@ class NativeDataset(Dataset):
     def _open(self) -> _swm.Reader:
         reader = _swm.Reader.open(self.path, self.native_format, self._options)
         if self._render is not None:
-            reader = reader.rendered(self._render)
+            factors, looks, canonical = self._looks
+            reader = reader.rendered(self._render, factors=factors, looks=looks, canonical=canonical)
         if self._resize is not None:
             reader = reader.resized(*self._resize)
         if self.episodes is not None:
@@ -277,7 +309,7 @@ class NativeDataset(Dataset):
     def _batch(self, indices: list[int]) -> dict[str, Any]:
         """Clips by number, ``(B, T, …)`` arrays by column."""
         fields = self._fields
-        read = self.clips.read(indices)
+        read = self.clips.read(indices, self._epoch)
         return {
             key: values if key == ACTION else self._finish(key, values, fields[key][2], 1, fields[key][1] == "uint8")
             for key, values in read.items()
@@ -292,6 +324,11 @@ class NativeDataset(Dataset):
         if ACTION in clip:
             clip[ACTION] = clip[ACTION].reshape(self.span, -1)
         return self._grouped(self.transform(clip), self.num_steps)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Sets the epoch, on which the sampled looks of clips depend (``vary``). Workers of a ``DataLoader`` that were started before
+        keep the old one."""
+        self._epoch = int(epoch)
 
     @property
     def _is_plain(self) -> bool:
