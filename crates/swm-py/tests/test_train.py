@@ -39,11 +39,13 @@ def test_requests_become_words() -> None:
         "preset": None,
         "set": dict(_train._flat({"optim": {"lr": 1e-3}, "model.history": 3, "name": "x", "on": True})),
         "observe": "",
+        "look": _train._factors({"background.color": (255, 0, 0), "agent.color": "red"}),
         "env_option": {},
         "held_out": 0.2,
     }
     assert _train.words(request) == [
-        "lewm", "--out=runs/a b", "--set=optim.lr=0.001", "--set=model.history=3", "--set=name=x", "--set=on=true", "--held-out=0.2",
+        "lewm", "--out=runs/a b", "--set=optim.lr=0.001", "--set=model.history=3", "--set=name=x", "--set=on=true", "--look=background.color=255,0,0",
+        "--look=agent.color=red", "--held-out=0.2",
     ]  # fmt: skip
 
 

@@ -56,6 +56,11 @@ def train(
     norm_batches: int | None = None,
     quality_every: int | None = None,
     patience: int | None = None,
+    look: Mapping[str, Any] | None = None,
+    vary: Sequence[str] | str = (),
+    vary_share: float | None = None,
+    vary_usual: float | None = None,
+    canonical: Mapping[str, Any] | str | None = None,
     env: str | None = None,
     env_options: Mapping[str, Any] | None = None,
     observe: Sequence[str] | str = (),
@@ -93,6 +98,11 @@ def train(
         norm_batches: Batches from which statistics of batch normalization are estimated anew.
         quality_every: Steps between measurements of a world model.
         patience: Validations without improvement after which training stops.
+        look: Values of visual factors, such as ``{"background.color": "black"}``, with which a recording of this package is rendered.
+        vary: Visual factors to sample for every clip.
+        vary_share: Probability of each of them to be sampled for a clip.
+        vary_usual: Probability of a clip to show none of them sampled.
+        canonical: The look that `canonical` learns to draw, as ``look``, or ``"recorded"``.
         env: The environment that an agent learns in.
         env_options: Its settings.
         observe: Columns that an agent observes.
@@ -138,6 +148,11 @@ def train(
         "norm_batches": norm_batches,
         "quality_every": quality_every,
         "patience": patience,
+        "look": _factors(look or {}),
+        "vary": vary if isinstance(vary, str) else ",".join(vary),
+        "vary_share": vary_share,
+        "vary_usual": vary_usual,
+        "canonical": canonical if isinstance(canonical, str) else _factors(canonical or {}),
         "env": None if env is None else native_id(env) or env,
         "env_option": dict(env_options or {}),
         "observe": observe if isinstance(observe, str) else ",".join(observe),
@@ -204,6 +219,11 @@ def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield from _flat(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
+
+
+def _factors(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of factors as the command takes them: numbers of one with commas."""
+    return {name: ",".join(map(_text, value)) if isinstance(value, (list, tuple)) else value for name, value in values.items()}
 
 
 def _path(path: AnyPath | None) -> str | None:
