@@ -251,6 +251,7 @@ fn baselines() -> Result<()> {
     process::run(process::cargo(["clippy"]).args(command).args(["--all-targets", "--", "-D", "warnings"]))?;
     process::run(process::cargo(["test"]).args(command).args(["--lib", "cli::train"]))?;
     process::run(process::cargo(["build"]).args(command))?;
+    wheel::check_training()?;
     test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
 

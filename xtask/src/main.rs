@@ -34,6 +34,7 @@ mod test;
 mod tidy;
 mod ui;
 mod wheel;
+mod zoo;
 
 use std::process::ExitCode;
 
@@ -103,6 +104,8 @@ enum Command {
     Release(release::Args),
     /// Make the Python package as a wheel, with MuJoCo's library and the control suite's models
     Wheel(wheel::Args),
+    /// Train the models of the zoo by their recipes, and pack them
+    Zoo(zoo::Args),
     /// Run the reference's own tests on the Python package, from a checkout of the reference
     ReferenceTests(reference_tests::Args),
     /// Check the rules of the architecture and of the sources
@@ -138,6 +141,7 @@ fn main() -> ExitCode {
         Command::Sizes(args) => sizes::run(&args),
         Command::Release(args) => release::run(&args),
         Command::Wheel(args) => wheel::run(&args),
+        Command::Zoo(args) => zoo::run(&args),
         Command::ReferenceTests(args) => reference_tests::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Ui(args) => ui::run(&args),

@@ -32,6 +32,7 @@ mod sweep;
 mod words;
 mod world;
 mod writer;
+mod zoo;
 
 use pyo3::prelude::*;
 
@@ -39,6 +40,7 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("HAS_TRAINING", cfg!(feature = "baselines"))?;
     bundles::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
@@ -56,5 +58,6 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     sweep::add(m)?;
     world::add(m)?;
     writer::add(m)?;
+    zoo::add(m)?;
     Ok(())
 }

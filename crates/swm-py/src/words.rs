@@ -112,6 +112,11 @@ fn with_feature(told: &str) -> String {
     if before.contains("the feature `lance`") {
         return format!("{before}; in a checkout, `cargo xtask wheel --lance` builds a wheel that has it");
     }
+    if before.contains("the feature `baselines`") {
+        return format!(
+            "{before}, which every wheel has; install one, or build it in a checkout by `cargo xtask wheel`"
+        );
+    }
     format!(
         "{before}, and no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install{build}`"
     )

@@ -66,12 +66,15 @@ def test_messages_speak_python(call: Callable[[Path], None], words: list[str], t
     assert not COMMAND.search(message), message
 
 
-def test_what_only_the_command_can_have_is_said() -> None:
+def test_a_run_that_is_not_there_is_said_or_what_the_build_lacks() -> None:
     with pytest.raises(swm.SwmError) as caught:
         world().set_policy("mpc:runs/lewm")
     said = str(caught.value)
-    assert "this package is built without the feature `baselines`" in said
-    assert "no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install" in said
+    if _swm.HAS_TRAINING:
+        assert "run runs/lewm: there is no such folder; `swm-rs train … --out DIR` makes a run" in said
+    else:
+        assert "this package is built without the feature `baselines`, which every wheel has; install one" in said
+        assert "`cargo xtask wheel`" in said and "cargo install" not in said
 
 
 def test_a_setting_that_is_an_argument_is_offered_once() -> None:

@@ -8,6 +8,7 @@ use swm_core::registry::{MakePolicy, Setting, TrainedIn, TrainedOn};
 use swm_core::settings::{Table, text};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
+use swm_tasks::zoo::run_of;
 
 use super::agent_policy::AgentPolicy;
 use super::canonical::{self, CANONICAL};
@@ -15,6 +16,7 @@ use super::cost::{self, ModelCost};
 use super::foreign;
 use super::given::Given;
 use super::goal_policy::ModelPolicy;
+use super::zoo;
 use crate::baseline::Baseline;
 use crate::device::Device;
 use crate::error::BaselineError;
@@ -61,6 +63,7 @@ pub const POLICIES: &[PolicyEntry] = &[
     acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
     agent("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", OF_AGENTS),
     agent("tdmpc2", "plans as an agent trained by `swm train tdmpc2` (`tdmpc2:RUN`)", OF_TDMPC2.as_slice()),
+    zoo::POLICY,
 ];
 
 /// What a policy that plans on a model is set by.
@@ -72,7 +75,7 @@ const OF_FAMILY: &Table = &Table::of(&[OF_MPC, foreign::SETTINGS]);
 const OF_AGENTS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
 const OF_TDMPC2: &Table = &Table::of(&[OF_AGENTS, tdmpc2::OPTIONS]);
 
-const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
+const RUN: Setting = Setting::new("RUN", "Folder of a training run, or zoo:NAME", "required");
 const CHECKPOINT: Setting = Setting::new("checkpoint", "Which checkpoint: last, best, or a step", "last");
 const DEVICE: Setting = Setting::new("device", "Device: cpu, cuda, cuda:1 …", "cpu");
 const PRECISION: Setting =
@@ -132,7 +135,8 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
         let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
         let mut cost = cost.with_aggregate(aggregate);
         if let Some(run) = given.rest.shift_remove(PROPOSAL.name) {
-            let proposal = TrainedModel::open(Path::new(&text(&run)), Which::default(), given.device);
+            let run = run_of(&text(&run)).map_err(|error| args.wrong(error.to_string()))?;
+            let proposal = TrainedModel::open(&run, Which::default(), given.device);
             let with = proposal.and_then(|policy| cost.with_proposal(&policy));
             cost = with.map_err(|error| args.wrong(format!("setting `{}`: {error}", PROPOSAL.name)))?;
         }
@@ -271,7 +275,8 @@ fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         None => TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
     };
     if let Some(run) = given.rest.get(PROPOSAL.name) {
-        let proposal = TrainedModel::files(Path::new(&text(run)), Which::default());
+        let run = run_of(&text(run)).map_err(|error| args.wrong(error.to_string()))?;
+        let proposal = TrainedModel::files(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
     canonical::add_files(args, &given.rest, &mut files, TrainedModel::files)?;
@@ -288,7 +293,8 @@ fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         }
     };
     if let Some(run) = given.rest.get(PROPOSAL.name) {
-        let proposal = TrainedModel::companions(Path::new(&text(run)), Which::default());
+        let run = run_of(&text(run)).map_err(|error| args.wrong(error.to_string()))?;
+        let proposal = TrainedModel::companions(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
     canonical::add_files(args, &given.rest, &mut files, TrainedModel::companions)?;

@@ -15,6 +15,7 @@ __all__ = [
     "EnvError",
     "EpisodeWriter",
     "Episodes",
+    "HAS_TRAINING",
     "PlanError",
     "PolicyError",
     "Reader",
@@ -52,13 +53,17 @@ __all__ = [
     "run_command",
     "save_video",
     "set_files",
+    "set_zoo",
     "solvers",
     "sweep_json",
     "sweep_manifest",
     "verify_receipt",
     "wilson95",
+    "zoo_model",
+    "zoo_models",
 ]
 __version__: str
+HAS_TRAINING: bool
 
 _Path: TypeAlias = str | PathLike[str]
 _Array: TypeAlias = npt.NDArray[Any]
@@ -348,6 +353,7 @@ def save_video(path: str, frames: npt.NDArray[np.uint8], frames_per_second: floa
 def set_files(
     library: _Path | None = None, folder: _Path | None = None, fix: str | None = None, python: _Path | None = None
 ) -> None: ...
+def set_zoo(folders: Sequence[_Path], advice: str) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
 def sweep_json(path: _Path) -> str: ...
 def sweep_manifest(
@@ -366,3 +372,5 @@ def verify_receipt(
     tick: _Tick | None = None,
 ) -> str: ...
 def wilson95(successes: int, episodes: int) -> tuple[float, float]: ...
+def zoo_model(name: str) -> str: ...
+def zoo_models() -> tuple[str, list[str]]: ...

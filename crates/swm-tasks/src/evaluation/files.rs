@@ -14,6 +14,7 @@ use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
+use super::relative;
 use crate::request::{Assignment, Fix, Message, TaskError};
 use crate::text_file::{json_error, read_text, replace_text, toml_error};
 
@@ -140,7 +141,9 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let damaged = |WrongSetting { name, reason }| {
         wrong(format!("`{name}`: {reason}; it was edited or damaged; evaluate again"))
     };
-    Ok(read_settings(&object).map_err(damaged)?)
+    let mut receipt: Receipt = read_settings(&object).map_err(damaged)?;
+    relative::resolve(&mut receipt, path.parent().unwrap_or(Path::new(""))).map_err(wrong)?;
+    Ok(receipt)
 }
 
 /// Folders right below `dir` that hold receipts.

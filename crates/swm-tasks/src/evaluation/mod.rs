@@ -15,6 +15,7 @@ mod probes;
 mod quality;
 mod receipt;
 mod reference;
+mod relative;
 mod resume;
 mod robustness;
 mod run;

@@ -53,6 +53,7 @@ mod sweep;
 mod table;
 mod task;
 mod threads;
+mod track;
 mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
@@ -65,6 +66,7 @@ mod verify_result;
 mod version;
 mod words;
 mod work;
+mod zoo;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -132,6 +134,7 @@ enum Command {
     Checkpoints(train::Checkpoints),
     Import(Box<import::Import>),
     Export(export::Export),
+    Zoo(zoo::Zoo),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -162,6 +165,10 @@ pub fn main(registry: &Registry) -> ExitCode {
 pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let mut args = args.into_iter().peekable();
     called::take(args.peek().map(OsString::as_os_str));
+    #[cfg(feature = "mujoco")]
+    if let Some(home) = swm_envs_mujoco::assets::data_folder() {
+        swm_tasks::zoo::add_folder(home.join("zoo"));
+    }
     // The version names the physics, which may not be installed: known at run time only.
     let parsed = Cli::command().long_version(version::long()).try_get_matches_from(args);
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
@@ -246,10 +253,11 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
-        Command::Train(command) => command.run(registry, output),
+        Command::Train(command) => command.tracked(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
+        Command::Zoo(command) => command.run(output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),

@@ -5,10 +5,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use swm_core::Registry;
 
 use super::looks::LookArgs;
 use super::opening::ColumnArgs;
 use super::threads::ThreadsArg;
+use super::track::TrackArgs;
+use super::{Failure, Output};
 
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
@@ -105,6 +108,8 @@ pub(super) struct Train {
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
     #[command(flatten)]
+    pub(super) track: TrackArgs,
+    #[command(flatten)]
     online: OnlineArgs,
     #[command(flatten)]
     looks: LookArgs,
@@ -144,6 +149,17 @@ struct OnlineArgs {
     /// Episodes of an evaluation. Default: 5.
     #[arg(long, value_name = "EPISODES")]
     eval_episodes: Option<u64>,
+}
+
+impl Train {
+    /// Runs it, while trackers follow.
+    pub(super) fn tracked(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let run = self.resume.clone().flatten().or_else(|| self.out.clone());
+        let is_training = cfg!(feature = "baselines") && !self.list;
+        self.track
+            .clone()
+            .around(run.as_deref().filter(|_| is_training), output, || self.run(registry, output))
+    }
 }
 
 /// The default of `--split`.
@@ -244,6 +260,7 @@ mod work {
                 quality_every: _,
                 patience: _,
                 threads: _,
+                track: _,
                 looks: LookArgs { look: _, vary: _, vary_share: _, vary_usual: _, canonical: _ },
                 opening: _,
                 dataset_split: _,
