@@ -1,5 +1,7 @@
 //! Recordings without images in other looks: equal to rendering anew, chosen per clip and epoch, and never other than visual.
 
+#![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
+
 use std::collections::BTreeMap;
 
 use swm::core::env::PIXELS;

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_data::{Flip, OpenOptions};
 
-use super::args::{assignment, json_value};
 use super::Failure;
+use super::args::{assignment, json_value};
 #[cfg(feature = "baselines")]
 use super::usage;
 

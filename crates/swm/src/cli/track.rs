@@ -6,7 +6,7 @@
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -157,21 +157,18 @@ impl Follower {
     /// A tracker failed, or does not end.
     fn finish(&mut self) -> Result<(), String> {
         drop(self.child.stdin.take());
-        let said = loop {
-            use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
-            match self.said.recv_timeout(END) {
-                Ok(line) => break line,
-                Err(Disconnected) => {
-                    return match self.child.wait() {
-                        Ok(status) if !status.success() => Err(format!("its program ended by {status}")),
-                        _ => Ok(()),
-                    };
-                }
-                Err(Timeout) => {
-                    let _ = self.child.kill();
-                    let _ = self.child.wait();
-                    return Err(format!("it took more than {} s to end", END.as_secs()));
-                }
+        let said = match self.said.recv_timeout(END) {
+            Ok(line) => line,
+            Err(RecvTimeoutError::Disconnected) => {
+                return match self.child.wait() {
+                    Ok(status) if !status.success() => Err(format!("its program ended by {status}")),
+                    _ => Ok(()),
+                };
+            }
+            Err(RecvTimeoutError::Timeout) => {
+                let _ = self.child.kill();
+                let _ = self.child.wait();
+                return Err(format!("it took more than {} s to end", END.as_secs()));
             }
         };
         let _ = self.child.wait();
@@ -180,6 +177,7 @@ impl Follower {
 }
 
 #[cfg(all(test, unix))]
+#[expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 mod tests {
     use std::fs;
     use std::os::unix::fs::PermissionsExt as _;
