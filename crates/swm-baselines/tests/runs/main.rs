@@ -3,6 +3,7 @@
 
 mod dot;
 mod foreign;
+mod grasp;
 mod idm;
 mod keypoints;
 mod refusals;
