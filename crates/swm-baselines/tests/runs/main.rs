@@ -7,6 +7,7 @@ mod grasp;
 mod idm;
 mod keypoints;
 mod refusals;
+mod reproduce;
 
 use std::path::Path;
 

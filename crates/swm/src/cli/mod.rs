@@ -44,6 +44,7 @@ mod render;
 mod replay;
 mod report;
 mod reporter;
+mod reproduce;
 mod scenario;
 mod solvers;
 mod stats;
@@ -131,6 +132,7 @@ enum Command {
     Checkpoints(train::Checkpoints),
     Import(Box<import::Import>),
     Export(export::Export),
+    Reproduce(Box<reproduce::ReproduceCommand>),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -207,6 +209,7 @@ impl Command {
             Self::Quality(command) => command.threads,
             Self::Train(command) => command.threads,
             Self::Plan(command) => command.threads,
+            Self::Reproduce(command) => command.threads,
             Self::Render(command) => command.threads,
             _ => ThreadsArg::default(),
         }
@@ -247,6 +250,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
+        Command::Reproduce(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),
@@ -319,6 +323,7 @@ mod tests {
             "train",
             "plan",
             "render",
+            "reproduce",
         ];
         each(&Cli::command(), "", &mut |name, command| {
             let threads = command.get_arguments().any(|argument| argument.get_long() == Some("threads"));
