@@ -10,7 +10,8 @@ use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
 use crate::{
-    apart, book, demo, deny, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
+    apart, book, demo, deny, exports, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui,
+    wheel,
 };
 
 /// Options of the three commands.
@@ -145,6 +146,12 @@ const STEPS: &[Step] = &[
         about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says",
         tiers: NIGHTLY,
         run: sizes::check_each_alone,
+    },
+    Step {
+        name: "exports",
+        about: "the reference loads what `swm export` writes, with equal outputs",
+        tiers: NIGHTLY,
+        run: || exports::run(&exports::Args::default()),
     },
     Step {
         name: "gpu",

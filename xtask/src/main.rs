@@ -13,6 +13,7 @@ mod demo;
 mod deny;
 mod endure;
 mod experts;
+mod exports;
 mod gallery;
 mod golden;
 mod gpu;
@@ -78,6 +79,8 @@ enum Command {
     Ci(ci::Args),
     /// Every check, with a rehearsed release and each crate alone, in an hour
     Nightly(ci::Args),
+    /// Load what `swm export` writes with the reference, and compare outputs
+    Exports(exports::Args),
     /// Replay recorded trajectories of the reference and print the differences
     Golden(golden::Args),
     /// Render every environment for the page docs/gallery.md
@@ -133,6 +136,7 @@ fn main() -> ExitCode {
         Command::Nightly(args) => ci::run(Tier::Nightly, &args),
         Command::Gpu(args) => gpu::run(&args),
         Command::GpuProof(args) => gpu_proof::run(&args),
+        Command::Exports(args) => exports::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
         Command::Datasets(args) => datasets::run(&args),

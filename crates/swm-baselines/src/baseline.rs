@@ -210,6 +210,21 @@ pub trait PlanModel: Send {
     /// The network fails.
     fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
 
+    /// Fills `next`, `[N, Z]`, with what follows `latents`, `[N, Z]`, under `actions`, `[N, D]`, as [`PlanModel::predict`] does, and
+    /// `gradient`, `[N, D]`, with the derivative of Σ ‖next − target‖² with respect to the actions; `targets` are `[N, Z]`.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
+    fn step_toward(
+        &mut self,
+        latents: &[f32],
+        actions: &[f32],
+        targets: &[f32],
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), BaselineError>;
+
     /// Fills `states`, `[B, S, H, Z]`, with the latents that follow the prepared observations under candidates, `[B, S, H, D]`.
     ///
     /// # Errors

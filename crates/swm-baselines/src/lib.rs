@@ -54,6 +54,7 @@ mod plan;
 mod plane;
 mod precision;
 mod reading;
+pub mod reproduce;
 pub mod train;
 mod weights;
 

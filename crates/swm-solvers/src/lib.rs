@@ -90,6 +90,7 @@ mod entry;
 mod error;
 mod executed;
 mod learned;
+mod lifted;
 #[cfg(feature = "faer")]
 mod matrix;
 pub mod models;
@@ -107,6 +108,7 @@ mod simulator;
 mod solver;
 mod solvers;
 mod space;
+mod steps;
 pub mod testing;
 mod trace;
 mod workspace;
@@ -129,12 +131,13 @@ pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{Solver, SolverConfig};
 pub use solvers::{
-    Adam, AdamW, CategoricalCem, Cem, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd, PredictiveSampling,
-    SOLVERS, Select, Sgd, TemperatureMode,
+    Adam, AdamW, CategoricalCem, Cem, Grasp, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd,
+    PredictiveSampling, SOLVERS, Select, Sgd, Sync, TemperatureMode,
 };
 #[cfg(feature = "faer")]
 pub use solvers::{CmaEs, FullCem, Ilqr};
 pub use space::{categories, largest, plan_dim};
+pub use steps::{StateSteps, StepBatch};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanPaths, PlanRecord, Records,
     Trace, TracedIteration, TracedPlan, stops_at_success,

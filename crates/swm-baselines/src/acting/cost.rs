@@ -1,12 +1,16 @@
 //! A trained world model as the cost of plans: how far from the goal the model says a plan ends.
 
 use serde_json::{Map, Value as Json, json};
-use swm_solvers::{ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
+use swm_solvers::{
+    ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext, StateSteps,
+    StepBatch,
+};
 
 use super::canonical::{CANONICAL, canonicalizer};
 use super::planning::PlanningTable;
 use super::proposal::Proposal;
 use crate::baseline::{Baseline, Canonicalizer, PlanModel};
+use crate::data::Observations;
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
 
@@ -212,6 +216,10 @@ impl Cost for ModelCost {
         Some(self)
     }
 
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        Some(self)
+    }
+
     fn history_fields(&self) -> Vec<String> {
         self.copies[0].table.fields()
     }
@@ -237,6 +245,40 @@ impl Cost for ModelCost {
 /// A checkpoint by name, step and the beginning of the weights' hash.
 pub(super) fn described(name: &str, step: u64, weights: &str) -> String {
     format!("{name}@{step}#{}", weights.get(..12).unwrap_or(weights))
+}
+
+/// Latents are the states: of the newest observation, and of the goal. A step sees nothing of what was before.
+impl StateSteps for ModelCost {
+    fn state_dim(&mut self) -> usize {
+        self.copies[0].model.latent_dim()
+    }
+
+    fn ends(&mut self, starts: &mut [f32], goals: &mut [f32]) -> Result<(), PlanError> {
+        let dim = self.state_dim();
+        let mut latents = Vec::new();
+        for Copy { model, table, rows, .. } in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            for (seen, out) in table.present_and_goals().iter().zip([&mut *starts, &mut *goals]) {
+                latents.clear();
+                latents.resize(rows.len() * dim, 0.0);
+                let seen = Observations { pixels: seen.pixels(), proprio: seen.proprio() };
+                model.encode(&seen, &mut latents)?;
+                for (&row, latent) in rows.iter().zip(latents.chunks_exact(dim)) {
+                    out[row * dim..][..dim].copy_from_slice(latent);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn step_toward(
+        &mut self,
+        steps: &StepBatch<'_>,
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let StepBatch { candidates, states, targets } = steps;
+        Ok(self.copies[0].model.step_toward(states, candidates.actions, targets, next, gradient)?)
+    }
 }
 
 impl DifferentiableCost for ModelCost {

@@ -224,6 +224,17 @@ impl Import {
     }
 }
 
+/// The folder of a repository, `USER/REPO@REVISION`, in a local cache.
+pub(crate) fn cached(repository: &str) -> Result<Option<PathBuf>, TaskError> {
+    cache::look(repository)
+}
+
+/// The file of weights of a checkpoint.
+pub(crate) fn weights_of(from: &str, file: Option<&str>) -> Result<PathBuf, TaskError> {
+    let found = source::find(from, file)?.weights;
+    found.ok_or_else(|| Message::about("checkpoint", from, "holds no weights").into())
+}
+
 /// What the work met.
 fn failed(error: BaselineError) -> TaskError {
     TaskError::Failed(Box::new(error))

@@ -4,9 +4,11 @@
 mod canonical;
 mod dot;
 mod foreign;
+mod grasp;
 mod idm;
 mod keypoints;
 mod refusals;
+mod reproduce;
 
 use std::path::Path;
 

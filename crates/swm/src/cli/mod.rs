@@ -43,6 +43,7 @@ mod render;
 mod replay;
 mod report;
 mod reporter;
+mod reproduce;
 mod robustness;
 mod scenario;
 mod solvers;
@@ -135,6 +136,7 @@ enum Command {
     Import(Box<import::Import>),
     Export(export::Export),
     Zoo(zoo::Zoo),
+    Reproduce(Box<reproduce::ReproduceCommand>),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -216,6 +218,7 @@ impl Command {
             Self::Quality(command) => command.threads,
             Self::Train(command) => command.threads,
             Self::Plan(command) => command.threads,
+            Self::Reproduce(command) => command.threads,
             Self::Render(command) => command.threads,
             _ => ThreadsArg::default(),
         }
@@ -258,6 +261,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
         Command::Zoo(command) => command.run(output),
+        Command::Reproduce(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),
@@ -331,6 +335,7 @@ mod tests {
             "train",
             "plan",
             "render",
+            "reproduce",
         ];
         each(&Cli::command(), "", &mut |name, command| {
             let threads = command.get_arguments().any(|argument| argument.get_long() == Some("threads"));
