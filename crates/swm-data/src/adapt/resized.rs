@@ -3,15 +3,18 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use swm_core::{Dtype, Field, ImageSize, Metadata, Schema, SliceMut};
 
 use super::area::Area;
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// How images get a size of another shape.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Fit {
     /// Height and width by factors of their own.
     Stretch,
@@ -196,13 +199,7 @@ impl Dataset for Resized {
         Box::new(Self { inner: self.inner.share(), info, changes, stored: Vec::new() })
     }
 
-    fn check_whole(&mut self) -> Result<(), DataError> {
-        self.inner.check_whole()
-    }
-
-    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        self.inner.check_episode(episode)
-    }
+    of_inner!(checks);
 }
 
 #[cfg(test)]
