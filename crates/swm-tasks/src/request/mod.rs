@@ -6,6 +6,7 @@
 
 mod board;
 mod bundle;
+mod copies;
 mod defaults;
 mod entrant;
 mod evaluate;
@@ -20,6 +21,7 @@ mod shard;
 mod source;
 mod stream;
 mod training_note;
+mod verify;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
@@ -28,6 +30,7 @@ use swm_core::settings::{Settings, read_of};
 
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
+pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
 pub use entrant::{Foreign, RunOn};
 pub use evaluate::{Evaluate, Evaluated, Needs};
@@ -44,6 +47,7 @@ pub use source::{
     open_dataset_with,
 };
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
+pub use verify::{Verified, Verify};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {
