@@ -15,7 +15,7 @@ use swm_data::adapt::{Fit, Resized, Watched};
 use swm_data::format::StoredImages;
 use swm_data::tools::alike::rate_doubt;
 use swm_data::tools::copy::{self, Piece, copy_in, is_same};
-use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered, WriteMode, WriteOptions};
+use swm_data::{DataError, Dataset, LastRow, OpenOptions, RenderOptions, Rendered, WriteMode, WriteOptions};
 
 use super::report::apart;
 use super::{
@@ -57,6 +57,10 @@ swm_core::settings! {
         ///
         /// Needed where `image_size` has another shape than they have.
         fit: Option<Fit> = None => "images are not resized",
+        /// What becomes of the last row of an episode, which has no action: left out of the tables, or kept.
+        ///
+        /// Acts in `lerobot`, whose users train on every row of a table. A row that is left out is beside the tables, and read back.
+        last_row: Option<LastRow> = None => "drop in `lerobot`",
         /// Replace an existing dataset.
         ///
         /// Without it, a dataset that holds the first episodes of this copy is continued, and anything else is refused.
@@ -144,7 +148,7 @@ impl CopyOptions {
     fn options(&self) -> WriteOptions {
         let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
         let options = WriteOptions::default().mode(mode).frames_per_second(self.fps);
-        options.quality(self.quality).key_frame_period(self.key_frames)
+        options.quality(self.quality).key_frame_period(self.key_frames).last_row(self.last_row)
     }
 
     /// Opens a source of a copy to `to`, with the images that the copy shall have.
