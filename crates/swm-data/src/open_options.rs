@@ -43,7 +43,7 @@ pub struct OpenOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift: Option<u8>,
     /// A folder for decoded values of compressed archives that are too large for memory. They are removed when the dataset is closed.
-    #[serde(skip_serializing)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub storage: Option<PathBuf>,
 }
 
@@ -86,15 +86,17 @@ impl FromStr for Flip {
 }
 
 impl OpenOptions {
-    /// Those that a dataset was opened with, but for `storage`.
+    /// Those that a dataset was opened with.
     #[must_use]
     pub fn of(info: &DatasetInfo) -> Self {
         serde_json::from_value(Json::Object((*info.opening).clone())).unwrap_or_default()
     }
 
-    /// The options that are given, by name, for whoever opens the same again; without `storage`, which is of one machine.
+    /// The options that are given, by name, for whoever opens the same again on this machine.
     pub(crate) fn record(&self) -> Map<String, Json> {
-        match serde_json::to_value(self) {
+        let absolute = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        let storage = self.storage.as_ref().map(absolute);
+        match serde_json::to_value(Self { storage, ..self.clone() }) {
             Ok(Json::Object(given)) => given,
             _ => Map::new(),
         }

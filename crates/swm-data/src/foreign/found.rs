@@ -46,6 +46,8 @@ pub(crate) fn source_record(
     }
     metadata.settings = options.env_options.clone();
     metadata.rows_per_second = options.fps.or(fps);
+    // A folder of one machine says nothing about the data.
+    let options = OpenOptions { storage: None, ..options.clone() };
     metadata.source = Some(json!({ "format": format, "columns": mapping, "options": options }));
     metadata
 }
