@@ -11,6 +11,7 @@ use super::area::Area;
 use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
+use crate::open_options::OpenOptions;
 
 /// How images get a size of another shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -153,6 +154,12 @@ impl Resized {
         }
         info.runs = runs.into();
         Ok(Self { inner, info, changes: changes.into(), stored: Vec::new() })
+    }
+
+    /// The same with the record of the options that it was opened with.
+    pub(crate) fn opened_with(mut self, options: &OpenOptions) -> Self {
+        self.info.opening = Arc::new(options.record());
+        self
     }
 }
 
