@@ -59,7 +59,7 @@ pub mod tools;
 pub mod video;
 
 pub use buffer::{ReplayBuffer, Sampler};
-pub use dataset::{Dataset, DatasetInfo, DatasetWriter, Steps, WriteMode, WriteOptions};
+pub use dataset::{Dataset, DatasetInfo, DatasetWriter, LastRow, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
 pub use format::{FORMATS, Format, create, create_in, create_with, open, open_in, open_with};
 pub use loader::{BatchOptions, ClipOptions, Loader};

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use swm_core::{Column, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps, copy_rows};
+use super::inner::of_inner;
+use crate::dataset::{Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// A dataset some of whose columns are held in memory.
@@ -57,9 +58,7 @@ impl Cached {
 }
 
 impl Dataset for Cached {
-    fn info(&self) -> &DatasetInfo {
-        self.inner.info()
-    }
+    of_inner!(info, looks, checks);
 
     fn rows(
         &mut self,
@@ -74,10 +73,6 @@ impl Dataset for Cached {
         let steps = Steps { first: self.held.first[episode] + steps.first, ..steps };
         copy_rows(values.as_slice(), self.info().field(column).dim(), steps, out);
         Ok(())
-    }
-
-    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
-        self.inner.dress(key)
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Column, EnvConfig, Field, FieldKind, Registry, Schema, SliceMut, Value};
 
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
@@ -59,9 +60,7 @@ impl Dataset for Constants {
         Ok(())
     }
 
-    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
-        self.inner.dress(key)
-    }
+    of_inner!(looks, checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, info, values } = self;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
@@ -120,9 +121,7 @@ impl Dataset for Joined {
         Ok(())
     }
 
-    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
-        self.inner.dress(key)
-    }
+    of_inner!(looks, checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let (info, parts) = (self.info.clone(), self.parts.clone());

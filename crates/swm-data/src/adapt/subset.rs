@@ -98,6 +98,14 @@ impl Dataset for Subset {
         self.inner.dress(key)
     }
 
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        self.inner.check_whole()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        self.inner.check_episode(self.episodes[episode])
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, episodes, info } = self;
         Box::new(Self { inner: inner.share(), episodes: episodes.clone(), info: info.clone() })

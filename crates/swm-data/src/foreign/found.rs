@@ -73,6 +73,8 @@ pub(crate) fn source_record(
     }
     metadata.settings = options.env_options.clone();
     metadata.rows_per_second = options.fps.or(fps);
+    // A folder of one machine says nothing about the data.
+    let options = OpenOptions { storage: None, ..options.clone() };
     let mut source = json!({ "format": format, "columns": mapping, "options": options });
     if rewards == Some(RewardsAt::Actions) {
         source[REWARDS] = ACTION.into();

@@ -54,6 +54,11 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Option<Result<Box<dyn 
     Some((reader.open)(path, options))
 }
 
+/// Whether there is a dataset of another program that is read, by its content.
+pub(crate) fn detect(path: &Path) -> bool {
+    READERS.iter().any(|reader| (reader.detect)(path))
+}
+
 /// A name as it is sorted by people: `demo_10` follows `demo_9`.
 fn natural(name: &str) -> Vec<(String, u64)> {
     let mut parts = Vec::new();

@@ -285,7 +285,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 fn fix(field: &Field) -> &'static str {
     // Recordings without images have the states that images are rendered from.
     match begun::is_image(field) || field.name == CHECKPOINT {
-        true => "; `swm merge … --image-size HEIGHTxWIDTH` renders images for all sources",
+        true => "; `image_size` renders images for all sources",
         false => "",
     }
 }

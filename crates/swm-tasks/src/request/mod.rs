@@ -7,6 +7,7 @@
 mod board;
 mod bundle;
 mod clear;
+mod copies;
 mod defaults;
 mod divided;
 mod entrant;
@@ -26,6 +27,7 @@ mod source;
 mod stream;
 mod sweep;
 mod training_note;
+mod verify;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
@@ -34,6 +36,7 @@ use swm_core::settings::{Settings, read_of};
 
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
+pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
 pub use divided::{Divided, Needs};
 pub use entrant::{Foreign, RunOn, verify_foreign};
@@ -47,7 +50,7 @@ pub use policy::{make_policy, model_image, note_elites, note_images, policy_args
 pub use record::{Count, Record, Recorded};
 pub use render::{EpisodeImages, Render};
 pub use report::{Progress, Report, Stage};
-pub use scenario::{Scenario, factor_values};
+pub use scenario::{Scenario, factor_values, look_of};
 pub use shard::Shard;
 pub use source::{
     ManifestSource, check_opening, check_recorded_in, create_parent, make_folder, open_dataset,
@@ -55,6 +58,7 @@ pub use source::{
 };
 pub use sweep::{Sweep, Swept};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
+pub use verify::{Verified, Verify};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {

@@ -150,6 +150,31 @@ pub(super) fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors
     Message { setting: Some(setting), text, fix }
 }
 
+/// The values of `set`, by the names of factors of the environment that a dataset was recorded in, for images that are rendered anew.
+///
+/// # Errors
+///
+/// The dataset does not say how it was recorded, its environment cannot be made, or has no such factor or value.
+pub fn look_of(
+    dataset: &dyn Dataset,
+    registry: &Registry,
+    set: &Map<String, Json>,
+    report: &mut dyn Report,
+) -> Result<BTreeMap<String, Value>, TaskError> {
+    if set.is_empty() {
+        return Ok(BTreeMap::new());
+    }
+    let path = dataset.path().display();
+    let Some(metadata) = dataset.metadata().and_then(Metadata::of_known_env) else {
+        let text = format!("{path} does not say how it was recorded, so that its images cannot be rendered anew");
+        return Err(Message::about("set", set.clone(), text).fix(Fix::Leave("set")).into());
+    };
+    let entry = env_named(registry, &metadata.env, &format!("{path} was recorded in")).map_err(wrong)?;
+    let config = EnvConfig { image: None, settings: metadata.settings.clone() };
+    let factors = entry.make(&config).map_err(failed)?.spec().factors.clone();
+    factor_values(set, entry, &factors, report)
+}
+
 /// Values of factors. What the environment cannot take, it refuses itself.
 ///
 /// # Errors

@@ -1,6 +1,5 @@
 //! `swm preview`: images of a dataset's episodes, as a sheet or a video.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -76,7 +75,7 @@ impl Preview {
             None => None,
         };
         if let Some(size) = size {
-            dataset = images::rendered(dataset, registry, size, BTreeMap::new())?;
+            dataset = images::rendered(dataset, registry, size)?;
         }
         let column = dataset.schema().require(&self.column).map_err(usage)?;
         let field = dataset.schema().fields()[column].clone();

@@ -32,7 +32,7 @@ impl ScenarioArgs {
 }
 
 /// Reads `--set NAME=VALUE` options.
-fn set(options: &[String], output: &Output) -> Result<Map<String, Json>, Failure> {
+pub(super) fn set(options: &[String], output: &Output) -> Result<Map<String, Json>, Failure> {
     let mut values = Map::new();
     for option in options {
         let (name, text) = assignment(option, "--set")?;

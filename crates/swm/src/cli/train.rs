@@ -121,6 +121,12 @@ pub(super) struct Train {
     /// Rows of an episode that ran into its time limit, where a file of D4RL does not mark these.
     #[arg(long, value_name = "N", help_heading = OTHERS)]
     dataset_max_steps: Option<usize>,
+    /// Resize the dataset's images, by area, when they are read: HEIGHTxWIDTH. Needed where they are not square.
+    #[arg(long, value_name = "SIZE", help_heading = OTHERS)]
+    image_size: Option<super::args::ImageArg>,
+    /// How: `stretch` them, `crop` their middle, or `pad` them with black. Needed where --image-size has another shape than theirs.
+    #[arg(long, value_name = "HOW", requires = "image_size", help_heading = OTHERS)]
+    fit: Option<swm_data::adapt::Fit>,
 }
 
 /// Where help lists what is about datasets of other programs.
@@ -171,10 +177,11 @@ impl Train {
     fn opening(&self) -> Result<swm_data::OpenOptions, super::Failure> {
         let options = self.opening.options()?;
         let options = options.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
+        let options = options.image_size(self.image_size.and_then(|size| size.0)).fit(self.fit);
         let Some(&option) = options.given().first() else { return Ok(options) };
         let option = match option {
             "split" | "max_steps" => format!("dataset-{}", option.replace('_', "-")),
-            option => option.to_owned(),
+            option => option.replace('_', "-"),
         };
         let reason = match () {
             () if self.resume.is_some() => {
@@ -265,6 +272,8 @@ mod work {
                 opening: _,
                 dataset_split: _,
                 dataset_max_steps: _,
+                image_size: _,
+                fit: _,
             } = self;
             Err(not_built())
         }

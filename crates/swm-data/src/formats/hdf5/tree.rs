@@ -16,7 +16,7 @@ use super::layout::element_of;
 use super::members::foreign_part;
 use super::reader::{MAX_ROW_BYTES, open_library};
 use super::storage::{ColumnStorage, Scratch};
-use super::{library, superblock};
+use super::superblock;
 use crate::dataset::Steps;
 use crate::error::{DataError, FormatError, Result, invalid, unsupported};
 use crate::formats::element::Element;
@@ -143,14 +143,8 @@ impl Tree {
         if let Some(row) = storage.first_row_behind(self.length).filter(|&row| row < rows) {
             return Err(invalid(format!("it was cut short: row {row} lies behind its end")));
         }
-        match element {
-            Element::FixedText(_) if storage.is_by_library() => {
-                return Err(unsupported("compressed text of fixed length is not read"));
-            }
-            Element::Text | Element::AsciiText if storage.is_by_library() && rows > 0 => {
-                return Err(unsupported(library::TEXT));
-            }
-            _ => {}
+        if let Some(reason) = storage.unread_text(rows) {
+            return Err(unsupported(reason));
         }
         Ok(Table { field, rows, storage, file: self.file.clone() })
     }

@@ -25,8 +25,16 @@ _PRIVATE = (
     "wandb", "mlruns", "mlartifacts", "mlflow.db", "tensorboard", "track.json", "__pycache__",
 )  # fmt: skip
 
-# What describes arrays of Zarr begins with a dot, too.
-ZARR: frozenset[str] = frozenset({".zarray", ".zgroup", ".zattrs", ".zmetadata"})
+# What a recording keeps for itself: locks, drafts.
+_PRIVATE_DATA = (".*", "*.lock", "new-*")
+
+# Of the files that begin with a dot, these describe arrays of Zarr and are part of a dataset.
+_ZARR = (".zarray", ".zgroup", ".zattrs", ".zmetadata")
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder is no part of a model or dataset, by its dot."""
+    return name.startswith(".") and name not in _ZARR
 
 
 def save_model(
@@ -147,8 +155,7 @@ def _ignored(folder: str, names: list[str]) -> list[str]:
 
 
 def _ignored_data(folder: str, names: list[str]) -> list[str]:
-    hidden = [name for name in names if name.startswith(".") and name not in ZARR]
-    return [*hidden, *(name for name in names if fnmatch(name, "*.lock") or fnmatch(name, "new-*"))]
+    return [name for name in names if name not in _ZARR and any(fnmatch(name, pattern) for pattern in _PRIVATE_DATA)]
 
 
 def _license(license: str) -> str:
