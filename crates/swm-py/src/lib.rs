@@ -7,6 +7,7 @@
 
 mod arrays;
 mod bundles;
+mod copies;
 mod cost;
 mod dataset;
 mod errors;
@@ -40,6 +41,7 @@ use pyo3::prelude::*;
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     bundles::add(m)?;
+    copies::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
