@@ -4,7 +4,8 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm::tasks::request::{
-    Evaluate, MakeManifest, Measure, Plan, Record, Render, Request as _, Sweep, value_text,
+    Convert, Evaluate, MakeManifest, Measure, Merge, Plan, Record, Render, Request as _, Split, Sweep,
+    Verify, value_text,
 };
 
 use crate::support::{Folder, swm_fails, swm_json, swm_ok};
@@ -30,10 +31,24 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
                 words.extend(each.iter().map(assignment).flat_map(|one| [option.clone(), one]));
             }
             ("image_size", Json::Null) => words.extend([option, "none".to_owned()]),
+            // What is named by its place.
+            ("source" | "dataset" | "target", path) => words.insert(place(&words), value_text(path)),
+            ("sources", Json::Array(each)) => words.splice(0..0, each.iter().map(value_text)).for_each(drop),
+            ("opening", Json::Object(each)) => {
+                for (name, value) in each {
+                    words.extend([format!("--{}", name.replace('_', "-")), value_text(value)]);
+                }
+            }
+            (_, Json::Bool(true)) => words.push(option),
             (_, value) => words.extend([option, value_text(value)]),
         }
     }
     words
+}
+
+/// Where the next word without an option belongs.
+fn place(words: &[String]) -> usize {
+    words.iter().position(|word| word.starts_with("--")).unwrap_or(words.len())
 }
 
 /// Runs the command for a request.
@@ -215,6 +230,103 @@ fn measures_of_a_model_are_the_same_from_the_request_and_the_command() {
     }
 }
 
+/// Recordings to copy: two of one kind, one of other images, the first of two parts.
+fn recordings(folder: &Folder) -> String {
+    for (name, more) in [
+        ("a.h5", "--episodes 3 --image-size 20x20 --vary agent.color --seed 1"),
+        ("b.h5", "--episodes 2 --image-size 20x20 --seed 2"),
+        ("small.h5", "--episodes 1 --image-size 8x8 --seed 3"),
+        ("part1.h5", "--total 4 --shard 1/2 --image-size 20x20"),
+    ] {
+        let out = folder.path(name);
+        let collect = format!("collect swm/PushT-v1 --policy weak --max-steps 6 --quiet {more} --out {out}");
+        swm_ok(&collect.split(' ').collect::<Vec<_>>());
+    }
+    folder.path("a.h5").trim_end_matches("/a.h5").to_owned()
+}
+
+/// The bytes of a file, or of all files of a folder by their names.
+fn content(path: &str) -> Vec<(String, Vec<u8>)> {
+    let path = std::path::Path::new(path);
+    if path.is_file() {
+        return vec![(String::new(), std::fs::read(path).unwrap())];
+    }
+    let mut all = Vec::new();
+    for entry in std::fs::read_dir(path).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        let inner = content(&entry.path().display().to_string());
+        all.extend(inner.into_iter().map(|(below, bytes)| (format!("{name}/{below}"), bytes)));
+    }
+    all.sort();
+    all
+}
+
+/// The requests of a table on recordings and datasets of other programs.
+fn copies(text: &str, data: &str) -> Vec<Map<String, Json>> {
+    let field = crate::support::root().join("tests/golden/field").display().to_string();
+    table(&text.replace("FIELD", &field), data)
+}
+
+#[test]
+fn a_copy_is_the_same_from_the_request_and_the_command() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    let data = recordings(&folder);
+    let check = |command: &str, out: &str, request: &Map<String, Json>, make: &dyn Fn(&Map<String, Json>)| {
+        let to = |path: &str| {
+            let mut request = request.clone();
+            request.insert(out.to_owned(), path.into());
+            request
+        };
+        let [value, words] = ["value", "command"].map(|by| folder.path(&format!("{by}-{{}}.h5")));
+        make(&to(&value));
+        run(&[command, "--quiet"], &to(&words));
+        let written: Vec<String> = ["{}", "train", "val", "a", "b"].map(str::to_owned).to_vec();
+        let mut compared = 0;
+        for part in written {
+            let [one, other] = [&value, &words].map(|path| path.replace("{}", &part));
+            if !std::path::Path::new(&one).exists() {
+                continue;
+            }
+            assert!(content(&one) == content(&other), "{command} {request:?}, {part}");
+            for path in [one, other] {
+                let is_file = std::path::Path::new(&path).is_file();
+                if is_file { std::fs::remove_file(path) } else { std::fs::remove_dir_all(path) }.unwrap();
+            }
+            compared += 1;
+        }
+        assert!(compared > 0, "{command} {request:?} wrote nothing");
+    };
+    for request in copies(include_str!("../requests/convert.json"), &data) {
+        check("convert", "target", &request, &|asked| {
+            Convert::from_json(asked).unwrap().run(&registry, &mut ()).unwrap();
+        });
+    }
+    for request in copies(include_str!("../requests/merge.json"), &data) {
+        check("merge", "out", &request, &|asked| {
+            Merge::from_json(asked).unwrap().run(&registry, &mut ()).unwrap();
+        });
+    }
+    for request in copies(include_str!("../requests/split.json"), &data) {
+        check("split", "out", &request, &|asked| {
+            Split::from_json(asked).unwrap().run(&registry, &mut ()).unwrap();
+        });
+    }
+}
+
+#[test]
+fn a_verification_is_the_same_from_the_request_and_the_command() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    let data = recordings(&folder);
+    for request in copies(include_str!("../requests/verify.json"), &data) {
+        let made = Verify::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
+        let words = words(&request);
+        let told =
+            swm_json(&[&["verify"], &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+        assert_eq!(serde_json::to_value(&made).unwrap(), told, "{request:?}");
+    }
+}
+
 /// A receipt without its wall time.
 fn without_time(receipt: &str) -> String {
     assert_eq!(receipt.matches("\"wall_time_s\"").count(), 1);
@@ -238,6 +350,23 @@ fn the_command_words_a_remedy_as_options() {
         ("--vary agent.colr", "did you mean `agent.color`?; `swm fovs swm/PushT-v1` lists them"),
     ] {
         let said = make(more).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(said.contains(message), "{said}");
+    }
+    let data = recordings(&folder);
+    for (line, message) in [
+        ("convert a.h5 a.h5", "the one to write; give another target"),
+        ("convert a.h5 b.h5", "or --overwrite to replace it"),
+        ("merge a.h5 small.h5 --out c.h5", "give --image-size 20x20 for images of one size"),
+        ("split a.h5 --out c.h5", "--out c.h5: write `{}`"),
+        ("convert a.h5 c.h5 --key-frames 5", "--key-frames: the format `hdf5` has no videos"),
+    ] {
+        let words = line.split(' ').map(|word| match word {
+            "a.h5" | "b.h5" | "small.h5" => format!("{data}/{word}"),
+            word => word.to_owned(),
+        });
+        let words: Vec<String> = words.collect();
+        let said = swm_fails(2, &words.iter().map(String::as_str).collect::<Vec<_>>());
+        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(said.contains(message), "{said}");
     }
 }

@@ -9,7 +9,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use swm::core::evaluate::check_fit;
 use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, SliceMut};
-use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset};
+use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset, Watched};
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
     DataError, Dataset, DatasetInfo, Looks, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps,
@@ -346,16 +346,14 @@ impl Reader {
     ) -> PyResult<String> {
         let mut options = StatisticsOptions { keys, ..StatisticsOptions::default() };
         options.quantiles = quantiles.unwrap_or(options.quantiles);
-        let mut dataset = self.watched(py)?;
-        let cancel = dataset.cancel.clone();
+        let (mut dataset, cancel) = self.watched(py)?;
         let computed = interruptible(py, &cancel, || Statistics::compute(&mut dataset, &options))?;
         serde_json::to_string(&computed.or_raise()?).map_err(|error| DataFault::new_err(error.to_string()))
     }
 
     /// Reads everything and compares it with its checksums: the report as JSON.
     fn verify(&self, py: Python<'_>) -> PyResult<String> {
-        let mut dataset = self.watched(py)?;
-        let cancel = dataset.cancel.clone();
+        let (mut dataset, cancel) = self.watched(py)?;
         let report =
             interruptible(py, &cancel, || swm::data::tools::verify::verify(&mut dataset, &mut |_| {}))?;
         serde_json::to_string(&report).map_err(|error| DataFault::new_err(error.to_string()))
@@ -369,71 +367,15 @@ fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> 
 
 impl Reader {
     /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
-    fn factor_values(&self, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
-        let given = json_map(text)?;
-        if given.is_empty() {
-            return Ok(BTreeMap::new());
-        }
-        let run = self.info.runs.first().map(|(_, run)| run).and_then(Metadata::of_known_env);
-        let Some(run) = run else {
-            let path = self.info.path.display();
-            return Err(SwmError::new_err(format!(
-                "{path} does not say how it was recorded, and has no factors to set"
-            )));
-        };
-        let entry = registry().env(&run.env).or_raise()?;
-        let config = EnvConfig { image: None, settings: run.settings.clone() };
-        let factors = entry.make(&config).or_raise()?.spec().factors.clone();
-        swm::tasks::request::factor_values(&given, entry, &factors, &mut ()).or_raise()
+    fn factor_values(&self, py: Python<'_>, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
+        let dataset = self.share(py)?;
+        swm::tasks::request::look_of(dataset.as_ref(), &registry(), &json_map(text)?, &mut ()).or_raise()
     }
 
-    /// A handle that stops reading when it is cancelled.
-    pub(crate) fn watched(&self, py: Python<'_>) -> PyResult<Watched> {
-        Ok(Watched { dataset: self.share(py)?, cancel: Cancel::new() })
-    }
-}
-
-/// A dataset whose reading can be stopped from another thread.
-pub(crate) struct Watched {
-    pub(crate) dataset: Box<dyn Dataset>,
-    pub(crate) cancel: Cancel,
-}
-
-impl Dataset for Watched {
-    fn info(&self) -> &DatasetInfo {
-        self.dataset.info()
-    }
-
-    fn rows(
-        &mut self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        out: SliceMut<'_>,
-    ) -> Result<(), DataError> {
-        if self.cancel.is_cancelled() {
-            return Err(DataError::request(self.path(), "reading was interrupted"));
-        }
-        self.dataset.rows(column, episode, steps, out)
-    }
-
-    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
-        self.dataset.dress(key)
-    }
-
-    fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { dataset: self.dataset.share(), cancel: self.cancel.clone() })
-    }
-
-    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        if self.cancel.is_cancelled() {
-            return Err(DataError::request(self.path(), "reading was interrupted"));
-        }
-        self.dataset.check_episode(episode)
-    }
-
-    fn check_whole(&mut self) -> Result<(), DataError> {
-        self.dataset.check_whole()
+    /// A handle that stops reading when the flag is set, and the flag.
+    fn watched(&self, py: Python<'_>) -> PyResult<(Watched, Cancel)> {
+        let cancel = Cancel::new();
+        Ok((Watched::new(self.share(py)?, cancel.clone()), cancel))
     }
 }
 

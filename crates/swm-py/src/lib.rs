@@ -7,6 +7,7 @@
 
 mod arrays;
 mod bundles;
+mod copies;
 mod cost;
 mod dataset;
 mod errors;
@@ -42,6 +43,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("HAS_TRAINING", cfg!(feature = "baselines"))?;
     bundles::add(m)?;
+    copies::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;

@@ -10,14 +10,30 @@ pub(crate) struct Arguments {
     pub(crate) request: &'static str,
 }
 
-/// Settings that keep their name in a request, whatever the others call them.
-const KEPT: &[(&str, &str)] = &[("board", "out"), ("bundle", "out"), ("evaluate", "out"), ("sweep", "out")];
+/// Settings that have a name of their own in a request, whatever the others call them.
+const OF_REQUEST: &[(&str, &str, &str)] = &[
+    ("board", "out", "out"),
+    ("bundle", "out", "out"),
+    ("convert", "image_size", "image_size"),
+    ("convert", "target", "dest"),
+    ("evaluate", "out", "out"),
+    ("merge", "image_size", "image_size"),
+    ("merge", "out", "dest"),
+    ("split", "image_size", "image_size"),
+    ("split", "out", "out"),
+    ("sweep", "out", "out"),
+    ("verify", "dataset", "source"),
+];
+
+/// Requests whose `overwrite` is a mode of writing here.
+const COPIES: &[&str] = &["convert", "merge", "split"];
 
 /// Settings that have another name here.
 const NAMES: &[(&str, &str)] = &[
     ("distractor", "distractors"),
     ("env", "env_name"),
     ("image_size", "image_shape"),
+    ("key_frames", "key_frame_period"),
     ("max_steps", "max_episode_steps"),
     ("out", "path"),
     ("reference", "references"),
@@ -27,9 +43,13 @@ const NAMES: &[(&str, &str)] = &[
 
 impl Words for Arguments {
     fn setting(&self, name: &str, value: Option<&Json>) -> String {
-        let is_kept = KEPT.contains(&(self.request, name));
-        let here = NAMES.iter().find(|(core, _)| *core == name && !is_kept).map_or(name, |(_, here)| *here);
+        let own = OF_REQUEST.iter().find(|(request, core, _)| (*request, *core) == (self.request, name));
+        let other = || NAMES.iter().find(|(core, _)| *core == name).map_or(name, |(_, here)| *here);
+        let here = own.map_or_else(other, |(.., here)| *here);
         match (name, value) {
+            ("overwrite", Some(Json::Bool(true))) if COPIES.contains(&self.request) => {
+                "mode=\"overwrite\"".to_owned()
+            }
             // Settings of the environment are arguments of their own.
             ("env_option", Some(Json::Object(settings))) => {
                 let each = settings.iter().map(|(name, value)| format!("{name}={}", literal(value)));
@@ -82,7 +102,6 @@ const WORDS: &[(&str, &str)] = &[
     ("give --image-size none", "make the World with add_pixels=False"),
     ("give --image-size ", "make the World with images of "),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
-    ("`--fps ", "`swm-rs convert` or `swm-rs merge` with `--fps "),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 

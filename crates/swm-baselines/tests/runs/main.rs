@@ -418,3 +418,27 @@ fn a_run_is_resumed_on_its_dataset_as_it_was_opened() {
     let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
     assert_eq!(resumed.run(Vec::new()).unwrap().step, 9);
 }
+
+/// An option of one machine is in the run, too, and not in the record of the data.
+#[test]
+fn a_run_on_decoded_values_is_resumed_with_the_folder_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let golden =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field/visual-cube-single-play-v0.npz");
+    let storage = folder.path().join("decoded");
+    std::fs::create_dir(&storage).unwrap();
+    let options = OpenOptions::default().storage(Some(storage.clone()));
+    let dataset = open_with(built_in(), &golden, &options).unwrap();
+    assert_eq!(dataset.metadata().unwrap().source.as_ref().unwrap()["options"], json!({}));
+    let mut new = new_run("lewm");
+    new.split.train = 0.5;
+    new.changes["model"]["frameskip"] = json!(1);
+    let path = folder.path().join("run");
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
+    assert_eq!(training.config().data.opening.storage, Some(storage.clone()));
+    training.run(vec![Box::new(BreakAt(4))]).unwrap_err();
+    drop((training, dataset));
+    let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+    assert_eq!(resumed.config().data.opening.storage, Some(storage));
+    assert!(resumed.run(Vec::new()).unwrap().step > 4);
+}

@@ -28,7 +28,7 @@ __all__ = [
     "collect",
     "compare_receipts",
     "contact_sheet",
-    "copy_datasets",
+    "convert_dataset",
     "dataset_formats",
     "detect_dataset",
     "divisors",
@@ -45,6 +45,7 @@ __all__ = [
     "make_bundle",
     "make_manifest",
     "manifest_json",
+    "merge_datasets",
     "receipt_differences",
     "receipt_json",
     "receipt_to_repeat",
@@ -55,8 +56,10 @@ __all__ = [
     "set_files",
     "set_zoo",
     "solvers",
+    "split_dataset",
     "sweep_json",
     "sweep_manifest",
+    "verify_dataset",
     "verify_receipt",
     "wilson95",
     "zoo_model",
@@ -253,6 +256,7 @@ class EpisodeWriter:
         quality: int | None = None,
         fps: float | None = None,
         key_frame_period: int | None = None,
+        last_row: str | None = None,
     ) -> EpisodeWriter: ...
     def write_episode(self, columns: Sequence[tuple[str, Any]], constant: Sequence[str] = ...) -> None: ...
     def finish(self) -> None: ...
@@ -285,16 +289,9 @@ def collect(
 ) -> tuple[str, list[str]]: ...
 def compare_receipts(sides: Sequence[tuple[str, Sequence[str]]]) -> str: ...
 def contact_sheet(frames: npt.NDArray[np.uint8]) -> bytes: ...
-def copy_datasets(
-    readers: Sequence[Reader],
-    to: _Path,
-    format: str | None = None,
-    mode: str = "append",
-    quality: int | None = None,
-    fps: float | None = None,
-    key_frame_period: int | None = None,
-    progress: Callable[..., Any] | None = None,
-) -> tuple[int, int, int]: ...
+def convert_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def divisors(
     centers: npt.NDArray[np.float64], scales: npt.NDArray[np.float64], absolute: float
 ) -> npt.NDArray[np.float64]: ...
@@ -335,6 +332,9 @@ def make_board(request: str, begin: Callable[[str, int], None] | None = None, ti
 def make_bundle(request: str) -> tuple[str, list[str]]: ...
 def make_manifest(request: str) -> tuple[str, str, list[str]]: ...
 def manifest_json(path: _Path) -> tuple[str, str]: ...
+def merge_datasets(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def receipt_differences(first: str, this: str) -> str: ...
 def receipt_json(path: _Path) -> str: ...
 def receipt_to_repeat(path: _Path) -> str: ...
@@ -355,6 +355,9 @@ def set_files(
 ) -> None: ...
 def set_zoo(folders: Sequence[_Path], advice: str) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
+def split_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def sweep_json(path: _Path) -> str: ...
 def sweep_manifest(
     request: str,
@@ -362,6 +365,9 @@ def sweep_manifest(
     begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
 ) -> tuple[str | None, list[str]]: ...
+def verify_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def verify_receipt(
     receipt: str,
     policy: tuple[str, _Given] | None = None,

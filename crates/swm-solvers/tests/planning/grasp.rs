@@ -6,7 +6,8 @@ use swm_solvers::models::{
     Stepwise,
 };
 use swm_solvers::{
-    Candidates, Cost, Descent, Grasp, NoTrace, Plan, PlanError, Problem, Sgd, Solver, StepBatch, Sync, Workspace,
+    Candidates, Cost, Descent, Grasp, NoTrace, Plan, PlanError, Problem, Sgd, Solver, StepBatch, Sync,
+    Workspace,
 };
 
 use crate::problems::{keys, problem, space};

@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value as Json, json};
 use swm_core::env::{nearest_factor, selects};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::{EnvEntry, FactorSpec, ResetOptions, Value};
+use swm_core::{EnvConfig, EnvEntry, FactorSpec, Metadata, Registry, ResetOptions, Value};
+use swm_data::Dataset;
+use swm_data::rendered::env_named;
 use swm_fov::color_values;
 
-use super::{Assignment, Fix, List, Message, Report, TaskError, value_text};
+use super::{Assignment, Fix, List, Message, Report, TaskError, failed, value_text, wrong};
 
 /// Which factors vary, which are set.
 #[derive(Clone, Copy, Debug)]
@@ -166,7 +168,8 @@ pub fn look_of(
     }
     let path = dataset.path().display();
     let Some(metadata) = dataset.metadata().and_then(Metadata::of_known_env) else {
-        let text = format!("{path} does not say how it was recorded, so that its images cannot be rendered anew");
+        let text =
+            format!("{path} does not say how it was recorded, so that its images cannot be rendered anew");
         return Err(Message::about("set", set.clone(), text).fix(Fix::Leave("set")).into());
     };
     let entry = env_named(registry, &metadata.env, &format!("{path} was recorded in")).map_err(wrong)?;

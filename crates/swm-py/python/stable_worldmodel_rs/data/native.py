@@ -80,6 +80,15 @@ class _Cached(Mapping[str, NDArray[Any]]):
         return len(self._dataset.cached_columns)
 
 
+def as_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of opening as the core has them in JSON."""
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    if isinstance(size := given.get("image_size"), (tuple, list)):
+        height, width = size  # pyright: ignore[reportUnknownVariableType]
+        given["image_size"] = {"height": int(height), "width": int(width)}  # pyright: ignore[reportUnknownArgumentType]
+    return given
+
+
 class NativeDataset(Dataset):
     """Clips of a dataset file or folder.
 
@@ -108,7 +117,9 @@ class NativeDataset(Dataset):
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
         options: How a dataset of another program is opened: ``map`` (new names of columns to those in its files),
             ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
-            ``shift``, ``storage``. :func:`load_dataset` takes each of them as an argument.
+            ``shift``, ``storage``; of any dataset, ``image_size``, ``(H, W)`` to which images are resized by area when they are
+            read, with ``fit`` (``"stretch"``, ``"crop"``, ``"pad"``) where their shape changes. :func:`load_dataset` takes each
+            of them as an argument.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
@@ -160,7 +171,7 @@ class NativeDataset(Dataset):
             raise ValueError("keys_to_cache: images of sampled looks differ from epoch to epoch; leave out 'pixels'")
         self._epoch = 0
         self._resize: tuple[tuple[int, int], str | None] | None = None
-        self._options: str | None = json.dumps(dict(options)) if options else None
+        self._options: str | None = json.dumps(as_options(options)) if options else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []

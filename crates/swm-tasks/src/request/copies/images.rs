@@ -35,7 +35,8 @@ pub(super) fn check_alike(datasets: &[Box<dyn Dataset>]) -> Result<(), TaskError
     };
     if let Some(other) = rest.iter().find(|other| first_size(other.as_ref()) != wanted) {
         let described = |dataset: &dyn Dataset| {
-            let images = first_size(dataset).map_or("no images".to_owned(), |size| format!("images of {size}"));
+            let images =
+                first_size(dataset).map_or("no images".to_owned(), |size| format!("images of {size}"));
             format!("{} holds {images}", dataset.path().display())
         };
         let text = format!("{}, {}", described(first.as_ref()), described(other.as_ref()));

@@ -20,7 +20,8 @@ use swm_data::{DataError, Dataset, LastRow, OpenOptions, RenderOptions, Rendered
 
 use super::report::apart;
 use super::{
-    Fix, ImageChoice, Message, Report, Stage, TaskError, create_parent, failed, look_of, open_dataset_with, wrong,
+    Fix, ImageChoice, Message, Report, Stage, TaskError, create_parent, failed, look_of, open_dataset_with,
+    wrong,
 };
 
 pub use convert::Convert;
@@ -200,7 +201,9 @@ impl CopyOptions {
         };
         let look = look_of(dataset.as_ref(), registry, &self.set, report)?;
         let size = match size {
-            None if !look.is_empty() => Some(first_size(dataset.as_ref()).ok_or_else(|| self.set_without_images())?),
+            None if !look.is_empty() => {
+                Some(first_size(dataset.as_ref()).ok_or_else(|| self.set_without_images())?)
+            }
             size => size,
         };
         match size {
