@@ -174,9 +174,9 @@ impl Reader {
         let options = RenderOptions::default()
             .image(ImageSize { height: image.0, width: image.1 })
             .settings(json_map(settings)?)
-            .factors(self.factor_values(factors)?)
+            .factors(self.factor_values(py, factors)?)
             .looks(looks.map_err(|error| DataFault::new_err(error.to_string()))?)
-            .canonical(canonical.map(|look| self.factor_values(look)).transpose()?);
+            .canonical(canonical.map(|look| self.factor_values(py, look)).transpose()?);
         self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
     }
 
@@ -369,7 +369,7 @@ impl Reader {
     /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
     fn factor_values(&self, py: Python<'_>, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
         let dataset = self.share(py)?;
-        swm::tasks::request::look_of(dataset.as_ref(), &registry(), &json_map(text)?, &mut ()).or_raise()
+        swm::tasks::request::look_of(dataset.as_ref(), registry(), &json_map(text)?, &mut ()).or_raise()
     }
 
     /// A handle that stops reading when the flag is set, and the flag.

@@ -18,7 +18,8 @@ const WAYS: [[f32; 2]; 4] = [[1.2, 1.0], [1.0, -0.8], [1.0, 0.4], [-1.0, -0.6]];
 fn reaching<M: ControlModel>(model: M, goals: &[&[f32]]) -> ShootingCost<Stepwise<M>> {
     let goals = goals.iter().map(|goal| goal.to_vec()).collect();
     let objective = GoalMse::new(&[], Steps::Last, Reduction::Sum);
-    ShootingCost::new(Stepwise::new(model, goals).unwrap(), Box::new(objective), Vec::new()).unwrap()
+    let model = Stepwise::new(model, goals).expect("the goals are states");
+    ShootingCost::new(model, Box::new(objective), Vec::new()).expect("the objective fits the model")
 }
 
 fn walks() -> ShootingCost<Stepwise<Navigation>> {

@@ -1,15 +1,16 @@
 //! Looks of recordings: which visual factors are set or sampled where images are rendered when they are read.
 
-use std::collections::BTreeMap;
-
 use clap::Args;
-use serde_json::{Map, Value as Json};
-use swm_core::{Registry, Value};
-use swm_data::Dataset;
-use swm_tasks::request::{self, TaskError};
-
-use super::args::assignment;
-use super::{Failure, Output, usage};
+#[cfg(feature = "baselines")]
+use {
+    super::args::assignment,
+    super::{Failure, Output, usage},
+    serde_json::{Map, Value as Json},
+    std::collections::BTreeMap,
+    swm_core::{Registry, Value},
+    swm_data::Dataset,
+    swm_tasks::request::{self, TaskError},
+};
 
 /// How the images of a training are rendered.
 #[derive(Args, Clone)]
@@ -64,7 +65,8 @@ impl LookArgs {
 }
 
 /// The values of an option `NAME=VALUE` that is about factors of the environment of a recording.
-pub(super) fn values(
+#[cfg(feature = "baselines")]
+fn values(
     dataset: &dyn Dataset,
     registry: &Registry,
     (option, given): (&str, &[String]),

@@ -5,13 +5,12 @@ mod images;
 mod merge;
 mod split;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
-use swm_core::{ImageSize, Metadata, Registry, Value, WorldError};
+use swm_core::{ImageSize, Metadata, Registry, WorldError};
 use swm_data::adapt::{Fit, Resized, Watched};
 use swm_data::format::StoredImages;
 use swm_data::tools::alike::rate_doubt;
