@@ -110,7 +110,7 @@ impl Request for Reproduce {
             let tasks = self.manifests(&recipe, figure, &folder, &dataset, registry, report)?;
             let mut receipts = Vec::new();
             for (seed, place, manifest) in tasks {
-                let receipt = self.evaluate(&recipe, &run, manifest, &place, registry, report)?;
+                let receipt = self.evaluate(&recipe, &run, &manifest, &place, registry, report)?;
                 receipts.push((seed, place.join("receipt.json"), receipt));
             }
             done.rows.push(Row::new(figure, &receipts));
@@ -256,14 +256,14 @@ impl Reproduce {
         &self,
         recipe: &Recipe,
         run: &Path,
-        manifest: Manifest,
+        manifest: &Manifest,
         place: &Path,
         registry: &Registry,
         report: &mut dyn Report,
     ) -> Result<Receipt, TaskError> {
         let device = (self.device != "cpu").then(|| format!("device={}", self.device));
         let settings: Vec<String> = assignments(&recipe.policy).chain(device).collect();
-        let source = match serde_json::to_value(&manifest) {
+        let source = match serde_json::to_value(manifest) {
             Ok(serde_json::Value::Object(json)) => ManifestSource::Json(json),
             other => return Err(Message::new(format!("the manifest is no object: {other:?}")).into()),
         };

@@ -70,7 +70,7 @@ seeds = [42]
         sha256.map_or(String::new(), |hash| format!("sha256 = \"{hash}\""))
     );
     let path = folder.join("recipe.toml");
-    std::fs::write(&path, text).unwrap();
+    std::fs::write(&path, text).expect("the folder is there");
     Reproduce {
         recipe: Some(path),
         folder: Some(folder.to_owned()),
@@ -90,9 +90,9 @@ fn download(folder: &Path) {
     let golden =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints/lewm_transformers4");
     let place = folder.join("lewm-dot");
-    std::fs::create_dir(&place).unwrap();
+    std::fs::create_dir(&place).expect("it is not there yet");
     for name in ["config.json", "weights.pt"] {
-        std::fs::copy(golden.join(name), place.join(name)).unwrap();
+        std::fs::copy(golden.join(name), place.join(name)).expect("a golden file");
     }
 }
 

@@ -174,7 +174,7 @@ const SPLIT: f64 = 0.9;
 #[cfg(feature = "baselines")]
 impl Train {
     /// How the dataset of a new run is opened; a run that is resumed knows it.
-    fn opening(&self) -> Result<swm_data::OpenOptions, super::Failure> {
+    fn opening(&self) -> Result<swm_data::OpenOptions, Failure> {
         let options = self.opening.options()?;
         let options = options.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
         let options = options.image_size(self.image_size.and_then(|size| size.0)).fit(self.fit);
@@ -196,7 +196,7 @@ impl Train {
     }
 
     /// The run's folder: --out, or that behind --resume.
-    fn folder(&self) -> Result<&std::path::Path, super::Failure> {
+    fn folder(&self) -> Result<&std::path::Path, Failure> {
         match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
             (Some(run), Some(out)) if run != out => Err(super::usage(format!(
                 "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",

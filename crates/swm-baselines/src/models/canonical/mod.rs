@@ -129,7 +129,7 @@ const OWN: usize = 3 + 3 + 2;
 
 impl Canonical {
     /// Frames `[N, 3, S, S]` beside others → what is drawn of them, without the background.
-    fn draw(&self, frames: Tensor<4>, others: Tensor<4>) -> Tensor<4> {
+    fn draw(&self, frames: &Tensor<4>, others: Tensor<4>) -> Tensor<4> {
         let [count, _, side, _] = frames.dims();
         let mean = frames.clone().mean_dim(3).mean_dim(2);
         let apart = frames.clone() - mean.clone();
@@ -170,7 +170,7 @@ impl Network for Canonical {
             1 => frames.clone(),
             _ => Tensor::cat(vec![frames.clone().narrow(1, 1, steps - 1), frames.clone().narrow(1, 0, 1)], 1),
         };
-        let drawn = self.draw(frames.flatten(0, 1), others.flatten(0, 1));
+        let drawn = self.draw(&frames.flatten(0, 1), others.flatten(0, 1));
         let wanted = self.background.remove(canonical.flatten(0, 1));
         let variance = wanted.clone().square().mean().clamp_min(1e-6);
         let total = (drawn - wanted).square().mean() / variance;
@@ -206,7 +206,7 @@ impl Canonicalizer for Drawer {
         let device = device_of(network);
         let how = (form.image, form.normalization);
         let [images, others] = [images, others].map(|images| to_tensor("pixels", images, how, &device));
-        let drawn = network.draw(images?.flatten(0, 1), others?.flatten(0, 1));
+        let drawn = network.draw(&images?.flatten(0, 1), others?.flatten(0, 1));
         Ok(to_bytes(network.background.add(drawn), form.normalization))
     }
 
