@@ -63,7 +63,7 @@ def test_pairs_show_one_state_in_two_looks(states: Path) -> None:
     ("arguments", "reason"),
     [
         ({"vary": ["agent.scale"]}, "agent.scale.*does not change images alone"),
-        ({"vary": ["agent.colour"]}, "did you mean `agent.color`"),
+        ({"vary": ["agent.colr"]}, "did you mean `agent.color`"),
         ({"canonical": {"block.scale": 30.0}}, "block.scale.*does not change images alone"),
         ({"look": {"background.color": "blakc"}}, "blakc"),
         ({"vary": ["visual"], "vary_share": 2.0}, "share is 2"),
