@@ -145,7 +145,7 @@ fn attributes_in_a_damaged_heap_are_named() {
     let sound = fs::read(&path).unwrap();
     // Of a collection: its signature, and its first object's number and length.
     let changes: [(usize, &[u8], &str); 3] =
-        [(0, b"GCOX", "it is none"), (16, &[0x77, 0x07], "has no object"), (24, &[1, 0], "has no object")];
+        [(0, b"GCOX", "it is none"), (16, &[0x77, 0x07], "has no object"), (24, &[1, 0], "lies behind its end")];
     for (offset, change, reason) in changes {
         let mut bytes = sound.clone();
         for at in collections(&sound) {
@@ -165,7 +165,7 @@ fn attributes_of_any_length_are_read_where_addresses_are_of_8_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
     let text: VarLenUnicode = "{".parse().unwrap();
-    for (sizeof_addr, reason) in [(Sizeof::Bytes8, "EOF"), (Sizeof::Bytes4, "addresses are not of 8 bytes")] {
+    for (sizeof_addr, reason) in [(Sizeof::Bytes8, "expected a sequence"), (Sizeof::Bytes4, "addresses are not of 8 bytes")] {
         let sizes = SizeofInfo { sizeof_addr, sizeof_size: Sizeof::Bytes8 };
         let file = File::with_options().with_fcpl(|plist| plist.sizes(sizes)).create(&path).unwrap();
         file.new_attr::<VarLenUnicode>().create("swm_columns").unwrap().write_scalar(&text).unwrap();
