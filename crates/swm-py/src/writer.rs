@@ -165,6 +165,10 @@ impl EpisodeWriter {
         let Open { writer: Some(writer), schema: begun } = &mut *open else {
             return Err(DataError::record(&self.path, "it is finished; open it again to append"));
         };
+        if rows == 0 {
+            // Before a dataset that is replaced is gone.
+            return Err(DataError::record(&self.path, "an episode without rows"));
+        }
         match begun {
             None => {
                 writer.begin(schema, &self.metadata).map_err(|error| failed(&self.path, error))?;

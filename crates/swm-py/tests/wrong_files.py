@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -141,6 +142,21 @@ def replay_of_a_foreign_file(folder: Path) -> str:
     return run(folder, "replay", "a.h5")
 
 
+def edited_receipt(folder: Path) -> str:
+    run(folder, "manifest", "make", "swm/PushT-v1", "--tier", "historic", "--episodes", "2", "--budget", "4", "--seed", "1", "--out", "task.toml")
+    run(folder, "eval", "--manifest", "task.toml", "--policy", "random", "--out", "result", "--quiet")
+    path = folder / "result/receipt.json"
+    receipt = json.loads(path.read_text())
+    receipt["summary"]["success_rate"] = 99.0
+    path.write_text(json.dumps(receipt))
+    return run(folder, "compare", "result", "result")
+
+
+def preview_without_images(folder: Path) -> str:
+    own(folder, pixels=None)
+    return run(folder, "preview", "a.h5", "--out", "a.png")
+
+
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (elites_above_samples, ["`elites`: 20 of 10 samples"]),
     (no_goal_offset, ["--goal-offset 0: every start would be its goal"]),
@@ -159,5 +175,7 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (nan_within_an_episode, ["column `action`: row 2 holds NaN"]),
     (infinite_state, ["column `state`: row 2 holds an infinite number"]),
     (no_lengths, ["it has no `ep_len`, which says where episodes lie"]),
+    (edited_receipt, ["result: the summary is not that of the episodes", "evaluate again"]),
+    (preview_without_images, ["a.h5 holds no images", "`swm inspect` lists its columns"]),
     (replay_of_a_foreign_file, ["a.h5 does not name its environment"]),
 ]

@@ -53,4 +53,4 @@ pub use sweep::{
 };
 pub use tiers::{TierRules, ruled_envs, task_probes, tier_rules};
 pub use verify::{Part, Verification, verify, verify_by};
-pub(crate) use verify::{can_be_made, contradiction};
+pub(crate) use verify::{can_be_made, contradiction, edited};

@@ -15,7 +15,7 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 
 use crate::evaluation::{
-    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, is_sweep, read_receipt,
+    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, edited, is_sweep, read_receipt,
 };
 use crate::html;
 use crate::plan::PlanFigure;
@@ -62,7 +62,14 @@ impl Item {
                 }
                 Content::Sweep(Box::new(found))
             }
-            _ => Content::Receipt(Box::new(read_receipt(path)?)),
+            _ => {
+                let receipt = read_receipt(path)?;
+                if let Some(reason) = edited(&receipt) {
+                    let path = path.display();
+                    return Err(format!("receipt {path}: {reason}; it was edited or damaged; evaluate again").into());
+                }
+                Content::Receipt(Box::new(receipt))
+            }
         };
         Ok(Self { path: path.to_owned(), content })
     }

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import image_sides
 from .._core import core as _swm
 from . import _show
 from ._tensors import Rewards, converter, may_use_threads, sums_rewards, to_numpy
@@ -445,7 +446,7 @@ class NativeDataset(Dataset):
         """
         other = copy(self)
         other._merged = dict(self._merged)
-        other._resize = ((int(image_size[0]), int(image_size[1])), fit)
+        other._resize = (image_sides("image_size", image_size), fit)
         other._keys, other.cached_columns = list(self._keys), list(self.cached_columns)
         other._reset()
         other._reader = other._open()

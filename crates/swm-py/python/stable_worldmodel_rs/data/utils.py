@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import image_sides
 from .._core import core as _swm
 from ._paths import DEFAULT_CACHE_DIR, ensure_dir_exists, get_cache_dir
 from ._tensors import to_numpy
@@ -394,6 +395,7 @@ def _copy_request(
     """The settings of a copy that the core makes; None where a format of Python code takes part."""
     target = Path(dest)
     name = _format_of(target, dest_format)
+    sides = None if image_size is None else image_sides("image_size", image_size)
     probe = get_format(name).open_writer(target, **options)
     native = isinstance(probe, NativeWriter) and all(isinstance(dataset, NativeDataset) for dataset in datasets)
     if not native or any(dataset.episode_column_names or not _is_detected(dataset) for dataset in datasets):
@@ -409,7 +411,7 @@ def _copy_request(
         "fps": probe.fps if "fps" in options else None,
         "key_frames": probe.key_frame_period,
         "last_row": probe.last_row,
-        "image_size": None if image_size is None else {"height": int(image_size[0]), "width": int(image_size[1])},
+        "image_size": None if sides is None else {"height": sides[0], "width": sides[1]},
         "fit": fit,
     }
     return {setting: value for setting, value in request.items() if value is not None}

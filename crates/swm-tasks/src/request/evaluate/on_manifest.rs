@@ -53,7 +53,8 @@ impl Evaluate {
         out.map_or(Ok(()), make_folder)?;
         // Shards write parts of their own.
         let whole = out.filter(|_| self.shard.is_none());
-        let _claim = whole.map(|dir| claim(&dir.join("receipt.json"))).transpose()?;
+        // A result that is there already is read from a folder that nothing can be written to, too.
+        let claim = whole.map(|dir| claim(&dir.join("receipt.json"))).transpose();
         let fingerprints = apart(report, || fingerprints(entry, manifest, candidate.seed))??;
         let asked = Receipt::new(
             manifest.clone(),
@@ -79,6 +80,7 @@ impl Evaluate {
             }
             (held, _) => held,
         };
+        let _claim = claim?;
         if let (Some(_), Some(dir), true) = (&held, out, self.shard.is_some() || self.join) {
             return Err(refusal(dir, "a receipt with other reference policies"));
         }

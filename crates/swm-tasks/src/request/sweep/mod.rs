@@ -126,7 +126,8 @@ impl Sweep {
         out.map_or(Ok(()), make_folder)?;
         // Shards write parts of their own.
         let whole = out.filter(|_| self.shard.is_none());
-        let _claim = whole.map(|dir| claim(&dir.join("sweep.json"))).transpose()?;
+        // A result that is there already is read from a folder that nothing can be written to, too.
+        let claim = whole.map(|dir| claim(&dir.join("sweep.json"))).transpose();
         if let (Some(dir), false) = (out, self.again)
             && let Some(held) = held_sweep(dir, manifest, candidate, files, values, &changes)?
         {
@@ -135,6 +136,7 @@ impl Sweep {
             report.note(&done.fix(Fix::set_to("again", true, "to repeat it")));
             return Ok(Swept::Sweep(Box::new(held)));
         }
+        let _claim = claim?;
         let options = RunOptions {
             num_envs: self.num_envs,
             threads: self.threads,
