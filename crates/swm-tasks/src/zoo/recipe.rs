@@ -64,7 +64,7 @@ mod tests {
         for (from, to, told) in [
             ("'MIT'", "' '", "license must not be empty"),
             ("['eval']", "[]", "no steps"),
-            ("result", "results", "unknown field `results`"),
+            ("result", "results", "`results` is unknown; did you mean `result`?"),
         ] {
             let said = Recipe::parse(&text.replace(from, to)).unwrap_err();
             assert!(said.contains(told), "{said}");

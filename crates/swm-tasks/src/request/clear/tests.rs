@@ -74,7 +74,7 @@ fn moderate_and_strict_rules_are_those_of_the_tiers() {
         "reacher",
         "swm/ReacherDMControl-v0",
         &matching,
-        &json!({ "reacher_success_mode": "endpoint" }),
+        &json!({ "reacher_success_mode": "endpoint", "reacher_endpoint_threshold_m": 0.015 }),
     );
     assert_eq!(found.all, tier("swm/ReacherDMControl-v0", &matching, Tier::Strict).all);
     assert!(notes[0].text.contains("fingertip"), "{notes:?}");

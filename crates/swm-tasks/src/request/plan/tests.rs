@@ -13,7 +13,7 @@ use crate::request::{Fix, MakeManifest, Request as _, TaskError};
 const QUICK: &str = "cem:samples=4,iterations=1,elites=2,horizon=2,receding_horizon=1";
 
 fn registry() -> Registry {
-    Registry::new().with(swm_solvers::SOLVERS).with(&[TOY])
+    Registry::new().with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS).with(&[TOY])
 }
 
 /// Plans with these settings, of new episodes unless `given` says otherwise.

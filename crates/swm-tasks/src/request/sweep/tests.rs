@@ -73,7 +73,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
             any(&[Fix::Leave("shard"), Fix::Leave("join")]),
         ),
         (json!({ "join": true, "out": out }), "holds no parts", None),
-        (json!({ "factors": ["point.gian"] }), "factors=agent.positon: unknown factor", None),
+        (json!({ "factors": ["point.gian"] }), "factors=point.gian: unknown factor", None),
         (json!({ "manifest": folder.path().join("none.toml") }), "none.toml", None),
     ];
     for (given, text, fix) in table {
