@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value as Json;
 use swm::core::env::PIXELS;
 use swm::core::{Batch, EnvConfig, ImageSize, ResetOptions, Rollout, SliceMut, Value, World, WorldOptions};
 use swm::data::loader::{BatchOptions, ClipOptions, Loader};
@@ -46,7 +47,7 @@ fn dark() -> BTreeMap<String, Value> {
 }
 
 fn clips(dataset: Rendered, threads: usize) -> Loader {
-    let keys = [PIXELS, CANONICAL, "state", "variation.agent.color", "variation.goal.position"];
+    let keys = [PIXELS, CANONICAL, "state", "variation.agent.color"];
     let options = ClipOptions::default().num_steps(3).frameskip(4).threads(Some(threads));
     Loader::new(Box::new(dataset), &options.keys(Some(keys.map(str::to_owned).to_vec()))).unwrap()
 }
@@ -256,6 +257,16 @@ fn equal_seeds_with_other_looks_hold_equal_states() {
     }
 }
 
+/// The same with whole numbers as floats: values of factors are written as they were given.
+fn floats(json: &Json) -> Json {
+    match json {
+        Json::Number(number) => number.as_f64().into(),
+        Json::Array(values) => values.iter().map(floats).collect(),
+        Json::Object(members) => members.iter().map(|(name, value)| (name.clone(), floats(value))).collect(),
+        other => other.clone(),
+    }
+}
+
 #[test]
 fn the_command_draws_a_recording_in_another_look() {
     let folder = Folder::new();
@@ -267,7 +278,8 @@ fn the_command_draws_a_recording_in_another_look() {
     swm_ok(&[&collect[..], &["--image-size", "32x32", "--out", &anew], &set].concat());
     swm_ok(&[&["convert", &small, &dark, "--image-size", "32x32", "--quiet"], &set[..]].concat());
     swm_ok(&["diff", &dark, &anew]);
-    assert_eq!(swm_json(&["inspect", &dark])["metadata"], swm_json(&["inspect", &anew])["metadata"]);
+    let metadata = |path: &str| floats(&swm_json(&["inspect", path])["metadata"]);
+    assert_eq!(metadata(&dark), metadata(&anew));
     let again = folder.path("again.h5");
     swm_ok(&["convert", &anew, &again, "--set", "background.color=#00ff00", "--quiet"]);
     assert_eq!(swm_json(&["inspect", &again])["metadata"]["image"]["width"], 32);
