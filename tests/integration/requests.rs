@@ -32,7 +32,9 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
             }
             ("image_size", Json::Null) => words.extend([option, "none".to_owned()]),
             // What is named by its place.
-            ("source" | "dataset" | "target", path) => words.insert(place(&words), value_text(path)),
+            ("source" | "target", path) => words.insert(place(&words), value_text(path)),
+            // Where it is all that a command is about.
+            ("dataset", path) if !request.contains_key("env") => words.insert(place(&words), value_text(path)),
             ("sources", Json::Array(each)) => words.splice(0..0, each.iter().map(value_text)).for_each(drop),
             ("opening", Json::Object(each)) => {
                 for (name, value) in each {
