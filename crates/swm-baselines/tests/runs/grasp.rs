@@ -32,16 +32,18 @@ fn latents_are_searched_beside_actions() {
         (next.iter().zip(&targets).map(off).sum::<f64>(), gradient)
     };
     let (_, gradient) = run_with(&actions);
-    assert!(gradient.iter().any(|slope| slope.abs() > 1e-3), "{gradient:?}");
+    // The model has learned for a step: its predictions hardly depend on actions.
+    let largest = gradient.iter().fold(0.0_f64, |most, slope| most.max(f64::from(slope.abs())));
+    assert!(largest > 1e-5, "{gradient:?}");
     for (index, slope) in gradient.iter().enumerate() {
         let mut at = |move_by: f32| {
             let mut moved = actions.clone();
             moved[index] += move_by;
             run_with(&moved).0
         };
-        let found = (at(0.02) - at(-0.02)) / 0.04;
+        let found = (at(0.25) - at(-0.25)) / 0.5;
         assert!(
-            (found - f64::from(*slope)).abs() < 0.02 + 0.05 * found.abs(),
+            (found - f64::from(*slope)).abs() < 0.3 * largest,
             "{index}: {slope} is not {found}"
         );
     }
