@@ -221,7 +221,7 @@ fn a_dataset_is_not_read_twice_nor_written_onto_itself() {
     home.refused("convert a.h5 a.h5", &["a.h5", "give another target"]);
     home.refused("convert a.h5 ./a.h5 --overwrite", &["a.h5", "give another target"]);
     home.refused("convert a.folder a.folder", &["a.folder", "give another target"]);
-    home.refused("merge a.h5 b.h5 --out a.h5", &["a.h5", "give another target"]);
+    home.refused("merge a.h5 b.h5 --out a.h5", &["a.h5", "give another --out"]);
     home.refused("merge a.h5 a.h5 --out x.h5", &["a.h5 is named twice", "name it once"]);
     home.refused("merge b.h5 a.h5 ./a.h5 --out x.h5", &["a.h5 and ./a.h5 are the same dataset"]);
     home.refused("merge a.folder a.folder/ --out x.h5", &["a.folder"]);

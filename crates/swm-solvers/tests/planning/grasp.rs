@@ -76,12 +76,11 @@ fn single_steps_are_those_of_the_model_and_their_gradient_that_of_differences() 
 }
 
 #[test]
-fn goals_are_reached_by_either_synchronization_and_by_none() {
+fn goals_are_reached_by_either_synchronization() {
     let quick = Grasp { iterations: 90, lr: 0.05, ..Grasp::default() };
     for (solver, most) in [
         (Grasp::default(), 1e-3),
         (Grasp { sync: Sync::Gradient, sync_lr: 0.1, ..quick.clone() }, 0.1),
-        (Grasp { sync_interval: 0, noise: 0.0, ..quick.clone() }, 0.1),
         (Grasp { samples: 4, ..quick }, 1e-2),
     ] {
         let plan = solve(&solver, &mut walks(), &[0, 1, 2, 3]).unwrap();
@@ -171,7 +170,8 @@ fn bounds_are_kept() {
     let problem = Problem { horizon: 10, ..problem(&keys, &narrow, &initial) };
     solver.solve(&problem, &mut walks(), &mut Workspace::new(), &mut NoTrace, &mut plan).unwrap();
     assert!(plan.actions.iter().all(|value| value.abs() <= 0.05));
-    assert!(plan.actions.iter().any(|value| value.abs() == 0.05), "bounds matter");
+    let free = solve(&Grasp { clip: false, ..solver }, &mut walks(), &[0, 1, 2, 3]).unwrap();
+    assert!(free.actions.iter().any(|value| value.abs() > 0.05), "bounds matter");
 }
 
 #[test]
