@@ -53,7 +53,7 @@ def no_receipt(folder: Path) -> None:
         (unknown_policy, ["`wek`", "did you mean `weak`?", '`swm.envs.info("swm_rs/PushT-v1")` lists them']),
         (unknown_factor, ["`agent.colr`", "did you mean `agent.color`?", "`variation_space` of the environment"]),
         (unknown_environment, ["`swm/PushTT-v1`", "did you mean `swm/PushT-v1`?", "`swm.envs.WORLDS` lists them"]),
-        (unknown_solver, ["`cen`", "did you mean `cem`?", "there are: "]),
+        (unknown_solver, ["`cen`", "did you mean `cem`?", "`swm-rs solvers` lists them"]),
         (no_manifest, ["task.toml", "is no manifest, which is TOML"]),
         (no_receipt, ["receipt.json", "an evaluation on a manifest writes one"]),
     ],
@@ -73,7 +73,7 @@ def test_a_run_that_is_not_there_is_said_or_what_the_build_lacks() -> None:
     if _swm.HAS_TRAINING:
         assert "run runs/lewm: there is no such folder; `swm-rs train … --out DIR` makes a run" in said
     else:
-        assert "this package is built without the feature `baselines`, which every wheel has; install one" in said
+        assert "which every wheel has; install one" in said
         assert "`cargo xtask wheel`" in said and "cargo install" not in said
 
 

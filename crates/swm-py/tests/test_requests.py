@@ -40,7 +40,7 @@ def words(request: dict[str, Any]) -> list[str]:
         option = "--" + name.replace("_", "-")
         if name == "env":
             found.insert(0, value)
-        elif name in ("source", "sources", "dataset"):
+        elif name in ("source", "sources") or (name == "dataset" and "env" not in request):
             found[:0] = [value] if isinstance(value, str) else value
         elif name == "opening":
             for key, one in value.items():

@@ -163,7 +163,7 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (no_budget, ["--budget 0: no action is allowed; use 1 or more"]),
     (copy_onto_itself, ["a.h5 is the dataset to read and the one to write"]),
     (the_same_file_twice, ["a.h5 is named twice"]),
-    (parts_above_one, ["--parts sum to 1.8"]),
+    (parts_above_one, ["--parts: they sum to 1.8"]),
     (unknown_column_of_statistics, ["no column `actions`; did you mean `action`?"]),
     (file_without_h5_inside, ["a.h5 is not a dataset", "cut short or another file"]),
     (manifest_changed_by_hand, ["task.toml", "was changed after it was written"]),
@@ -176,6 +176,6 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (infinite_state, ["column `state`: row 2 holds an infinite number"]),
     (no_lengths, ["it has no `ep_len`, which says where episodes lie"]),
     (edited_receipt, ["result: the summary is not that of the episodes", "evaluate again"]),
-    (preview_without_images, ["a.h5 holds no images", "`swm inspect` lists its columns"]),
+    (preview_without_images, ["a.h5 holds no images", "inspect` lists its columns"]),
     (replay_of_a_foreign_file, ["a.h5 does not name its environment"]),
 ]

@@ -72,7 +72,8 @@ fn models_and_policies_see_what_it_draws() {
         train(&at(baseline), dataset.as_ref(), &new).unwrap();
     }
     let canonical = format!("canonical={}", at("drawing").display());
-    let mpc = format!("mpc:{},samples=8,elites=2,iterations=2,horizon=2,receding_horizon=1", at("lewm").display());
+    let mpc =
+        format!("mpc:{},samples=8,elites=2,iterations=2,horizon=2,receding_horizon=1", at("lewm").display());
     for policy in [mpc.clone(), format!("gcbc:{}", at("gcbc").display())] {
         let drawn = format!("{policy},{canonical}");
         let alone = paths_in(&SHADED, &drawn, 1, Some(IMAGE)).unwrap().0;

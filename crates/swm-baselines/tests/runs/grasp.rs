@@ -42,10 +42,7 @@ fn latents_are_searched_beside_actions() {
             run_with(&moved).0
         };
         let found = (at(0.25) - at(-0.25)) / 0.5;
-        assert!(
-            (found - f64::from(*slope)).abs() < 0.3 * largest,
-            "{index}: {slope} is not {found}"
-        );
+        assert!((found - f64::from(*slope)).abs() < 0.3 * largest, "{index}: {slope} is not {found}");
     }
 
     let run = run.display();

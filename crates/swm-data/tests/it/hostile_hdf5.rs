@@ -143,8 +143,11 @@ fn attributes_in_a_damaged_heap_are_named() {
     record(&path, WriteMode::Error, 0..2).unwrap();
     let sound = fs::read(&path).unwrap();
     // Of a collection: its signature, and its first object's number and length.
-    let changes: [(usize, &[u8], &str); 3] =
-        [(0, b"GCOX", "it is none"), (16, &[0x77, 0x07], "has no object"), (24, &[1, 0], "lies behind its end")];
+    let changes: [(usize, &[u8], &str); 3] = [
+        (0, b"GCOX", "it is none"),
+        (16, &[0x77, 0x07], "has no object"),
+        (24, &[1, 0], "lies behind its end"),
+    ];
     for (offset, change, reason) in changes {
         let mut bytes = sound.clone();
         for at in collections(&sound) {

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from threading import Thread
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from ._core import core as _swm
 from .track import Tracker
@@ -202,7 +202,7 @@ def words(request: Mapping[str, Any]) -> list[str]:
         if name == "baseline" or value is None or value == "" or value == {}:
             continue
         option = "--" + name.replace("_", "-")
-        pairs = value.items() if isinstance(value, Mapping) else [(None, value)]
+        pairs: list[tuple[str | None, Any]] = list(cast("Mapping[str, Any]", value).items()) if isinstance(value, Mapping) else [(None, value)]
         for key, one in pairs:
             found.append(f"{option}={_text(one)}" if key is None else f"{option}={key}={_text(one)}")
     return found
@@ -216,14 +216,15 @@ def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
     """Nested settings by dotted names."""
     for name, value in settings.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{name}.")
+            yield from _flat(cast("Mapping[str, Any]", value), f"{before}{name}.")
         else:
             yield f"{before}{name}", value
 
 
 def _factors(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of factors as the command takes them: numbers of one with commas."""
-    return {name: ",".join(map(_text, value)) if isinstance(value, (list, tuple)) else value for name, value in values.items()}
+    listed = {name: cast("Sequence[Any]", value) for name, value in values.items() if isinstance(value, (list, tuple))}
+    return {**values, **{name: ",".join(map(_text, value)) for name, value in listed.items()}}
 
 
 def _path(path: AnyPath | None) -> str | None:

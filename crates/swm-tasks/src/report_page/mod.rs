@@ -66,7 +66,10 @@ impl Item {
                 let receipt = read_receipt(path)?;
                 if let Some(reason) = edited(&receipt) {
                     let path = path.display();
-                    return Err(format!("receipt {path}: {reason}; it was edited or damaged; evaluate again").into());
+                    return Err(format!(
+                        "receipt {path}: {reason}; it was edited or damaged; evaluate again"
+                    )
+                    .into());
                 }
                 Content::Receipt(Box::new(receipt))
             }

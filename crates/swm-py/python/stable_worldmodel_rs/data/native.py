@@ -163,7 +163,7 @@ class NativeDataset(Dataset):
         looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": vary_seed}
         self._looks: tuple[str, str | None, str | None] = (
             json.dumps(_plain(look or {})),
-            looks and json.dumps(looks),
+            None if looks is None else json.dumps(looks),
             None if canonical is None else json.dumps(_plain(canonical)),
         )
         if render is None and (look or vary or canonical is not None):

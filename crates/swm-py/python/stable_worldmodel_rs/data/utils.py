@@ -419,7 +419,9 @@ def _copy_request(
 
 def _is_detected(dataset: NativeDataset) -> bool:
     """Whether the content of a dataset tells its format, so that its path is all that the core needs."""
-    return _swm.detect_dataset(dataset.path) in (None, dataset.reader.format)
+    known = {name for name, *_ in _swm.dataset_formats()}
+    # Datasets of other programs are known by their content alone.
+    return dataset.reader.format not in known or _swm.detect_dataset(dataset.path) in (None, dataset.reader.format)
 
 
 def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progress: bool, options: dict[str, Any]) -> None:

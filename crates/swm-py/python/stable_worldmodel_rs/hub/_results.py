@@ -38,13 +38,14 @@ def beside_model(receipt: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if not files:
         return written
     for value in _arguments(written):
-        for name, text in list(value.items()) if isinstance(value, dict) else list(enumerate(value)):
+        places: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else list(enumerate(value))
+        for name, text in places:
             if text in roots:
                 value[name] = ".."
     return {**written, "files": files, "paths": [".."]}
 
 
-def _arguments(receipt: Mapping[str, Any]) -> Iterator[Any]:
+def _arguments(receipt: Mapping[str, Any]) -> Iterator[dict[str, Any] | list[Any]]:
     """What holds arguments of policies: lists and dicts, to be changed in place."""
     for one in (receipt, *(receipt.get("references") or ())):
         policy = one["candidate"]["policy"]
@@ -55,7 +56,7 @@ def _arguments(receipt: Mapping[str, Any]) -> Iterator[Any]:
 def _texts(receipt: Mapping[str, Any]) -> list[str]:
     """Texts among the arguments of the policy itself."""
     policy = receipt["candidate"]["policy"]
-    values = [*(policy.get("positional") or []), *dict(policy.get("named") or {}).values()]
+    values: list[Any] = [*(policy.get("positional") or []), *dict(policy.get("named") or {}).values()]
     return [value for value in values if isinstance(value, str) and value]
 
 

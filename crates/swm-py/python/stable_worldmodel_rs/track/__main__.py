@@ -33,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     try:
         follower = Follower(given.run, given.trackers.split(","), project=given.project)
-        print("ready", file=said, flush=True)
+        said.write("ready\n")
+        said.flush()
         is_over = Thread(target=_read_to_end, daemon=True)
         is_over.start()
         try:
@@ -44,7 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
             follower.finish()
     except Exception as error:  # noqa: BLE001  whatever a library raises is the reason
         reason = " ".join(str(error).split()) or type(error).__name__
-        print(f"error {reason}", file=said, flush=True)
+        said.write(f"error {reason}\n")
+        said.flush()
         return 1
     return 0
 
