@@ -35,7 +35,7 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
             ("source" | "target", path) => words.insert(place(&words), value_text(path)),
             // Where it is all that a command is about.
             ("dataset", path) if !request.contains_key("env") => {
-                words.insert(place(&words), value_text(path))
+                words.insert(place(&words), value_text(path));
             }
             ("sources", Json::Array(each)) => words.splice(0..0, each.iter().map(value_text)).for_each(drop),
             ("opening", Json::Object(each)) => {
