@@ -24,7 +24,7 @@ use crate::simulator::Aggregate;
 
 /// A world model of a registry, which implements [`WorldModel`] alone. With `registry.with(&[MODEL])` every command finds it by its
 /// name: `quality --model NAME:ARGS` measures it, and the policy `NAME:ARGS` plans with it by any solver, with its oracle, in
-/// evaluations, sweeps and traces. Requests also take it as `mpc:NAME:ARGS` ([`registered_model`]).
+/// evaluations, sweeps and traces. Requests also take it as `mpc:NAME:ARGS` ([`registered_model`](crate::registered_model)).
 ///
 /// A plan's cost is the squared distance of predicted latents from that of the goal, per number of the latent: of the last state, or
 /// over all as `aggregate` says. The goal's row is made of the goal's columns: `goal_state` as `state`, `goal` as `pixels`.
