@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::settings::read as read_settings;
-use swm_core::{Dtype, EnvEntry, ImageSize, Manifest, Metadata, Registry};
+use swm_core::{EnvEntry, ImageSize, Manifest, Metadata, Registry};
 use swm_data::recording::WriterLock;
 use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered};
 use swm_media::Format;
@@ -87,12 +87,6 @@ pub fn check_recorded_in(
         }
         None => Ok(()),
     }
-}
-
-/// Whether a dataset has a column of images.
-pub(super) fn has_images(dataset: &dyn Dataset) -> bool {
-    let fields = dataset.schema().fields().iter();
-    fields.filter(|field| field.dtype == Dtype::U8).any(|field| matches!(field.shape[..], [_, _, 1 | 3]))
 }
 
 /// The dataset with images of this size, in place of those that it holds.

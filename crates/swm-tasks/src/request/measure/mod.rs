@@ -12,7 +12,8 @@ use swm_core::evaluate::random_episodes;
 use swm_core::{EnvConfig, PolicyContext, Registry};
 use swm_data::OpenOptions;
 
-use super::source::{check_opening, check_recorded_in, has_images, open_dataset_with, rendered};
+use super::copies::holds_images;
+use super::source::{check_opening, check_recorded_in, open_dataset_with, rendered};
 use super::{
     Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, failed, must_be_given,
     note_training_of,
@@ -111,7 +112,7 @@ impl Request for Measure {
         settings.extend(self.env_option.clone());
         let config = EnvConfig { image, settings };
         let mut dataset = match (dataset, image) {
-            (Some(blind), Some(size)) if !has_images(blind.as_ref()) => {
+            (Some(blind), Some(size)) if !holds_images(blind.as_ref()) => {
                 Some(rendered(blind, registry, size)?)
             }
             (dataset, _) => dataset,
