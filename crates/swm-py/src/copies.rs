@@ -3,31 +3,9 @@
 use pyo3::prelude::*;
 use swm::tasks::request::{Convert, Merge, Request, Split, Verify};
 
-use crate::errors::in_words;
-use crate::manifest::{from_json, to_json};
-use crate::report::Reporter;
-use crate::world::registry;
+use crate::manifest::from_json;
+use crate::report::{Made, run};
 use crate::writer::check_threads;
-
-/// What was made as JSON, and notes.
-type Made = PyResult<(String, Vec<String>)>;
-
-/// Runs a request: a JSON object of its settings. `begin` is called with the name and the length of each progress bar.
-fn run<R: Request>(
-    py: Python<'_>,
-    request: &str,
-    begin: Option<&Bound<'_, PyAny>>,
-    tick: Option<&Bound<'_, PyAny>>,
-) -> Made
-where
-    R::Outcome: serde::Serialize,
-{
-    let wrong = |error| in_words(error, R::NAME);
-    let request = R::from_json(&from_json("the request", request)?).map_err(wrong)?;
-    let mut reporter = Reporter::new(py, R::NAME, begin, tick);
-    let made = request.run(registry(), &mut reporter).map_err(wrong)?;
-    Ok((to_json(&made)?, reporter.notes))
-}
 
 /// As [`run`], where datasets are written: not everything can be in a fork.
 fn write<R: Request>(
