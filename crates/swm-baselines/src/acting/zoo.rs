@@ -28,7 +28,7 @@ pub(super) const POLICY: PolicyEntry = PolicyEntry::new(
 })
 .oracle(|context, args| policy(args).ok().and_then(|(entry, args)| entry.oracle_args(context, &args)));
 
-/// The entry and the arguments that a name stands for.
+/// The entry and the arguments that a name means.
 fn policy(args: &PolicyArgs) -> Result<(&'static PolicyEntry, PolicyArgs), PolicyError> {
     let policy = zoo::policy_of(args).map_err(|error| args.wrong(error.to_string()))?;
     let known = POLICIES.iter().find(|entry| entry.name == policy.name && entry.name != zoo::ZOO);

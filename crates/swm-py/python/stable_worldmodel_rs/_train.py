@@ -173,7 +173,7 @@ def train(
     return {"run": run, **{name: state[name] for name in _KEPT if name in state}}
 
 
-# What a caller learns of where training stands; the rest is for going on with it.
+# What a caller learns of how far training is; the rest is for going on with it.
 _KEPT = ("step", "end", "train", "validation", "evaluation", "best", "episodes")
 
 

@@ -62,7 +62,7 @@ fn it_learns_to_draw_the_canonical_look() {
         let model = trained(frames, 150);
         let unexplained = model.validate(&unseen.batch(), 0).unwrap().total;
         assert!(unexplained < 0.4, "{frames} frames: {unexplained}");
-        // As bytes, the dot stands where it is: the brightest pixel of each drawing lies on it.
+        // As bytes, the dot is in its place: the brightest pixel of each drawing lies on it.
         let drawer = model.canonicalizer().unwrap();
         let all = images(&unseen.pixels, STEPS);
         let drawn = drawer.draw(&all, &all).unwrap();

@@ -41,7 +41,7 @@ pub(super) fn write_row(
     let mut offset: [hsize_t; MAX_DIMENSIONS] = [0; MAX_DIMENSIONS];
     offset[0] = row as hsize_t;
     // SAFETY: the dataset is open, `offset` has a value for each dimension that there can be, `stored` has as many bytes as
-    // are told, and `sync` holds the lock under which every call of the library stands.
+    // are told, and `sync` holds the lock under which the library is called.
     let written = sync::sync(|| unsafe {
         let (offset, bytes) = (offset.as_ptr(), stored.as_ptr());
         H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, skipped, offset, stored.len(), bytes.cast())
@@ -93,7 +93,7 @@ pub(super) enum StoredType {
 pub(super) fn stored_type(dtype: &Datatype) -> StoredType {
     let id = dtype.id();
     // SAFETY: the type is open while it is borrowed, each pointer is to a value of its own, the tag is freed once, after it was copied,
-    // and `sync` holds the lock under which every call of the library stands.
+    // and `sync` holds the lock under which the library is called.
     sync::sync(|| unsafe {
         let size = H5Tget_size(id);
         match H5Tget_class(id) {
@@ -134,7 +134,7 @@ pub(super) fn reference(attribute: &Attribute) -> hdf5_metno::Result<[u8; REFERE
     let text = Datatype::from_type::<VarLenUnicode>()?;
     let mut stored = [0; REFERENCE];
     // SAFETY: the attribute and the type are open while they are borrowed, `stored` has room for the one value of `REFERENCE` bytes that
-    // the attribute has in the type `raw`, which is closed once, and `sync` holds the lock under which every call of the library stands.
+    // the attribute has in the type `raw`, which is closed once, and `sync` holds the lock under which the library is called.
     let read = sync::sync(|| unsafe {
         let raw = H5Tcreate(H5T_class_t::H5T_OPAQUE, REFERENCE);
         let is_registered = *REGISTERED.get_or_init(|| {
