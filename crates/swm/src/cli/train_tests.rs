@@ -340,7 +340,7 @@ fn weights(folder: &Path) -> BTreeMap<OsString, Vec<u8>> {
     for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
         if entry.is_dir() {
             found.extend(weights(&entry));
-        } else if entry.extension().is_some_and(|extension| extension == "safetensors") {
+        } else if entry.extension().is_some_and(|extension| extension == "safetensors" || extension == "pt") {
             found.insert(entry.file_name().unwrap().to_owned(), std::fs::read(&entry).unwrap());
         }
     }
@@ -360,7 +360,7 @@ fn of_two_exports_or_imports_into_one_folder_at_once_one_is_made() {
     let [runs, exported, imported] =
         [["run-1", "run-2"], ["export-1", "export-2"], ["import-1", "import-2"]].map(|names| names.map(path));
     for (seed, out) in runs.iter().enumerate() {
-        let train = "train gcbc --preset small --steps 1 --batch 2";
+        let train = "train tdmpc2 --preset small --steps 1 --set batch=4 --set horizon=2";
         assert!(run(&format!("{train} --dataset {data} --seed {seed} --out {out}")));
     }
     let table = [("export", &runs, &exported), ("import", &exported, &imported)];
