@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .._access import access_checked
 from .native import whole
 from .results import EvaluationResult
 from .world import World
 
 
+@access_checked
 def evaluate_from_dataset(
     world: World,
     dataset: Any,

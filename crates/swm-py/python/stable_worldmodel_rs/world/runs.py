@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._access import access_checked
 from .._core import core as _swm
 from . import foreign
 from .native import note_unsampled, plain_options
@@ -42,6 +43,7 @@ class Runs:
     _transforms: dict[str, Callable[[Any], Any]] = {}
     _built: dict[str, Any] = {}
 
+    @access_checked
     def evaluate(
         self,
         episodes: int | None = None,
@@ -178,6 +180,7 @@ class Runs:
         self._stale = True
         return EvaluationResult.from_json(text, videos)
 
+    @access_checked
     def collect(
         self,
         path: str | Path | None = None,
