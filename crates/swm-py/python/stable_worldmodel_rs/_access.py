@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from collections.abc import Callable, Generator
@@ -69,7 +68,7 @@ def access_checked(function: _F) -> _F:
 
 
 def _message(path: Any) -> str:
-    place = "a file" if path is None else os.fsdecode(path) if isinstance(path, (str, bytes, os.PathLike)) else str(path)
+    place = "a file" if path is None else str(path)
     return (
         f"{place}: permission denied; give a place that you may read and write, or change who may: `ls -ld` shows the owner and the "
         "mode of the file and of its folder"

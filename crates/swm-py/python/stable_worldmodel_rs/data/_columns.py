@@ -7,6 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from .._arrays import is_array
+
 __all__ = ["flattened", "refuse_objects"]
 
 _NUMBERS = (bool, int, float, complex, np.generic)
@@ -65,7 +67,7 @@ def refuse_objects(name: str, values: Any, steps: Sequence[Any]) -> None:
             raise TypeError(_refused(name, value, f" at step {step}"))
         if texts is not None and isinstance(value, _NUMBERS) and not isinstance(value, (np.str_, np.bytes_)):
             raise TypeError(
-                f"column {name!r} holds text at step {texts} and {type(value).__name__} at step {step}; give numbers at every step, or "
+                f"column {name!r} holds text at step {texts} and {_kind(value)} at step {step}; give numbers at every step, or "
                 "text at every step: str(value)"
             )
 
@@ -74,7 +76,7 @@ def _is_object(value: Any) -> bool:
     """Whether it is no number, text, array, tensor, image, nor a list of some."""
     if isinstance(value, (*_NUMBERS, *_TEXTS)) or hasattr(value, "detach") or hasattr(value, "__array_interface__"):
         return False
-    if isinstance(value, np.ndarray):
+    if is_array(value):
         # Of text of any length; what is in it shows where it is taken apart.
         return False
     if isinstance(value, (list, tuple)):
@@ -91,4 +93,8 @@ def _refused(name: str, value: Any, where: str) -> str:
     fix = "give it as numbers or as text, such as json.dumps(value) or str(value), or leave the column out"
     if isinstance(value, Mapping):
         fix = "give a dict at every step, which becomes a column per key, or leave the column out"
-    return f"column {name!r} holds {type(value).__name__}{where}, and datasets hold numbers and text; {fix}"
+    return f"column {name!r} holds {_kind(value)}{where}, and datasets hold numbers and text; {fix}"
+
+
+def _kind(value: object) -> str:
+    return type(value).__name__

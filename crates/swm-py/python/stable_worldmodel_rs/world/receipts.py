@@ -15,7 +15,7 @@ from ..track import Tracker, tracked
 from .given import given_policy
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
-from .policies import NativePolicy
+from .policies import NativePolicy, explains_actions
 from .progress import Progress
 from .results import Comparison, Receipt
 
@@ -65,6 +65,7 @@ def evaluate(
     progress: bool = True,
     **world: Any,
 ) -> None: ...
+@explains_actions
 @access_checked
 def evaluate(
     manifest: AnyPath | Manifest,
