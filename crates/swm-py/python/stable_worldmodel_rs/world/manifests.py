@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from .._access import access_checked
 from .._core import core as _swm
 from .ids import need, native_id
 from .native import checked_shape
@@ -40,6 +41,7 @@ def existing(path: AnyPath, what: str) -> str:
     return str(found)
 
 
+@access_checked
 def read_manifest(path: AnyPath) -> Manifest:
     """Read a manifest (TOML or JSON). One that was changed after it was written is refused.
 
@@ -66,6 +68,7 @@ def _plain(value: Any) -> Any:
     return cast("Any", value).tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
 
 
+@access_checked
 def make_manifest(
     path: AnyPath,
     env_name: str,
@@ -146,6 +149,7 @@ def make_manifest(
     return Manifest(json.loads(text), hash)
 
 
+@access_checked
 def replay(
     path: AnyPath,
     episodes: Sequence[int] | None = None,

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._access import access_checked
 from .._core import core as _swm
 from . import foreign
 from .native import note_unsampled, plain_options
-from .policies import NativePolicy, ask
+from .policies import NativePolicy, ask, explains_actions
 from .progress import Progress
 from .results import EvaluationResult
 from .rows import check_callables, check_recording, extract_init_goal, goal_images, reset_options
@@ -42,6 +43,8 @@ class Runs:
     _transforms: dict[str, Callable[[Any], Any]] = {}
     _built: dict[str, Any] = {}
 
+    @explains_actions
+    @access_checked
     def evaluate(
         self,
         episodes: int | None = None,
@@ -178,6 +181,8 @@ class Runs:
         self._stale = True
         return EvaluationResult.from_json(text, videos)
 
+    @explains_actions
+    @access_checked
     def collect(
         self,
         path: str | Path | None = None,

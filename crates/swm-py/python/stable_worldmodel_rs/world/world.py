@@ -16,7 +16,7 @@ from .._core import core as _swm
 from . import foreign
 from .ids import native_id
 from .native import NativePool, checked_shape, make_native
-from .policies import NativePolicy, as_policy, ask, describe
+from .policies import NativePolicy, as_policy, ask, describe, explains_actions
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
@@ -258,6 +258,7 @@ class World(Runs):
         self._truncateds = np.zeros(self.num_envs, dtype=bool)
         self._show()
 
+    @explains_actions
     def step(self, actions: npt.ArrayLike | None = None) -> None:
         """Step every environment whose episode is not over; infos and results are updated.
 
