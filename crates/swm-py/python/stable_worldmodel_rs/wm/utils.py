@@ -46,7 +46,7 @@ def load_pretrained(
     cache_dir: str | os.PathLike[str] | None = None,
     extra_args: Mapping[str, Any] | None = None,
 ) -> Any:
-    """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, or a goal-conditioned policy.
+    """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, TD-MPC2, or a goal-conditioned policy.
 
     Args:
         name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
