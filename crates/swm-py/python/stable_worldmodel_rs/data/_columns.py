@@ -96,5 +96,6 @@ def _refused(name: str, value: Any, where: str) -> str:
     return f"column {name!r} holds {_kind(value)}{where}, and datasets hold numbers and text; {fix}"
 
 
-def _kind(value: object) -> str:
-    return type(value).__name__
+def _kind(value: Any) -> str:
+    kind: type = type(value)
+    return kind.__name__

@@ -169,9 +169,10 @@ def _fix(actions: Any, array: npt.NDArray[Any] | None, wanted: tuple[int, ...]) 
         return "; return the value of the key that holds the actions"
     if hasattr(actions, "rsample") or hasattr(actions, "log_prob"):
         return "; return a sample of the distribution, or its mean: distribution.sample(), distribution.mean"
-    if isinstance(actions, tuple) and array is None and actions and np.shape(_numpy(actions[0]) if _is_tensor(actions[0]) else None) == wanted:
+    first: Any = actions[0] if isinstance(actions, tuple) and actions else None  # pyright: ignore[reportUnknownVariableType]
+    if array is None and getattr(first, "shape", None) == wanted:
         return "; return its first part alone"
-    if _is_tensor(actions) and actions.device.type == "meta":
+    if _is_tensor(actions) and str(cast("Any", actions).device) == "meta":
         return "; the model is on the device `meta`, which holds no values: load its weights on 'cpu'"
     if array is not None and array.dtype.kind == "c":
         return "; return the real part"

@@ -36,8 +36,9 @@ def given(value: Any) -> str:
     return f"{_kind(value)} {value!r}" if isinstance(value, (bool, int, float, str)) else _kind(value)
 
 
-def _kind(value: object) -> str:
-    return type(value).__name__
+def _kind(value: Any) -> str:
+    kind: type = type(value)
+    return kind.__name__
 
 
 def _wanted(method: str, rows: int, samples: int) -> str:

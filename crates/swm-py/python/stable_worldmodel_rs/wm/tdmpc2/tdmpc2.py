@@ -51,7 +51,7 @@ class TDMPC2(nn.Module):
             self.image_size: int = _whole(cfg, "image_size")
             self.cnn: nn.Module = _convolutions()
             self.pixel_encoder: nn.Module = nn.Linear(_convolved(self.image_size), encoding[_PIXELS])
-        columns = {key: dim for key, dim in encoding.items() if key != _PIXELS}
+        columns: dict[str, int] = {key: dim for key, dim in encoding.items() if key != _PIXELS}
         self.extra_encoders: nn.Module = nn.ModuleDict(self._encoders(columns)) if extra_encoders is None else extra_encoders
         self.sim_norm: nn.Module = SimNorm(cfg)
         both, bins = self.latent_dim + self.action_dim, _whole(cfg, "wm.num_bins")
