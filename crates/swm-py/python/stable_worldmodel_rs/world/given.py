@@ -232,7 +232,8 @@ def networks_of(policy: Any, depth: int = _DEPTH) -> list[str]:
     found: list[str] = []
     if is_module(policy):
         return [type(policy).__name__] if next(iter(policy.parameters()), None) is not None else []
-    for value in vars(policy).values() if depth and hasattr(policy, "__dict__") else ():
+    held: dict[str, Any] = vars(policy) if depth and hasattr(policy, "__dict__") else {}
+    for value in held.values():
         if not _is_plain(value) and not inspect.isroutine(value) and not isinstance(value, (type, np.ndarray, Mapping)):
             found += [kind for kind in networks_of(value, depth - 1) if kind not in found]
     return found

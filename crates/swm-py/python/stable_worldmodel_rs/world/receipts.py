@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
+from .._arguments import path_of
 from .._core import core as _swm
 from ..track import Tracker, tracked
 from .given import compared_by_name, given_policy, networks_of
@@ -122,7 +123,7 @@ def evaluate(
     Raises:
         SwmError: ``out`` holds the result of another evaluation; or the policy does not fit the environment.
     """
-    found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
+    found = manifest if isinstance(manifest, Manifest) else read_manifest(path_of("the manifest", manifest, "its file, or what read_manifest gave"))
     names = [references] if isinstance(references, str) else list(references)
     check_parts(policy, out, weights, again, shard, join)
     if shard is not None and tracker is not None:
