@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import kind_of
 from .._arrays import is_module
 from .native import whole
 from .policies import NativePolicy, as_policy, describe
@@ -231,8 +232,9 @@ def networks_of(policy: Any, depth: int = _DEPTH) -> list[str]:
     """The kinds of the networks of torch that a policy holds: itself, its model, its solver's cost, and what that holds."""
     found: list[str] = []
     if is_module(policy):
-        return [type(policy).__name__] if next(iter(policy.parameters()), None) is not None else []
-    held: dict[str, Any] = vars(policy) if depth and hasattr(policy, "__dict__") else {}
+        return [kind_of(policy)] if next(iter(policy.parameters()), None) is not None else []
+    of: Any = policy
+    held: dict[str, Any] = getattr(of, "__dict__", {}) if depth else {}
     for value in held.values():
         if not _is_plain(value) and not inspect.isroutine(value) and not isinstance(value, (type, np.ndarray, Mapping)):
             found += [kind for kind in networks_of(value, depth - 1) if kind not in found]

@@ -34,7 +34,7 @@ def given(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         parts = cast("list[Any]", value)
         return f"a {kind_of(cast('Any', value))} of {len(parts)}" + (f", the first of them {given(parts[0])}" if parts else "")
-    return f"{kind_of(cast('Any', value))} {value!r}" if isinstance(value, (bool, int, float, str)) else kind_of(cast('Any', value))
+    return f"{kind_of(cast('Any', value))} {value!r}" if isinstance(value, (bool, int, float, str)) else kind_of(value)
 
 
 def _wanted(method: str, rows: int, samples: int) -> str:
