@@ -365,3 +365,51 @@ def test_a_torch_planner_is_swept_divided_resumed_and_verified(manifest: Path, t
     torch.save(made.state_dict(), weights)
     told = swm.verify(whole, policy(), weights=[weights], progress=False)
     assert not told["equal"] and "model" in told["differences"] and told["episodes"]
+
+
+def test_a_verification_names_what_it_did_not_check(manifest: Path, weights: Path) -> None:
+    receipt = swm.evaluate(manifest, planner(), references=["random"], weights=[weights], progress=False)
+    told = swm.verify(receipt, planner(), weights=[weights], progress=False)
+    assert isinstance(told, swm.Verification) and told["equal"]
+    assert {"model", "solver", "physics", "seed", "protocol", "those of random"} <= set(told["checked"])
+    assert not any("weights" in what for what in told["not_checked"])
+
+    bare = swm.evaluate(manifest, planner(), references=[], progress=False)
+    told = swm.verify(bare, planner(), progress=False)
+    assert told["equal"] and "model" not in told["checked"]
+    missing = [what for what in told["not_checked"] if "the receipt has no hash of them; give weights=[…] to swm.evaluate" in what]
+    assert len(missing) == 1 and any("reference policies: the evaluation had none" in what for what in told["not_checked"])
+    shown = str(told)
+    assert shown.startswith("equal: yes, in all that was checked") and f"not checked: {missing[0]}" in shown
+    assert missing[0] in repr(told) and "not checked" in told._repr_html_()
+
+    with_oracle = swm.evaluate(manifest, "random", references=["oracle"], oracle="cem:samples=8,iterations=1", progress=False)
+    told = swm.verify(with_oracle, progress=False)
+    assert any("the oracle was not run again" in what for what in told["not_checked"]) and "those of oracle" not in told["checked"]
+    told = swm.verify(with_oracle, oracle=True, progress=False)
+    assert "those of oracle" in told["checked"] and not any("oracle" in what for what in told["not_checked"])
+
+
+def test_a_function_and_a_network_are_named_as_not_checked(manifest: Path) -> None:
+    class Acts:
+        def __init__(self, scale: object) -> None:
+            self.scale = scale
+
+        def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+            return np.zeros((len(infos["state"]), 2), np.float32)
+
+    def halved(values: np.ndarray) -> np.ndarray:
+        return values / 2
+
+    receipt = swm.evaluate(manifest, Acts(halved), references=["random"], progress=False)
+    told = swm.verify(receipt, Acts(halved), progress=False)
+    assert any(what.startswith("scale: compared by name alone") for what in told["not_checked"]), told["not_checked"]
+    torch = pytest.importorskip("torch")
+
+    class Network(torch.nn.Module):  # type: ignore[misc,name-defined]
+        def __init__(self) -> None:
+            super().__init__()
+            self.layer = torch.nn.Linear(1, 1)
+
+    told = swm.verify(swm.evaluate(manifest, Acts(Network()), references=[], progress=False), Acts(Network()), progress=False)
+    assert any(what.startswith("the weights of Network: the receipt has no hash of them") for what in told["not_checked"]), told["not_checked"]

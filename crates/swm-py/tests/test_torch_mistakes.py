@@ -131,5 +131,5 @@ def test_scalers_may_return_tensors_and_keep_shapes() -> None:
 def test_a_gpu_that_is_not_there_is_named_before_the_plan() -> None:
     solver = CEMSolver(StateCost(), num_samples=8, n_steps=2, topk=2, device="cuda")
     live = wrong_torch.world()
-    with pytest.raises(swm.PlanError, match=r"CEMSolver\(device='cuda'\): torch .* finds no such device here .*give device='cpu'"):
+    with pytest.raises(swm.PlanError, match=r"CEMSolver: device='cuda': torch .* finds no such device here .*give device='cpu'"):
         live.set_policy(swm.WorldModelPolicy(solver, swm.PlanConfig(**wrong_torch.CONFIG)))

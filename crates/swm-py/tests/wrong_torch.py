@@ -324,7 +324,7 @@ MORE: list[tuple[Callable[[Path], Any], list[str]]] = [
     row("array_of_objects", lambda: plan(NumpyCost(lambda costs: costs.astype(object))), "[1, 8] of object", "return an array of numbers"),
     row("array_of_none", lambda: plan(NumpyCost(lambda _: None)), "NumpyCost.get_cost returned None", "end the method with `return`"),
     row("array_ragged", lambda: plan(NumpyCost(lambda _: [[1.0, 2.0], [3.0]])), "a list of 2", "NumPy makes no array", "[B, S] = [1, 8]"),
-    row("device_of_no_name", lambda: plan(StateCost(), solver_on("gpu")), "CEMSolver(device='gpu')", "no device of that name", "'cuda'"),
+    row("device_of_no_name", lambda: plan(StateCost(), solver_on("gpu")), "CEMSolver: device='gpu'", "no device of that name", "'cuda'"),
     row("numpy_in_gradients", lambda: in_gradients(lambda c: torch.from_numpy(c.numpy()).sum((2, 3))), "must stay within torch", "[B, S, H, A] = [2, 2, 2, 2]"),
     row("changed_in_place", lambda: in_gradients(lambda c: c.mul_(2).sum((2, 3))), "candidates.clone()"),
     row("candidates_not_used", lambda: in_gradients(lambda c: torch.ones(c.shape[:2], requires_grad=True) * 2), "depend on its parameters and not on the candidates"),

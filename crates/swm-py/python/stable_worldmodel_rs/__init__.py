@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .world.manifests import Manifest, make_manifest, read_manifest, replay
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
-    from .world.results import Comparison, EvaluationResult, Receipt, Sweep
+    from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
     from .world.world import World
 
@@ -52,6 +52,7 @@ __all__ = [
     "Receipt",
     "Sweep",
     "SwmError",
+    "Verification",
     "World",
     "WorldModelPolicy",
     "__version__",
@@ -115,6 +116,7 @@ _HOMES: dict[str, str] = {
     "Comparison": "world.results",
     "Receipt": "world.results",
     "Sweep": "world.results",
+    "Verification": "world.results",
     "read_sweep": "world.sweeps",
     "sweep": "world.sweeps",
     "train": "_train",

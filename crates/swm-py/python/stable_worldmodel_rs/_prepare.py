@@ -227,12 +227,12 @@ def unscale(scaler: Any, actions: Array) -> Array:
 
 def _fitted_dim(scaler: Any) -> int | None:
     """How long the rows are that a scaler was fitted on; None where it does not tell, or takes any."""
-    dim = getattr(scaler, "n_features_in_", None)
-    if dim is None:
-        sizes = {np.shape(getattr(scaler, name, None))[-1:] for name in ("mean", "std", "low", "high")}
-        sizes = {size[0] for size in sizes if size and size[0] > 1}
-        dim = sizes.pop() if len(sizes) == 1 else None
-    return None if dim is None else int(dim)
+    dim: Any = getattr(scaler, "n_features_in_", None)
+    if dim is not None:
+        return int(dim)
+    fitted: list[Any] = [getattr(scaler, name, None) for name in ("mean", "std", "q_low", "q_high")]
+    sizes = {int(value.shape[-1]) for value in fitted if is_array(value) and value.ndim > 0 and value.shape[-1] > 1}
+    return sizes.pop() if len(sizes) == 1 else None
 
 
 def transform(function: Callable[[Any], Any], key: str, values: Any) -> Any:

@@ -291,9 +291,9 @@ class FeedForwardPolicy(BasePolicy):
                 action = self.model.get_action(
                     {key: value.to(device) if is_tensor(value) else value for key, value in infos.items()}
                 )
-            name = f"{type(self.model).__name__}.get_action"
+            told = f"the policy `{type(self.model).__name__}.get_action` returned"
             single = tuple(getattr(getattr(self.env, "single_action_space", None), "shape", None) or np.shape(action)[1:])
-            parts.append(as_actions(name, action, (len(next(iter(infos.values()))), *single)))
+            parts.append(as_actions(told, action, (len(next(iter(infos.values()))), *single)))
         actions = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return unscale(self.process["action"], actions) if "action" in self.process else actions
 

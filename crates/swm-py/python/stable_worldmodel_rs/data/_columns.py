@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from .._arguments import kind_of
 from .._arrays import is_array
 
 __all__ = ["flattened", "refuse_objects"]
@@ -67,7 +68,7 @@ def refuse_objects(name: str, values: Any, steps: Sequence[Any]) -> None:
             raise TypeError(_refused(name, value, f" at step {step}"))
         if texts is not None and isinstance(value, _NUMBERS) and not isinstance(value, (np.str_, np.bytes_)):
             raise TypeError(
-                f"column {name!r} holds text at step {texts} and {_kind(value)} at step {step}; give numbers at every step, or "
+                f"column {name!r} holds text at step {texts} and {kind_of(cast('Any', value))} at step {step}; give numbers at every step, or "
                 "text at every step: str(value)"
             )
 
@@ -93,8 +94,4 @@ def _refused(name: str, value: Any, where: str) -> str:
     fix = "give it as numbers or as text, such as json.dumps(value) or str(value), or leave the column out"
     if isinstance(value, Mapping):
         fix = "give a dict at every step, which becomes a column per key, or leave the column out"
-    return f"column {name!r} holds {_kind(value)}{where}, and datasets hold numbers and text; {fix}"
-
-
-def _kind(value: object) -> str:
-    return type(value).__name__
+    return f"column {name!r} holds {kind_of(cast('Any', value))}{where}, and datasets hold numbers and text; {fix}"

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from .._arguments import device_of, named_list, require_callable, whole_number
+from .._arrays import image_sides
 from .._core import core as _swm
 from ._tensors import Output, Rewards, converter, require_torch, stack, sums_rewards, torch_or_none
 from .concat import ConcatDataset
@@ -135,8 +137,15 @@ class Loader:
     ) -> None:
         if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
-        if batch_size < 1:
+        if whole_number("batch_size", batch_size, least=-(1 << 62)) < 1:
             raise _swm.DataError(f"Loader: batch_size={batch_size}: use 1 or more clips")
+        whole_number("seed", seed)
+        if isinstance(cast("Any", shuffle), str):
+            raise TypeError(f"shuffle={shuffle!r} is a text; give True or False")
+        if not isinstance(cast("Any", shard), (tuple, list)) or len(shard) != 2:
+            raise TypeError(f"shard={shard!r}: give (rank, world size), such as shard=(0, 2), or (0, 1) for all")
+        require_callable("transform", transform, "a batch, {column: (B, T, …)}")
+        image = None if image is None else image_sides("image", image)
         self.dataset = dataset
         self.batch_size = batch_size
         self.seed = seed
@@ -144,7 +153,7 @@ class Loader:
         inner: Any = dataset.dataset if isinstance(dataset, GoalDataset) else dataset
         first: Any = inner.datasets[0] if hasattr(inner, "datasets") else inner
         reader, names = native_reader(dataset)
-        wanted = list(keys) if keys is not None else names
+        wanted = named_list("keys", keys) if keys is not None else names
         self._goal_names: dict[str, str] = {}
         self.num_steps: int = first.num_steps if num_steps is None else num_steps
         self.frameskip: int = first.frameskip if frameskip is None else frameskip
@@ -170,12 +179,12 @@ class Loader:
         }
         self._moved = [name for name, fixed in ((name, _moves(name, *field)) for name, field in self._fields.items()) if fixed]
         self._clip_transform: Callable[[dict[str, Any]], dict[str, Any]] | None = getattr(first, "transform", None)
-        self.device = device
         torch = torch_or_none() if output != "numpy" else None
-        on_gpu = torch is not None and device is not None and torch.device(device).type == "cuda"
+        on_gpu = torch is not None and device is not None and str(device).startswith("cuda")
         self.pin_memory: bool = on_gpu if pin_memory is None else pin_memory
         if device is not None or self.pin_memory:
             require_torch("device= and pin_memory=")
+        self.device = None if device is None else device_of("device", device)
         self._convert = converter(output)
         self._make_table: Callable[[], tuple[dict[str, Any], Any]] | None = self._pinned if self.pin_memory else None
         self._stream = self._start(None)

@@ -15,11 +15,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import kind_of, require_callable, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from . import _show
@@ -157,6 +158,14 @@ class NativeDataset(Dataset):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
         self.path: Any = Path(path)
+        for name, value in (("num_steps", num_steps), ("frameskip", frameskip)):
+            if not isinstance(cast("Any", value), (int, float, np.number)):
+                whole_number(name, value, 1)
+        require_callable("transform", transform, "a clip, {column: (T, …)}")
+        if isinstance(cast("Any", episodes), str):
+            raise TypeError(f"episodes={episodes!r} is a text; give a list of numbers: [0, 1]")
+        image = None if image is None else image_sides("image", image)
+        render = None if render is None else image_sides("render", render)
         self.image = image
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
@@ -336,7 +345,10 @@ class NativeDataset(Dataset):
             return clip
         if ACTION in clip:
             clip[ACTION] = clip[ACTION].reshape(self.span, -1)
-        return self._grouped(self.transform(clip), self.num_steps)
+        changed: Any = self.transform(clip)
+        if not isinstance(changed, dict):
+            raise TypeError(f"transform= returned {kind_of(changed)}; it gets a clip, {{column: (T, …)}}, and must return the dict: end it with `return clip`")
+        return self._grouped(cast("dict[str, Any]", changed), self.num_steps)
 
     def set_epoch(self, epoch: int) -> None:
         """Sets the epoch, on which the sampled looks of clips depend (``vary``). Workers of a ``DataLoader`` that were started before
@@ -349,6 +361,9 @@ class NativeDataset(Dataset):
         return type(self)._load_slice is NativeDataset._load_slice
 
     def __getitem__(self, idx: int) -> dict[str, Any]:
+        if not isinstance(cast("Any", idx), (int, np.integer)):
+            fix = ", and columns are read by get_col_data" if isinstance(cast("Any", idx), str) else ", several by __getitems__([0, 1]) or a DataLoader"
+            raise TypeError(f"dataset[{idx!r}]: clips are read by their number, 0 to {len(self) - 1}{fix}")
         if not self._is_plain:
             return super().__getitem__(idx)
         size = len(self)

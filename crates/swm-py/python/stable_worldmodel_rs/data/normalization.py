@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import kind_of
 from .._core import core as _swm
 from ._tensors import to_numpy
 
@@ -45,6 +46,8 @@ def _statistics(values: Any, quantiles: list[float]) -> tuple[NDArray[Any], NDAr
 
     Rows with a NaN or an infinity, such as the missing action of an episode's last row, do not count.
     """
+    if values is None or hasattr(values, "get_col_data"):
+        raise TypeError(f"a scaler is fitted on an array (N,) or (…, D), not on {values!r}; of a dataset, give a column: fit(dataset.get_col_data('action'))")
     array = to_numpy(values.detach().cpu().double() if _is_tensor(values) else values)
     if array.ndim == 0:
         raise ValueError("a single value has no statistics; give values of the shape (N,) or (…, D)")
@@ -62,6 +65,13 @@ def _divisors(center: NDArray[Any], scale: NDArray[Any], eps: float) -> NDArray[
     """The scale, and 1 where it is that of a constant: the core's rule for all statistics."""
     center, scale = np.broadcast_arrays(np.asarray(center, np.float64), np.asarray(scale, np.float64))
     return np.asarray(_swm.divisors(center.reshape(-1), scale.reshape(-1), eps)).reshape(scale.shape)
+
+
+def _check_dim(scaler: Any, values: Any, center: Any) -> None:
+    """Refuses values of another dim than a scaler was fitted on, but for those that a single number scales."""
+    dim = center.shape[-1] if center.ndim else 1
+    if dim > 1 and (values.ndim == 0 or values.shape[-1] != dim):
+        raise ValueError(f"{kind_of(scaler)} was fitted on rows of {dim} values, and is given {list(values.shape)}; give (…, {dim})")
 
 
 def _optional(values: ArrayLike | None) -> NDArray[Any] | None:
@@ -132,15 +142,21 @@ class ZScoreScaler(_FittedScaler):
         return _like(wide, self.mean), _like(wide, _divisors(self.mean, self.std, self.eps))
 
     def transform(self, X: Any) -> Any:
-        """Standardizes."""
+        """Standardizes.
+
+        Raises:
+            ValueError: Values of another dim than those that it was fitted on.
+        """
         wide = _wide(X)
         center, scale = self._line(wide)
+        _check_dim(self, wide, center)
         return _narrow((wide - center) / scale, X)
 
     def inverse_transform(self, X: Any) -> Any:
         """The inverse of :meth:`transform`."""
         wide = _wide(X)
         center, scale = self._line(wide)
+        _check_dim(self, wide, center)
         return _narrow(wide * scale + center, X)
 
 

@@ -70,7 +70,9 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     """
     if not isinstance(cast("Any", name), (str, os.PathLike)):
         several = "; give one, and join several by ConcatDataset" if isinstance(name, (list, tuple)) else ""
-        raise TypeError(f"load_dataset was given {type(name).__name__} {name!r} in the place of a path{several}")
+        is_open = f"; it is open already: its path is {name.path}" if isinstance(name, NativeDataset) else ""
+        shown = "" if is_open else f" {name!r}"
+        raise TypeError(f"load_dataset was given {type(name).__name__}{shown} in the place of a path{several}{is_open}")
     if not str(name):
         raise ValueError("load_dataset was given an empty name; give the path of a dataset, or its name below <cache_dir>/datasets")
     if "://" in str(name):
@@ -156,6 +158,10 @@ def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> 
         fractions: Of the episodes, ``[0.9, 0.1]``; they sum to 1 or less.
         seed: Of the choice.
     """
+    if not isinstance(cast("Any", dataset), NativeDataset):
+        raise TypeError(f"split divides a dataset, not {dataset!r}; open it first: split(load_dataset(…), [0.9, 0.1])")
+    if any(isinstance(part, bool) or not isinstance(cast("Any", part), (int, float, np.number)) for part in fractions):
+        raise TypeError(f"fractions={list(fractions)!r}: give parts of 1 as numbers, such as [0.9, 0.1]")
     if not 0 < sum(fractions) <= 1 + 1e-9 or min(fractions) < 0:
         raise ValueError(f"fractions {list(fractions)} must be 0 or more and sum to at most 1")
     order = np.random.default_rng(seed).permutation(len(dataset.lengths))

@@ -7,7 +7,8 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from . import gcrl, lewm, loss, pldm, prejepa, tdmpc2, utils
+    from . import canonical, gcrl, lewm, loss, pldm, prejepa, tdmpc2, utils
+    from .canonical import Canonical, load_canonical
     from .gcrl import GCRL
     from .lewm import LeWM
     from .pldm import PLDM
@@ -19,12 +20,15 @@ __all__ = [
     "GCRL",
     "PLDM",
     "TDMPC2",
+    "Canonical",
     "LeWM",
     "PreJEPA",
+    "canonical",
     "download_model",
     "from_config",
     "gcrl",
     "lewm",
+    "load_canonical",
     "load_pretrained",
     "loss",
     "pldm",
@@ -34,8 +38,8 @@ __all__ = [
     "utils",
 ]
 
-_MODULES = frozenset({"gcrl", "lewm", "loss", "pldm", "prejepa", "tdmpc2", "utils"})
-_CLASSES = {"GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa", "TDMPC2": "tdmpc2"}
+_MODULES = frozenset({"canonical", "gcrl", "lewm", "loss", "pldm", "prejepa", "tdmpc2", "utils"})
+_CLASSES = {"Canonical": "canonical", "load_canonical": "canonical", "GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa", "TDMPC2": "tdmpc2"}
 _HOMES = _CLASSES | dict.fromkeys(("download_model", "from_config", "load_pretrained", "save_pretrained"), "utils")
 
 

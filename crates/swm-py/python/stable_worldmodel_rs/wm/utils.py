@@ -60,10 +60,13 @@ def load_pretrained(
         FileNotFoundError: nothing of that name is here.
         ValueError: what is there cannot be read as a model; the message has the object, the reason and the fix.
     """
+    from .._arguments import device_of, path_of
     from ._config import overridden
     from ._weights import read_weights
 
-    file = _find(os.fspath(name), None if cache_dir is None else Path(cache_dir))
+    name = path_of("the checkpoint", name, "its file, its folder, a name below $STABLEWM_HOME/checkpoints, or 'user/repository'")
+    where = device_of("device", device)
+    file = _find(name, None if cache_dir is None else Path(cache_dir))
     extra = dict(extra_args or {})
     config = _read_config(file.parent)
     tensors = read_weights(file)
@@ -73,7 +76,7 @@ def load_pretrained(
     else:
         model = _of_training(config, tensors, file, kind, extra)
     _fill(model, tensors, file)
-    return cast("Any", model).to(device).eval()
+    return cast("Any", model).to(where).eval()
 
 
 def _of_config(config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, heads: int | None) -> nn.Module:
@@ -260,6 +263,8 @@ def save_pretrained(
     from ._weights import unwrapped
 
     settings = _plain(config)
+    if not callable(getattr(model, "state_dict", None)):
+        raise TypeError(f"the model is {type(model).__name__}; give the torch module itself, not its state_dict()")
     state = {name: value.detach().cpu() for name, value in unwrapped(cast("Any", model).state_dict()).items()}
     inner: Any = model
     while hasattr(inner, "_orig_mod") or type(inner).__name__ == "DistributedDataParallel":

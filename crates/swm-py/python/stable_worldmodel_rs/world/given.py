@@ -16,6 +16,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import kind_of
+from .._arrays import is_module
 from .native import whole
 from .policies import NativePolicy, as_policy, describe
 from .world import World
@@ -33,6 +35,10 @@ class Given(NamedTuple):
     seed: int
     foreign: Any
     """Of a policy in Python: its World, what is called before episodes begin, its actions, its settings, its files."""
+
+
+class ByName(str):
+    """A setting of which a receipt has the name alone: what it holds is not compared."""
 
 
 @contextmanager
@@ -202,14 +208,37 @@ def _described(value: Any) -> Any:
     if isinstance(value, PathLike):
         return fspath(cast("PathLike[str]", value))
     if inspect.isroutine(value) or isinstance(value, type):
-        return value.__qualname__
+        return ByName(value.__qualname__)
     digest = hashlib.sha256()
     states = [(name, _bytes(state)) for name, state in sorted(getattr(value, "__dict__", {}).items())]
     for name, state in states:
         if state is not None:
             digest.update(f"{name}=".encode() + state + b"\n")
     kind = type(value).__name__
-    return f"{kind}#{digest.hexdigest()[:12]}" if any(state is not None for _, state in states) else kind
+    if any(state is not None for _, state in states):
+        return f"{kind}#{digest.hexdigest()[:12]}"
+    # Of an object without any state, its class is all that there is.
+    return ByName(kind) if states else kind
+
+
+def compared_by_name(policy: Any, world: Mapping[str, Any]) -> list[str]:
+    """The settings of a policy in Python, and arguments of its World, that a receipt has by their names alone: functions, and objects that hold
+    no numbers."""
+    settings = {**settings_of(policy), **{f"world.{key}": _described(value) for key, value in world.items()}}
+    return [name for name, value in settings.items() if isinstance(value, ByName)]
+
+
+def networks_of(policy: Any, depth: int = _DEPTH) -> list[str]:
+    """The kinds of the networks of torch that a policy holds: itself, its model, its solver's cost, and what that holds."""
+    found: list[str] = []
+    if is_module(policy):
+        return [kind_of(policy)] if next(iter(policy.parameters()), None) is not None else []
+    of: Any = policy
+    held: dict[str, Any] = getattr(of, "__dict__", {}) if depth else {}
+    for value in held.values():
+        if not _is_plain(value) and not inspect.isroutine(value) and not isinstance(value, (type, np.ndarray, Mapping)):
+            found += [kind for kind in networks_of(value, depth - 1) if kind not in found]
+    return found
 
 
 def _bytes(state: Any) -> bytes | None:

@@ -13,6 +13,7 @@ from typing import Any, TypeGuard, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import kind_of
 from .._core import core as _swm
 from .native import whole
 
@@ -107,17 +108,20 @@ def ask(policy: Any, infos: dict[str, Any], space: Any) -> Any:
     if actions is not None and space.shape is None:
         return actions  # Of several parts, which the environments take apart.
     what = "whole numbers" if "Discrete" in type(space).__name__ else "real numbers"
-    return as_actions(describe(policy), actions, tuple(space.shape or ()), what)
+    return as_actions(f"the policy `{describe(policy)}` returned", actions, tuple(space.shape or ()), what)
 
 
-def as_actions(policy: str, actions: Any, shape: tuple[int, ...], what: str = "real numbers") -> npt.NDArray[Any]:
+def as_actions(
+    told: str, actions: Any, shape: tuple[int, ...], what: str = "real numbers", must: str = "it must return"
+) -> npt.NDArray[Any]:
     """What a policy returned, as an array of actions: tensors of any device and type come to the CPU, without their gradient.
 
     Args:
-        policy: What it is called.
-        actions: What it returned.
+        told: The beginning of an error: who returned them.
+        actions: What was returned.
         shape: Of the actions, ``(N, *A)``. Axes of length 1 may come and go.
         what: What actions are.
+        must: How an error goes on.
 
     Raises:
         PolicyError: It is none; the message has its kind and shape, and the fix.
@@ -134,7 +138,7 @@ def as_actions(policy: str, actions: Any, shape: tuple[int, ...], what: str = "r
         return array
     found = _given(actions) if array is None or array.dtype.kind not in "biuf" else f"{array.dtype} of shape {list(array.shape)}"
     raise _swm.PolicyError(
-        f"the policy `{policy}` returned {found}; it must return actions of shape {shape}, one row per environment, [N, *A]: {what}, as an array, a "
+        f"{told} {found}; {must} actions of shape {shape}, one row per environment, [N, *A]: {what}, as an array, a "
         f"tensor or lists{_fix(actions, array, shape)}"
     )
 
@@ -169,9 +173,10 @@ def _fix(actions: Any, array: npt.NDArray[Any] | None, wanted: tuple[int, ...]) 
         return "; return the value of the key that holds the actions"
     if hasattr(actions, "rsample") or hasattr(actions, "log_prob"):
         return "; return a sample of the distribution, or its mean: distribution.sample(), distribution.mean"
-    if isinstance(actions, tuple) and array is None and actions and np.shape(_numpy(actions[0]) if _is_tensor(actions[0]) else None) == wanted:
+    first = next(iter(cast("tuple[Any, ...]", actions)), None) if isinstance(actions, tuple) else None
+    if array is None and getattr(first, "shape", None) == wanted:
         return "; return its first part alone"
-    if _is_tensor(actions) and actions.device.type == "meta":
+    if str(getattr(cast("Any", actions), "device", "")) == "meta":
         return "; the model is on the device `meta`, which holds no values: load its weights on 'cpu'"
     if array is not None and array.dtype.kind == "c":
         return "; return the real part"
@@ -200,10 +205,10 @@ def _given(value: Any) -> str:
     shape = getattr(value, "shape", None)
     if isinstance(value, (list, tuple)):
         parts = [_given(one) for one in cast("list[Any]", value)[:3]]
-        return f"a {type(value).__name__} of {', '.join(parts)}" + (", …" if len(cast("list[Any]", value)) > 3 else "")
+        return f"a {kind_of(cast('Any', value))} of {', '.join(parts)}" + (", …" if len(cast("list[Any]", value)) > 3 else "")
     if shape is not None and isinstance(shape, tuple):
-        return f"{type(value).__name__} of shape {list(cast('tuple[int, ...]', shape))}, {value.dtype}"
-    return f"{value!r}" if isinstance(value, (int, float, str)) else type(value).__name__
+        return f"{kind_of(value)} of shape {list(cast('tuple[int, ...]', shape))}, {value.dtype}"
+    return f"{value!r}" if isinstance(value, (int, float, str)) else kind_of(value)
 
 
 class PolicyInfos(dict[str, Any]):

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
+from .._arguments import path_of
 from .._core import core as _swm
 from ..track import Tracker, tracked
-from .given import given_policy
+from .given import compared_by_name, given_policy, networks_of
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
-from .policies import NativePolicy, explains_actions
+from .policies import NativePolicy, as_policy, explains_actions
 from .progress import Progress
-from .results import Comparison, Receipt
+from .results import Comparison, Receipt, Verification
 
 REFERENCES = ("random", "no_op", "oracle")
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
@@ -122,7 +123,7 @@ def evaluate(
     Raises:
         SwmError: ``out`` holds the result of another evaluation; or the policy does not fit the environment.
     """
-    found = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
+    found = manifest if isinstance(manifest, Manifest) else read_manifest(path_of("the manifest", manifest, "its file, or what read_manifest gave"))
     names = [references] if isinstance(references, str) else list(references)
     check_parts(policy, out, weights, again, shard, join)
     if shard is not None and tracker is not None:
@@ -274,7 +275,7 @@ def verify(
     plan_steps: int | None = None,
     progress: bool = True,
     **world: Any,
-) -> dict[str, Any]:
+) -> Verification:
     """Run a receipt's policy and its reference policies again, and say what differs.
 
     Args:
@@ -290,7 +291,8 @@ def verify(
         **world: As of `evaluate`.
 
     Returns:
-        ``equal``, ``differences`` by part (``model``, ``solver``, ``physics``, …), the ``episodes`` that differ, and more.
+        A dict: ``equal``, ``differences`` by part (``model``, ``solver``, ``physics``, …), the ``episodes`` that differ, ``checked``, and
+        ``not_checked``: what was not compared, and why, such as the weights of a network of which the receipt has no file.
     """
     found = receipt_to_repeat(receipt)
     repeated = sum(oracle or other["role"] != "oracle" for other in found["references"])
@@ -303,9 +305,37 @@ def verify(
     with Progress("Verifying", len(found["episodes"]) * (1 + repeated), progress) as bar:
         spread: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "oracle": oracle, "tick": bar.tick}
         if policy is None:
-            return dict(json.loads(_swm.verify_receipt(text, **spread)))
+            return _verified(found, json.loads(_swm.verify_receipt(text, **spread)), [])
         given = given_policy(
             found["manifest"], policy, name=own, weights=weights, seed=0, num_envs=num_envs, threads=threads, world=world
         )
         with given as (name, _, foreign):
-            return dict(json.loads(_swm.verify_receipt(text, (name, foreign), plan_steps, **spread)))
+            told = json.loads(_swm.verify_receipt(text, (name, foreign), plan_steps, **spread))
+        return _verified(found, told, _not_in_a_receipt(found, policy, world))
+
+
+def _verified(receipt: Mapping[str, Any], told: dict[str, Any], more: list[str]) -> Verification:
+    """What the core found, with what was compared and what was not."""
+    no_images = receipt["fingerprints"].get("images") is None
+    repeated = [str(other["role"]) for other in receipt["references"] if not any("oracle" in note for note in told.get("notes", [])) or other["role"] != "oracle"]
+    checked = [f"{len(receipt['episodes'])} episodes of the policy", *(f"those of {role}" for role in repeated), "protocol", "physics", "seed", "solver"]
+    checked += [*([] if no_images else ["images"]), *(["model"] if receipt.get("files") else [])]
+    skipped = [*told.get("notes", []), *more]
+    if no_images:
+        skipped.append("images: the evaluation had none")
+    if not receipt["references"]:
+        skipped.append("reference policies: the evaluation had none; give references= to swm.evaluate")
+    return Verification({**told, "checked": checked, "not_checked": skipped})
+
+
+def _not_in_a_receipt(receipt: Mapping[str, Any], policy: Any, world: Mapping[str, Any]) -> list[str]:
+    """What a receipt does not hold of a policy in Python."""
+    policy = as_policy(policy)
+    skipped: list[str] = []
+    if not receipt.get("files"):
+        networks = networks_of(policy)
+        what = f"the weights of {', '.join(networks)}" if networks else "the code and the files of the policy"
+        skipped.append(f"{what}: the receipt has no hash of them; give weights=[…] to swm.evaluate: files of weights, or of code")
+    if names := compared_by_name(policy, world):
+        skipped.append(f"{', '.join(names)}: compared by name alone, not by what it does")
+    return skipped

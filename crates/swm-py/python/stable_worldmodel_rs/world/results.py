@@ -16,6 +16,8 @@ import numpy.typing as npt
 
 # A notebook shows at most so many videos.
 _VIDEOS = 4
+# A verification names at most so many episodes.
+_SHOWN = 12
 
 
 class EvaluationResult(dict[str, Any]):
@@ -131,6 +133,35 @@ class Receipt(dict[str, Any]):
 
     def __repr__(self) -> str:
         return f"Receipt({self['manifest']['env']}, " + ", ".join(f"{name}: {rate}" for name, rate in self.rows()) + ")"
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows())
+
+
+class Verification(dict[str, Any]):
+    """What a repetition of a result showed.
+
+    ``equal``: whether all that was compared is equal to the last bit; ``differences`` by part (``model``, ``solver``, ``physics``, …); the
+    ``episodes`` that differ; ``checked`` and ``not_checked``: what was compared, and what was not and why; ``summary`` of the repetition, and
+    ``recorded``, that of the receipt.
+    """
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The table that people read."""
+        rows = [("equal", "yes, in all that was checked" if self["equal"] else "no")]
+        rows += [(f"differs: {part}", str(what)) for part, what in self["differences"].items()]
+        if self["episodes"]:
+            rows.append(("episodes that differ", ", ".join(map(str, self["episodes"][:_SHOWN])) + (", …" if len(self["episodes"]) > _SHOWN else "")))
+        rows += [("success", f"{rate(self['summary'])}, recorded {rate(self['recorded'])}")]
+        rows += [("checked", ", ".join(self["checked"]))]
+        rows += [("not checked", what) for what in self["not_checked"]]
+        return rows
+
+    def __repr__(self) -> str:
+        return "Verification(" + ", ".join(f"{name}: {text}" for name, text in self.rows()) + ")"
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name}: {text}" for name, text in self.rows())
 
     def _repr_html_(self) -> str:
         return html_table(self.rows())

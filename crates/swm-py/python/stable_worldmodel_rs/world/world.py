@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import whole_number
 from .._core import core as _swm
 from . import foreign
 from .ids import native_id
 from .native import NativePool, checked_shape, make_native
-from .policies import NativePolicy, as_policy, ask, describe, explains_actions
+from .policies import NativePolicy, as_actions, as_policy, ask, describe, explains_actions
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
@@ -117,6 +118,12 @@ class World(Runs):
             native = native_id(env_name)
         else:
             native = None
+            if isinstance(cast("Any", env_name), (Mapping, bytes)) or not hasattr(env_name, "__iter__"):
+                raise TypeError(
+                    f"World was given {env_name!r}; give the id of an environment, such as 'swm/PushT-v1', or a list of functions that each make one: "
+                    "[lambda: gymnasium.make('CartPole-v1')]"
+                )
+        num_envs = whole_number("num_envs", num_envs, -(1 << 62))
         if native is None:
             from .wrap import make_pool
 
@@ -276,6 +283,9 @@ class World(Runs):
         """
         if actions is None and not isinstance(self.policy, NativePolicy):
             actions = self._get_actions()
+        elif actions is not None and self.envs.action_space.shape is not None:
+            space = self.envs.action_space
+            actions = as_actions("World.step was given", actions, tuple(space.shape), must="give") if _is_odd(actions) else actions
         if self._core is None:
             _, self.rewards, self.terminateds, self.truncateds, self.infos = self.envs.step(actions)
             return
@@ -409,6 +419,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return cast("Any", value).tolist()
     raise TypeError(f"the setting {value!r} is no number, text or list")
+
+
+def _is_odd(actions: Any) -> bool:
+    """Whether actions are no array, so that they are looked at before the core gets them."""
+    return not isinstance(actions, np.ndarray)
 
 
 def _stacked(images: list[Any]) -> Any:

@@ -8,10 +8,11 @@ import json
 import logging
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
+from ..._arguments import device_of, whole_number
 from ..._arrays import Array, is_array, is_tensor, require_torch
 from ..._prepare import require_method
 from ...protocols import Actionable
@@ -86,7 +87,8 @@ class BaseSolver:
     ) -> None:
         self._require_cost(cost)
         self.cost = cost
-        if batch_size is not None and batch_size < 1:
+        whole_number("seed", abs(seed) if isinstance(cast("Any", seed), int) else seed)
+        if batch_size is not None and whole_number("batch_size", batch_size, least=-(1 << 62)) < 1:
             raise ValueError(f"batch_size must be >= 1 or None, got {batch_size}")
         self.batch_size = batch_size
         self.num_samples = num_samples
@@ -178,17 +180,10 @@ class BaseSolver:
         """Refuses a device that this torch does not have, before a long run begins to plan."""
         if str(self.device) == "cpu" or self.cost is None or self.array_api == "numpy":
             return
-        torch, name = torch_of(self.cost), f"{type(self).__name__}(device={str(self.device)!r})"
         try:
-            kind = torch.device(self.device).type
-        except (RuntimeError, TypeError):
-            raise PlanAssertionError(f"{name}: torch has no device of that name; give 'cpu', 'cuda', 'cuda:1' or 'mps'") from None
-        backend = {"cuda": getattr(torch, "cuda", None), "mps": getattr(getattr(torch, "backends", None), "mps", None)}.get(kind)
-        if backend is not None and not backend.is_available():
-            raise PlanAssertionError(
-                f"{name}: torch {torch.__version__} finds no such device here (torch.cuda.is_available() is False); give device='cpu', or "
-                "install the build of torch for your GPU and its driver"
-            )
+            device_of("device", self.device)
+        except ValueError as error:
+            raise PlanAssertionError(f"{type(self).__name__}: {error}") from None
 
     def set_bounds(self, low: Array, high: Array) -> None:
         """Tells the bounds of real actions in units of plans, ``(A,)`` each, where these are not the environment's."""

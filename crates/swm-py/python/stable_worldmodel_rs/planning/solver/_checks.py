@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..._arguments import kind_of
 from ..._arrays import Array, is_array, is_module, is_tensor
 from ._errors import PlanAssertionError
 
@@ -32,12 +33,8 @@ def given(value: Any) -> str:
         return f"a dict with {', '.join(map(str, cast('Mapping[Any, Any]', value)))}"
     if isinstance(value, (list, tuple)):
         parts = cast("list[Any]", value)
-        return f"a {_kind(value)} of {len(parts)}" + (f", the first of them {given(parts[0])}" if parts else "")
-    return f"{_kind(value)} {value!r}" if isinstance(value, (bool, int, float, str)) else _kind(value)
-
-
-def _kind(value: object) -> str:
-    return type(value).__name__
+        return f"a {kind_of(cast('Any', value))} of {len(parts)}" + (f", the first of them {given(parts[0])}" if parts else "")
+    return f"{kind_of(cast('Any', value))} {value!r}" if isinstance(value, (bool, int, float, str)) else kind_of(value)
 
 
 def _wanted(method: str, rows: int, samples: int) -> str:

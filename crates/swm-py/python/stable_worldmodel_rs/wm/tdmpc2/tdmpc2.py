@@ -51,7 +51,7 @@ class TDMPC2(nn.Module):
             self.image_size: int = _whole(cfg, "image_size")
             self.cnn: nn.Module = _convolutions()
             self.pixel_encoder: nn.Module = nn.Linear(_convolved(self.image_size), encoding[_PIXELS])
-        columns = {key: dim for key, dim in encoding.items() if key != _PIXELS}
+        columns: dict[str, int] = {key: dim for key, dim in encoding.items() if key != _PIXELS}
         self.extra_encoders: nn.Module = nn.ModuleDict(self._encoders(columns)) if extra_encoders is None else extra_encoders
         self.sim_norm: nn.Module = SimNorm(cfg)
         both, bins = self.latent_dim + self.action_dim, _whole(cfg, "wm.num_bins")
@@ -66,7 +66,7 @@ class TDMPC2(nn.Module):
 
     def _encoding(self) -> dict[str, int]:
         found: Any = setting(self.cfg, "wm.encoding", {})
-        if not isinstance(found, Mapping) and not hasattr(found, "items"):
+        if not hasattr(found, "items"):
             raise ValueError(f"cfg.wm.encoding is {found!r}; give the dims of latents by column, such as {{'state': 128}}")
         return {str(key): _positive(dim, f"wm.encoding.{key}") for key, dim in found.items()}
 
@@ -82,7 +82,7 @@ class TDMPC2(nn.Module):
         for part in cast("Any", self).modules():
             if isinstance(part, nn.Linear):
                 linear: Any = part
-                cast("Any", nn.init).trunc_normal_(linear.weight, std=0.02)
+                nn.init.trunc_normal_(linear.weight, std=0.02)
                 if linear.bias is not None:
                     nn.init.zeros_(linear.bias)
         for head in (self.reward, *cast("Any", self.qs), *cast("Any", self.target_qs)):
@@ -147,7 +147,7 @@ class TDMPC2(nn.Module):
         for _ in range(num_trajs):
             now, actions = z, list[Any]()
             for _ in range(horizon):
-                mean, spread = cast("Any", self.pi(now)).chunk(2, dim=-1)
+                mean, spread = self.pi(now).chunk(2, dim=-1)
                 action = torch.tanh(mean + log_std(spread).exp() * torch.randn_like(mean))
                 actions.append(action)
                 now = self.dynamics(torch.cat([now, action], dim=-1))
@@ -187,7 +187,7 @@ class TDMPC2(nn.Module):
             z, reward = self(z, action)
             value = value + weight * two_hot_inv(reward, self.cfg)
             weight *= discount
-        last = torch.cat([z, torch.tanh(cast("Any", self.pi(z)).chunk(2, dim=-1)[0])], dim=-1)
+        last = torch.cat([z, torch.tanh(self.pi(z).chunk(2, dim=-1)[0])], dim=-1)
         values = torch.stack([two_hot_inv(q(last), self.cfg) for q in cast("Any", self.qs)])
         mean = values.mean(0)
         # The std of a single one is none.

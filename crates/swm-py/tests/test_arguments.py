@@ -1,0 +1,116 @@
+"""Arguments of the wrong kind: the error names the argument, what it was given, and what to give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stable_worldmodel_rs as swm
+from stable_worldmodel_rs.planning import CEMSolver
+
+LENGTH = 11
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "a.h5"
+    with swm.data.HDF5Writer(path) as writer:
+        for _ in range(3):
+            writer.write_episode({"pixels": np.zeros((LENGTH, 8, 8, 3), np.uint8), "action": np.zeros((LENGTH, 2), np.float32)})
+    return path
+
+
+class Cost:
+    array_api = "numpy"
+
+    def get_cost(self, infos: dict[str, Any], candidates: Any) -> Any:
+        return candidates.sum((2, 3))
+
+
+def opened(path: Path, **options: Any) -> Any:
+    return swm.data.load_dataset(path, **options)
+
+
+def batches(path: Path, **options: Any) -> Any:
+    return next(iter(swm.data.Loader(path, **{"batch_size": 2, **options})))
+
+
+WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "batch size as text": (lambda path: batches(path, batch_size="8"), "batch_size='8': give a whole number"),
+    "batch size as a float": (lambda path: batches(path, batch_size=8.0), "batch_size=8.0: give a whole number"),
+    "batch size of none": (lambda path: batches(path, batch_size=None), "batch_size=None: give a whole number"),
+    "shuffle as text": (lambda path: batches(path, shuffle="no"), "shuffle='no' is a text; give True or False"),
+    "seed as text": (lambda path: batches(path, seed="a"), "seed='a': give a whole number"),
+    "keys as text": (lambda path: batches(path, keys="pixels"), r"keys='pixels' is a text; give a list: \['pixels'\]"),
+    "side of images": (lambda path: batches(path, image=8), "image=8: give the height and width"),
+    "shard of a number": (lambda path: batches(path, shard=1), r"shard=1: give \(rank, world size\)"),
+    "list of transforms": (lambda path: batches(path, transform=[dict]), "transform is list; give a function of a batch"),
+    "steps as text": (lambda path: opened(path, num_steps="4"), "num_steps='4': give a whole number from 1 on"),
+    "half a step": (lambda path: opened(path, num_steps=1.5), "num_steps=1.5 must be a whole number, 1 or more"),
+    "transforms by column": (lambda path: opened(path, transform={"pixels": abs}), "transform is dict; give a function of a clip"),
+    "transform without return": (lambda path: opened(path, transform=lambda clip: None)[0], "transform= returned NoneType; .*end it with `return clip`"),
+    "episodes as text": (lambda path: opened(path, episodes="0"), r"episodes='0' is a text; give a list of numbers"),
+    "image of a side": (lambda path: opened(path, image=8), "image=8: give the height and width"),
+    "clip by a column": (lambda path: opened(path)["pixels"], r"dataset\['pixels'\]: clips are read by their number, 0 to 32, and columns .*get_col_data"),
+    "clip of a half": (lambda path: opened(path)[1.5], r"dataset\[1.5\]: clips are read by their number"),
+    "slice of clips": (lambda path: opened(path)[0:2], r"dataset\[slice\(0, 2, None\)\].*several by __getitems__"),
+    "dataset in the place of a path": (lambda path: swm.data.convert(opened(path), path), "in the place of a path; it is open already: its path is .*a.h5"),
+    "path in the place of a dataset": (lambda path: swm.data.split(str(path), [0.5]), "split divides a dataset, not .*open it first"),  # type: ignore[arg-type]
+    "parts as text": (lambda path: swm.data.split(opened(path), [0.5, "x"]), r"fractions=\[0.5, 'x'\]: give parts of 1 as numbers"),  # type: ignore[list-item]
+    "scaler of a dataset": (lambda path: swm.data.ZScoreScaler().fit(opened(path)), "a scaler is fitted on an array .*get_col_data"),
+    "scaler of none": (lambda _: swm.data.ZScoreScaler().fit(None), "a scaler is fitted on an array .*not on None"),
+    "scaler of another dim": (
+        lambda _: swm.data.ZScoreScaler().fit(np.random.default_rng(0).normal(size=(9, 2))).transform(np.zeros((3, 4))),
+        r"ZScoreScaler was fitted on rows of 2 values, and is given \[3, 4\]; give \(…, 2\)",
+    ),
+    "environment of none": (lambda _: swm.World(None, num_envs=1), "World was given None; give the id of an environment"),  # type: ignore[arg-type]
+    "environments as text": (lambda _: swm.World("swm/PushT-v1", num_envs="2", add_pixels=False), "num_envs='2': give a whole number"),  # type: ignore[arg-type]
+    "no environments": (lambda _: swm.World("swm/PushT-v1", num_envs=0, add_pixels=False), "num_envs"),
+    "solver's seed": (lambda _: CEMSolver(Cost(), seed="a"), "seed='a': give a whole number"),  # type: ignore[arg-type]
+    "solver's batch size": (lambda _: CEMSolver(Cost(), batch_size="a"), "batch_size='a': give a whole number"),  # type: ignore[arg-type]
+    "manifest of none": (lambda _: swm.evaluate(None, "random"), "the manifest is NoneType; give its file"),  # type: ignore[call-overload]
+    "manifest as a dict": (lambda _: swm.evaluate({"env": "swm/PushT-v1"}, "random"), "the manifest is dict; give its file"),  # type: ignore[call-overload]
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_arguments_of_the_wrong_kind_are_named(what: str, dataset: Path) -> None:
+    call, message = WRONG[what]
+    with pytest.raises((TypeError, ValueError), match=message):
+        call(dataset)
+
+
+def test_whole_numbers_of_numpy_are_whole(dataset: Path) -> None:
+    assert batches(dataset, batch_size=np.int64(2), seed=np.int32(3))["action"].shape[0] == 2
+    assert opened(dataset, num_steps=np.int64(2))[np.int64(1)]["action"].shape[0] == 2
+    assert CEMSolver(Cost(), batch_size=np.int64(2), seed=-3).batch_size == 2
+    assert swm.World("swm/PushT-v1", num_envs=np.int64(2), add_pixels=False, threads=1).num_envs == 2
+
+
+def test_a_step_takes_what_policies_return() -> None:
+    world = swm.World("swm/PushT-v1", num_envs=2, add_pixels=False, threads=1)
+    world.reset(seed=0)
+    world.step([[0.0, 0.0], [0.0, 0.0]])
+    with pytest.raises(swm.PolicyError, match=r"World.step was given a list .*; give actions of shape \(2, 2\), one row per environment"):
+        world.step([[0.0, 0.0], [0.0]])
+    with pytest.raises(swm.PolicyError, match="World.step was given 'left'; give actions"):
+        world.step("left")  # type: ignore[arg-type]
+    torch = pytest.importorskip("torch")
+    world.step(torch.zeros(2, 2, dtype=torch.bfloat16, requires_grad=True))
+
+
+def test_devices_and_models_are_named() -> None:
+    torch = pytest.importorskip("torch")
+    for wrong in (None, torch.nn.Linear(1, 1)):
+        with pytest.raises(TypeError, match="the checkpoint is .*; give its file, its folder"):
+            swm.load_pretrained(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="device='gpu': torch has no device of that name"):
+        swm.load_pretrained("model", device="gpu")
+    if not torch.cuda.is_available():
+        with pytest.raises(ValueError, match="device='cuda': torch .* finds no such device here"):
+            swm.load_pretrained("model", device="cuda")
+    with pytest.raises(TypeError, match=r"the model is OrderedDict; give the torch module itself, not its state_dict\(\)"):
+        swm.save_pretrained(torch.nn.Linear(1, 1).state_dict(), "folder", {"_target_": "stable_worldmodel.wm.LeWM"})
