@@ -1,7 +1,7 @@
 //! Pieces of pixels that show one surface, sorted by surface.
 
 use super::grid::Raster;
-use super::lanes::LANES;
+use super::lanes::{LANES, Lanes, splat};
 use super::samples::Samples;
 use super::target::{NOTHING, Target};
 
@@ -166,8 +166,8 @@ impl Fragments {
                 for (offset, _) in owners.iter().enumerate().filter(|(_, owner)| **owner != NOTHING) {
                     let column = LANES * group + offset;
                     let (at, x) = (range.start + column, area.x0 + column);
-                    self.x[count] = x as f32 + 0.5;
-                    self.y[count] = row as f32 + 0.5;
+                    self.x[count] = x as i32 as f32 + 0.5;
+                    self.y[count] = row as i32 as f32 + 0.5;
                     self.nearness[count] = window.nearness[at];
                     self.facet[count] = window.known.facet[at];
                     self.pixel[count] = (row * width + x) as u32;
@@ -247,12 +247,12 @@ impl Fragments {
         self.facet[to.clone()].copy_from_slice(&raster.known.facet[from]);
         self.share[to.clone()].fill(1.0);
         let (x, y) = (pixel % raster.width(), pixel / raster.width());
-        self.y[to.clone()].fill(y as f32 + 0.5);
-        for (offset, place) in self.x[to.clone()].iter_mut().enumerate() {
-            *place = (x + offset) as f32 + 0.5;
+        self.y[to.clone()].fill(y as i32 as f32 + 0.5);
+        for (place, column) in self.x[to.clone()].iter_mut().zip(x as i32..) {
+            *place = column as f32 + 0.5;
         }
-        for (offset, index) in self.pixel[to].iter_mut().enumerate() {
-            *index = (pixel + offset) as u32;
+        for (place, index) in self.pixel[to].iter_mut().zip(pixel as u32..) {
+            *place = index;
         }
     }
 
@@ -260,6 +260,17 @@ impl Fragments {
     fn settle(&mut self) {
         self.starts.rotate_right(1);
         self.starts[0] = 0;
+    }
+
+    /// The first of eight pixels side by side that the eight fragments from `at` on are all of; `None` if they are others. A
+    /// pixel that shows one surface has no other fragment.
+    #[inline]
+    pub(super) fn whole_pixels(&self, at: usize) -> Option<usize> {
+        let pixels = self.pixel[at..].first_chunk::<LANES>()?;
+        let shares = self.share[at..].first_chunk::<LANES>()?;
+        // Fragments stand in the order of their pixels, and a pixel of which there are several has parts of them.
+        let is_run = pixels[LANES - 1].wrapping_sub(pixels[0]) == LANES as u32 - 1;
+        (is_run && Lanes::new(*shares).simd_eq(splat(1.0)).to_bitmask() == 0xff).then_some(pixels[0] as usize)
     }
 
     /// The fragments of one surface; of number `surfaces`: of none.

@@ -136,13 +136,13 @@ impl<K: Known> Target for Grid<K> {
     #[inline]
     fn point(&self, row: usize, at: usize) -> (f32, f32) {
         let start = (row - self.area.y0) * self.width();
-        ((at + self.area.x0 - start) as f32 + 0.5, row as f32 + 0.5)
+        ((at + self.area.x0 - start) as i32 as f32 + 0.5, row as i32 as f32 + 0.5)
     }
 
     #[inline]
     fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
         let start = (row - self.area.y0) * self.width();
-        (centers(at + self.area.x0 - start), splat(row as f32 + 0.5))
+        (centers(at + self.area.x0 - start), splat(row as i32 as f32 + 0.5))
     }
 
     #[inline]
@@ -172,7 +172,7 @@ impl<K: Known> Target for Grid<K> {
 /// The centers of pixels from column `x` on.
 #[inline]
 fn centers(x: usize) -> Lanes {
-    splat(x as f32) + Lanes::new([0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5])
+    splat(x as i32 as f32) + Lanes::new([0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5])
 }
 
 /// Columns (or rows) from `start` to `end` whose centers lie in `low..=high`.

@@ -98,13 +98,7 @@ impl Ground {
     /// The first of eight pixels side by side that eight fragments of the floor are; `None` unless the colors of all are known.
     #[inline]
     pub(super) fn known(&self, fragments: &Fragments, at: usize) -> Option<usize> {
-        let pixels = fragments.pixel[at..].first_chunk::<LANES>()?;
-        let shares = fragments.share[at..].first_chunk::<LANES>()?;
-        let first = pixels[0] as usize;
-        // Fragments stand in the order of their pixels, and a pixel of which there are several has parts of them.
-        if pixels[LANES - 1] as usize != first + LANES - 1 || *shares != [1.0; LANES] {
-            return None;
-        }
+        let first = fragments.whole_pixels(at)?;
         let found = load(&fragments.nearness[at..], 0.0);
         let kept = self.nearness.get(first..first + LANES)?;
         (load(kept, 0.0).simd_eq(found).to_bitmask() == 0xff).then_some(first)

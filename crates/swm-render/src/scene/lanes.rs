@@ -29,6 +29,12 @@ pub(super) fn load(values: &[f32], fill: f32) -> Lanes {
     }
 }
 
+/// Four values and four more.
+#[inline]
+pub(super) fn both([a, b, c, d]: [f32; 4], [e, f, g, h]: [f32; 4]) -> Lanes {
+    Lanes::new([a, b, c, d, e, f, g, h])
+}
+
 /// Eight points or directions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lanes3 {

@@ -79,7 +79,8 @@ impl Lamp {
         let facing = normal.dot(toward);
         let is_lit = facing.simd_gt(zero);
         let diffuse = is_lit.select(facing, zero) * strength;
-        let gloss = if surface.specular > 0.0 && self.light.specular != [0.0; 3] {
+        let shines = surface.specular > 0.0 && self.light.specular != [0.0; 3];
+        let gloss = if shines && is_lit.to_bitmask() != 0 {
             let half = (toward + to_eye).normalized();
             let shine = power(normal.dot(half).max(zero).min(one), surface.shininess);
             is_lit.select(shine, zero) * splat(surface.specular) * strength

@@ -29,7 +29,13 @@ pub(super) struct Level {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Outward directions at the corners of every triangle.
     pub(super) normals: Vec<[[f32; 3]; 3]>,
+    /// What shading needs of every triangle.
+    pub(super) facets: Vec<Facet>,
 }
+
+/// Of a triangle: a corner and the sides to the other two, the direction at the corner and how it differs at the other two; three
+/// values each, one after the other, and two that mean nothing.
+pub(super) type Facet = [[f32; 4]; 5];
 
 /// How far surfaces may move in a version without detail of one cell's length.
 const SHARE: f32 = 0.5;
@@ -85,6 +91,7 @@ impl Mesh {
         for (index, coarse) in simplify::levels(&levels[0], &tolerances) {
             levels.push(Level { cell: cells.get(index).copied().unwrap_or(f32::INFINITY), ..coarse });
         }
+        levels.iter_mut().for_each(Level::collect_facets);
         Ok(Self { levels, low, high })
     }
 
@@ -132,6 +139,20 @@ impl Level {
         for index in self.triangles.iter_mut().flatten() {
             *index = place_of[*index as usize];
         }
+    }
+
+    fn collect_facets(&mut self) {
+        let facets = self.triangles.iter().zip(&self.normals).map(|(corners, [p, q, r])| {
+            let [a, b, c] = corners.map(|corner| self.points[corner as usize]);
+            let less = |to: &[f32; 3], from: &[f32; 3]| [0, 1, 2].map(|axis| to[axis] - from[axis]);
+            let parts = [a, less(&b, &a), less(&c, &a), *p, less(q, p), less(r, p)];
+            let mut facet = Facet::default();
+            for (to, from) in facet.as_flattened_mut().iter_mut().zip(parts.as_flattened()) {
+                *to = *from;
+            }
+            facet
+        });
+        self.facets = facets.collect();
     }
 
     /// Whether every side of every triangle is the side of another one, which runs along it the other way, and the front is

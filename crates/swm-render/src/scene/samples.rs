@@ -7,6 +7,9 @@ use super::lanes::{LANES, Lanes, load};
 use super::target::{NOTHING, Target};
 use super::view::Area;
 
+/// Where the four points of a pixel are that is an edge.
+const POINTS: [(f32, f32); 4] = [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)];
+
 /// What is nearest at chosen points. The arrays are longer than the points by one lane group.
 #[derive(Debug, Default)]
 pub(super) struct Samples {
@@ -54,12 +57,28 @@ impl Samples {
         self.limit.push(limit);
     }
 
-    /// Appends several.
-    #[inline]
-    pub(super) fn push_all<const N: usize>(&mut self, points: [(f32, f32); N], limit: f32) {
-        self.x.extend_from_slice(&points.map(|(x, _)| x));
-        self.y.extend_from_slice(&points.map(|(_, y)| y));
-        self.limit.extend_from_slice(&[limit; N]);
+    /// Appends the row `y`, of which the pixels whose flag is not 0 have the four [`POINTS`] each, and the numbers of these
+    /// pixels to `pixels`. Limits are set by [`Samples::end_with`].
+    pub(super) fn push_row(&mut self, flags: &[u8], y: usize, pixels: &mut Vec<u32>) {
+        let mut count = self.x.len() as u32;
+        let (top, first) = (y as i32 as f32, (y * self.width) as u32);
+        for (chunk, flags) in flags.chunks(LANES).enumerate() {
+            if flags.iter().all(|&flag| flag == 0) {
+                self.starts.extend_from_slice(&[count; LANES][..flags.len()]);
+                continue;
+            }
+            for (&flag, column) in flags.iter().zip((LANES * chunk) as u32..) {
+                self.starts.push(count);
+                if flag != 0 {
+                    let left = column as i32 as f32;
+                    self.x.extend_from_slice(&POINTS.map(|(x, _)| left + x));
+                    self.y.extend_from_slice(&POINTS.map(|(_, y)| top + y));
+                    pixels.push(first + column);
+                    count += POINTS.len() as u32;
+                }
+            }
+        }
+        self.starts.push(count);
     }
 
     /// All pixels before number `pixel` of the image are complete: the next points are of this pixel.
@@ -68,6 +87,12 @@ impl Samples {
         // One more entry per row, for where it ends.
         let entries = pixel + pixel / self.width + 1;
         self.starts.resize(entries, self.x.len() as u32);
+    }
+
+    /// [`Samples::end`], where all points have the same limit.
+    pub(super) fn end_with(&mut self, height: usize, farthest: f32, limit: f32) {
+        self.limit.resize(self.x.len(), limit);
+        self.end(height, farthest);
     }
 
     /// Ends the list of an image with so many rows. Nothing is seen yet.

@@ -1,12 +1,14 @@
 //! The colors of fragments of one surface, eight at a time.
 
+use wide::f32x4;
+
 use super::assets::Assets;
 use super::description::{Instance, Mapping, Shape};
 use super::fragments::Fragments;
 use super::ground::Ground;
-use super::lanes::{LANES, Lanes, Lanes3, load, splat};
+use super::lanes::{LANES, Lanes, Lanes3, both, load, splat};
 use super::lighting::{Lamp, Surface, base, limited};
-use super::mesh::Level;
+use super::mesh::{Facet, Level};
 use super::plane::{Corners, on_plane};
 use super::shadow::ShadowMap;
 use super::shape;
@@ -214,27 +216,23 @@ impl Shading<'_> {
 /// Outward directions at points of a mesh: of the corners, mixed by the sizes of the opposite parts.
 #[inline]
 fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
-    // Corner a, the sides to b and c; the direction at a, and how it differs at b and c.
-    let mut columns = [[0.0_f32; LANES]; 18];
-    for (lane, &facet) in facets.iter().take(LANES).enumerate() {
-        // Lanes beyond the last fragment hold the facets of another mesh.
-        let facet = (facet as usize).min(level.triangles.len() - 1);
-        let [a, b, c] = level.triangles[facet];
-        let (a, b, c) = (level.points[a as usize], level.points[b as usize], level.points[c as usize]);
-        let [p, q, r] = level.normals[facet];
-        for axis in 0..3 {
-            columns[axis][lane] = a[axis];
-            columns[3 + axis][lane] = b[axis] - a[axis];
-            columns[6 + axis][lane] = c[axis] - a[axis];
-            columns[9 + axis][lane] = p[axis];
-            columns[12 + axis][lane] = q[axis] - p[axis];
-            columns[15 + axis][lane] = r[axis] - p[axis];
+    // Lanes beyond the last fragment hold the facets of another mesh.
+    let last = level.facets.len() - 1;
+    let facet = |lane: usize| &level.facets[(facets[lane] as usize).min(last)];
+    let rows: [&Facet; LANES] = std::array::from_fn(facet);
+    // Four times four values of a facet each make a square, whose columns are one value of four facets.
+    let mut columns = [splat(0.0); 20];
+    for (part, columns) in columns.chunks_exact_mut(4).enumerate() {
+        let half = |first: usize| {
+            f32x4::transpose([0, 1, 2, 3].map(|lane| f32x4::new(rows[first + lane][part])))
+                .map(f32x4::to_array)
+        };
+        let (low, high) = (half(0), half(4));
+        for (column, (low, high)) in columns.iter_mut().zip(low.into_iter().zip(high)) {
+            *column = both(low, high);
         }
     }
-    let vector = |first: usize| {
-        let [x, y, z] = [0, 1, 2].map(|axis| Lanes::new(columns[first + axis]));
-        Lanes3 { x, y, z }
-    };
+    let vector = |first: usize| Lanes3 { x: columns[first], y: columns[first + 1], z: columns[first + 2] };
     let (u, v, w) = (vector(3), vector(6), local - vector(0));
     let (uu, uv, vv, wu, wv) = (u.dot(u), u.dot(v), v.dot(v), w.dot(u), w.dot(v));
     let whole = (uu * vv - uv * uv).max(splat(f32::MIN_POSITIVE));

@@ -1,5 +1,7 @@
 //! Shadow maps: what a light sees, in a window that fits what casts shadows.
 
+use wide::i32x8;
+
 use super::assets::Assets;
 use super::description::{Light, LightKind, Scene, Shape};
 use super::grid::Distances;
@@ -88,7 +90,9 @@ impl ShadowMap {
     #[inline]
     pub(super) fn lit(&self, point: Lanes3, normal: Lanes3) -> Lanes {
         let bits = self.lit_bits(point, normal);
-        Lanes::new(std::array::from_fn(|lane| (bits >> lane & 1) as u16 as f32))
+        let own = i32x8::new([1, 2, 4, 8, 16, 32, 64, 128]);
+        let is_lit = (i32x8::splat(bits as i32) & own).simd_eq(own) & i32x8::splat(1.0_f32.to_bits() as i32);
+        Lanes::new(is_lit.to_array().map(|bits| f32::from_bits(bits as u32)))
     }
 
     /// The same, as bits.

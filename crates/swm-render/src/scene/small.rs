@@ -3,7 +3,7 @@
 
 use wide::f32x4;
 
-use super::lanes::{LANES, Lanes, splat};
+use super::lanes::{LANES, Lanes, both, splat};
 use super::target::Target;
 use super::triangles::{Corner, Sides};
 use super::view::Area;
@@ -161,12 +161,6 @@ impl Edges {
         let bound = owns.select(splat(-f32::MIN_POSITIVE), zero);
         Self { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], bound }
     }
-}
-
-/// Four values and four more.
-#[inline]
-fn both([a, b, c, d]: [f32; 4], [e, f, g, h]: [f32; 4]) -> Lanes {
-    Lanes::new([a, b, c, d, e, f, g, h])
 }
 
 /// From which to before which of the columns (or rows) from `start` to `end` the middles lie between the corners of each.

@@ -5,7 +5,7 @@ mod cube;
 mod image;
 
 pub use self::cube::CubeTexture;
-use self::image::{CALM, Image, Texel, channel, mix, texel};
+use self::image::{CALM, Image, Taps, Texel, channel, mix, neighbors_of, texel};
 use super::lanes::{LANES, Lanes, Lanes3, splat};
 use crate::error::RenderError;
 
@@ -14,6 +14,9 @@ use crate::error::RenderError;
 pub struct Texture {
     levels: Vec<Image>,
 }
+
+/// Which image is read, and how many of 256 parts the next one has.
+type Step = (usize, u32);
 
 /// So many colors are told apart when a texture is recolored.
 const FEW_COLORS: usize = 8;
@@ -123,32 +126,81 @@ impl Texture {
     /// per pixel.
     #[inline]
     pub(super) fn tiled(&self, u: Lanes, v: Lanes, texels: Lanes, count: usize) -> Lanes3 {
-        let (u, v) = (fractions(u).to_array(), fractions(v).to_array());
-        let texels = texels.to_array();
-        let mut parts = [[0.0; LANES]; 3];
-        for lane in 0..count {
-            let color = self.at(u[lane], v[lane], texels[lane], true);
-            for (k, part) in parts.iter_mut().enumerate() {
-                part[lane] = channel(color, k);
+        let (u, v) = (fractions(u), fractions(v));
+        let mut steps = texels.to_array().map(|texels| self.step(texels));
+        // Lanes without a point do as the last one does.
+        let known = steps[count - 1];
+        steps[count..].fill(known);
+        let mut colors: [Texel; LANES] = [0; LANES];
+        if steps.iter().all(|step| step.0 == steps[0].0) {
+            self.read(u, v, &steps, &mut colors[..count]);
+        } else {
+            let (u, v) = (u.to_array(), v.to_array());
+            for (lane, color) in colors[..count].iter_mut().enumerate() {
+                *color = self.read_one(u[lane], v[lane], steps[lane], true);
             }
         }
-        let [x, y, z] = parts.map(Lanes::new);
-        Lanes3 { x, y, z }
+        let part = |k: usize| Lanes::new(colors.map(|color| channel(color, k)));
+        Lanes3 { x: part(0), y: part(1), z: part(2) }
+    }
+
+    /// The colors at points between 0 and 1 for which the same image is read.
+    #[inline]
+    fn read(&self, u: Lanes, v: Lanes, steps: &[Step; LANES], colors: &mut [Texel]) {
+        let level = steps[0].0;
+        let image = &self.levels[level];
+        let nearest = image.nearest_to(u, v);
+        let mut calm = CALM;
+        for (color, at) in colors.iter_mut().zip(nearest) {
+            *color = image.texels[at as usize];
+            calm &= *color;
+        }
+        if calm != 0 {
+            return;
+        }
+        let taps = [neighbors_of(u, image.width), neighbors_of(v, image.height)];
+        // The next image is read where one color differs from those around.
+        let mut smaller: Option<(&Image, [Taps; 2])> = None;
+        for (lane, color) in colors.iter_mut().enumerate() {
+            if *color & CALM != 0 {
+                continue;
+            }
+            *color = image.mixed(taps[0].of(lane), taps[1].of(lane));
+            let share = steps[lane].1;
+            if share != 0 {
+                let (next, taps) = smaller.get_or_insert_with(|| {
+                    let next = &self.levels[level + 1];
+                    (next, [neighbors_of(u, next.width), neighbors_of(v, next.height)])
+                });
+                *color = mix(*color, next.mixed(taps[0].of(lane), taps[1].of(lane)), share);
+            }
+        }
+    }
+
+    /// Which image is read where there are so many texels per pixel, and how many of 256 parts the next has.
+    #[inline]
+    fn step(&self, texels: f32) -> Step {
+        // The logarithm to base 2: the exponent says which image, the first bits behind it how much of the next.
+        let (last, bits) = (self.levels.len() - 1, texels.clamp(1.0, 1e9).to_bits());
+        let level = ((bits >> 23) as usize - 127).min(last);
+        (level, if level < last { bits >> 15 & 0xff } else { 0 })
     }
 
     /// The color at (u, v), both from 0 to 1.
     #[inline]
     fn at(&self, u: f32, v: f32, texels: f32, repeats: bool) -> Texel {
-        // The logarithm to base 2: the exponent says which image, the first bits behind it how much of the next.
-        let (last, bits) = (self.levels.len() - 1, texels.clamp(1.0, 1e9).to_bits());
-        let level = ((bits >> 23) as usize - 127).min(last);
+        self.read_one(u, v, self.step(texels), repeats)
+    }
+
+    /// The same where the image is known.
+    #[inline]
+    fn read_one(&self, u: f32, v: f32, (level, share): Step, repeats: bool) -> Texel {
         let image = &self.levels[level];
         let color = image.nearest(u, v);
         if color & CALM != 0 {
             return color;
         }
         let color = image.between(u, v, repeats);
-        let share = if level < last { bits >> 15 & 0xff } else { 0 };
         if share == 0 {
             return color;
         }

@@ -6,7 +6,7 @@ use super::mesh::Level;
 use super::small;
 use super::target::{Target, first};
 use super::vector::{Vector, add, dot, length, rotate, scale, sub, wide};
-use super::view::View;
+use super::view::{Area, View};
 
 /// Which sides of triangles are seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -188,6 +188,12 @@ fn fill<T: Target>(
     if extent.x0 >= extent.x1 {
         return;
     }
+    if let Some(&grid) = target.grid()
+        && extent.x1 - extent.x0 > FEW
+    {
+        fill_grid([a, b, c], area, (owner, facet), &grid, &extent, target);
+        return;
+    }
     let mut plane: Option<([Edge; 3], [f32; 2])> = None;
     for row in extent.y0..extent.y1 {
         let range = target.within(row, extent.x0, extent.x1);
@@ -195,13 +201,7 @@ fn fill<T: Target>(
             continue;
         }
         // Most triangles meet no point at all: what follows is computed where it is needed.
-        let (edges, gradients) = plane.get_or_insert_with(|| {
-            // Nearness is linear across the image.
-            let inverse = 1.0 / area;
-            let gradient_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
-            let gradient_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
-            ([edge(b, c), edge(c, a), edge(a, b)], [gradient_x, gradient_y])
-        });
+        let (edges, gradients) = plane.get_or_insert_with(|| plane_of([a, b, c], area));
         if range.len() <= FEW {
             for at in range {
                 let (x, y) = target.point(row, at);
@@ -213,23 +213,6 @@ fn fill<T: Target>(
             continue;
         }
         let mut at = range.start;
-        if target.grid().is_some() {
-            // All points of a row are at the same height.
-            let y = row as f32 + 0.5;
-            let rows = edges.each_ref().map(|edge| splat(edge.by_y * y));
-            let nearness_y = splat((y - a[1]) * gradients[1]);
-            while at < range.end {
-                let (x, _) = target.points(row, at);
-                let [p, q, r] = [0, 1, 2].map(|k| edges[k].keep_in_row(x, rows[k]));
-                let mask = (p & q & r).to_bitmask() & first(range.end - at);
-                if mask != 0 {
-                    let nearness = splat(a[2]) + (x - splat(a[0])) * splat(gradients[0]) + nearness_y;
-                    target.offer(at, mask, nearness, owner, Some(facet));
-                }
-                at += LANES;
-            }
-            continue;
-        }
         while at < range.end {
             let (x, y) = target.points(row, at);
             let inside = edges[0].keep(x, y) & edges[1].keep(x, y) & edges[2].keep(x, y);
@@ -243,6 +226,53 @@ fn fill<T: Target>(
             at += LANES;
         }
     }
+}
+
+/// The same for the pixels of `extent` in a grid, eight columns at a time: what they decide is the same in all rows.
+#[inline]
+fn fill_grid<T: Target>(
+    [a, b, c]: [Corner; 3],
+    area: f32,
+    (owner, facet): (u16, u32),
+    grid: &Area,
+    extent: &Area,
+    target: &mut T,
+) {
+    let (edges, [by_x, by_y]) = plane_of([a, b, c], area);
+    let zero = splat(0.0);
+    let owns = edges.each_ref().map(|edge| zero.simd_eq(splat(if edge.owns { 0.0 } else { 1.0 })));
+    let constants = edges.each_ref().map(|edge| splat(edge.constant));
+    let width = grid.x1 - grid.x0;
+    let mut column = extent.x0;
+    while column < extent.x1 {
+        let lanes = first(extent.x1 - column);
+        let mut at = (extent.y0 - grid.y0) * width + column - grid.x0;
+        let (x, _) = target.points(extent.y0, at);
+        let columns = edges.each_ref().map(|edge| splat(edge.by_x) * x);
+        let nearness_x = splat(a[2]) + (x - splat(a[0])) * splat(by_x);
+        for row in extent.y0..extent.y1 {
+            let y = row as i32 as f32 + 0.5;
+            let [p, q, r] = [0, 1, 2].map(|k| {
+                let value = columns[k] + splat(edges[k].by_y * y) + constants[k];
+                value.simd_gt(zero) | (value.simd_eq(zero) & owns[k])
+            });
+            let mask = (p & q & r).to_bitmask() & lanes;
+            if mask != 0 {
+                target.offer(at, mask, nearness_x + splat((y - a[1]) * by_y), owner, Some(facet));
+            }
+            at += width;
+        }
+        column += LANES;
+    }
+}
+
+/// The edges of a triangle with the area `area`, and how nearness grows from pixel to pixel: it is linear across the image.
+#[inline]
+fn plane_of([a, b, c]: [Corner; 3], area: f32) -> ([Edge; 3], [f32; 2]) {
+    let inverse = 1.0 / area;
+    let gradient_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
+    let gradient_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
+    ([edge(b, c), edge(c, a), edge(a, b)], [gradient_x, gradient_y])
 }
 
 /// The smaller of two values in one instruction, which does not handle NaN.
@@ -273,13 +303,6 @@ impl Edge {
     fn keeps(&self, x: f32, y: f32) -> bool {
         let value = self.by_x * x + self.by_y * y + self.constant;
         value > 0.0 || (self.owns && value == 0.0)
-    }
-
-    /// The same for eight points in a row, at which the part of y is `by_y`.
-    #[inline]
-    fn keep_in_row(&self, x: Lanes, by_y: Lanes) -> Lanes {
-        let value = splat(self.by_x) * x + by_y + splat(self.constant);
-        if self.owns { value.simd_ge(splat(0.0)) } else { value.simd_gt(splat(0.0)) }
     }
 
     /// The same for eight points.

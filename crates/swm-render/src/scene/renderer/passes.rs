@@ -3,6 +3,8 @@
 
 use std::cell::RefCell;
 
+use multiversion::multiversion;
+
 use super::Frame;
 use super::blend::Veils;
 use crate::scene::assets::Assets;
@@ -107,9 +109,7 @@ impl Passes {
             self.reflect(scene, assets, &view);
         }
         self.blend(scene, assets, &view);
-        for (byte, value) in frame.iter_mut().zip(self.colors.as_flattened()) {
-            *byte = to_byte(*value);
-        }
+        to_bytes(self.colors.as_flattened(), frame);
     }
 
     /// Whether the raster shows the last scene of the renderer whose turn it is.
@@ -140,20 +140,9 @@ impl Passes {
             let above = &owner[y.saturating_sub(1) * width..][..width];
             let below = &owner[(y + 1).min(height - 1) * width..][..width];
             flag_edges(row, above, below, &mut self.flags);
-            for (chunk, flags) in self.flags.chunks(8).enumerate() {
-                if flags.iter().all(|&flag| flag == 0) {
-                    continue;
-                }
-                for (offset, _) in flags.iter().enumerate().filter(|(_, flag)| **flag != 0) {
-                    let (x, pixel) = (8 * chunk + offset, y * width + 8 * chunk + offset);
-                    self.edges.push(pixel as u32);
-                    self.fine.reach(pixel);
-                    let (x, y) = (x as f32, y as f32);
-                    self.fine.push_all(POINTS.map(|(dx, dy)| (x + dx, y + dy)), nearest);
-                }
-            }
+            self.fine.push_row(&self.flags, y, &mut self.edges);
         }
-        self.fine.end(height, view.farthest());
+        self.fine.end_with(height, view.farthest(), nearest);
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.fine);
     }
 
@@ -189,12 +178,24 @@ impl Passes {
         }
         let sky = kept.sky.colors(scene, assets, view);
         let background = fragments.of(scene.instances.len());
-        let (pixels, shares) = (&fragments.pixel[background.clone()], &fragments.share[background]);
-        for (&pixel, &share) in pixels.iter().zip(shares) {
-            let ([r, g, b], [red, green, blue]) = (&mut colors[pixel as usize], sky[pixel as usize]);
-            *r += share * red;
-            *g += share * green;
-            *b += share * blue;
+        let mut at = background.start;
+        while at < background.end {
+            if at + LANES <= background.end
+                && let Some(first) = fragments.whole_pixels(at)
+            {
+                let pixels = first..first + LANES;
+                let (colors, sky) = (&mut colors[pixels.clone()], &sky[pixels]);
+                for (value, part) in colors.as_flattened_mut().iter_mut().zip(sky.as_flattened()) {
+                    *value += part;
+                }
+                at += LANES;
+                continue;
+            }
+            let (pixel, share) = (fragments.pixel[at] as usize, fragments.share[at]);
+            for (value, part) in colors[pixel].iter_mut().zip(sky[pixel]) {
+                *value += share * part;
+            }
+            at += 1;
         }
     }
 }
@@ -210,6 +211,17 @@ struct Image<'a> {
 impl Painter for Image<'_> {
     #[inline]
     fn put(&mut self, at: usize, color: Lanes3) {
+        if at + LANES <= self.end
+            && let Some(first) = self.fragments.whole_pixels(at)
+        {
+            // Nothing is there yet: adding to it makes -0 a 0, as for others.
+            let [r, g, b] = color.to_arrays();
+            let colors: &mut [_] = &mut self.colors[first..first + LANES];
+            for (lane, color) in colors.iter_mut().enumerate() {
+                *color = [0.0 + r[lane], 0.0 + g[lane], 0.0 + b[lane]];
+            }
+            return;
+        }
         accumulate(self.fragments, at, self.end, color, 1.0, self.colors);
     }
 
@@ -238,10 +250,8 @@ pub(super) fn accumulate(
     }
 }
 
-/// Where the four points of a pixel are.
-const POINTS: [(f32, f32); 4] = [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)];
-
 /// Marks pixels of a row whose neighbors show something else.
+#[multiversion(targets("x86_64+avx2"))]
 fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
     for (((flag, own), above), below) in flags.iter_mut().zip(row).zip(above).zip(below) {
         *flag = u8::from(own != above) | u8::from(own != below);
@@ -254,9 +264,17 @@ fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
     }
 }
 
+/// Colors from 0 to 1 as bytes.
+#[multiversion(targets("x86_64+avx2"))]
+fn to_bytes(colors: &[f32], bytes: &mut [u8]) {
+    for (byte, value) in bytes.iter_mut().zip(colors) {
+        *byte = to_byte(*value);
+    }
+}
+
 /// A color from 0 to 1 as a byte. Above 2^23 values have no fraction: adding it rounds, and the byte is in the lowest
 /// bits.
-#[inline]
+#[inline(always)]
 fn to_byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 8_388_608.0).to_bits() as u8
 }

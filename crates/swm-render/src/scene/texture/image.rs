@@ -1,6 +1,8 @@
 //! One image of a texture: texels in one number each, the image of half the size, and reading between texels. Which image is
 //! read is not decided here.
 
+use crate::scene::lanes::{LANES, Lanes, splat};
+
 /// Texels, row after row.
 #[derive(Clone, Debug)]
 pub(super) struct Image {
@@ -83,8 +85,23 @@ impl Image {
         self.mixed(neighbors(u, self.width, repeats), neighbors(v, self.height, repeats))
     }
 
+    /// The texels that points between 0 and 1 are in.
     #[inline]
-    fn mixed(&self, (x0, x1, share_x): (usize, usize, u32), (y0, y1, share_y): (usize, usize, u32)) -> Texel {
+    pub(super) fn nearest_to(&self, u: Lanes, v: Lanes) -> [u32; LANES] {
+        let place = |coordinate: Lanes, size: usize| {
+            let places = (coordinate * splat(size as f32)).fast_trunc_int().to_array();
+            places.map(|place| place.clamp(0, size as i32 - 1) as u32)
+        };
+        let (x, y) = (place(u, self.width), place(v, self.height));
+        std::array::from_fn(|lane| y[lane] * self.width as u32 + x[lane])
+    }
+
+    #[inline]
+    pub(super) fn mixed(
+        &self,
+        (x0, x1, share_x): (usize, usize, u32),
+        (y0, y1, share_y): (usize, usize, u32),
+    ) -> Texel {
         let (upper, lower) = (&self.texels[y0 * self.width..], &self.texels[y1 * self.width..]);
         let color = upper[x0] & BYTES;
         if [upper[x1], lower[x0], lower[x1]].iter().all(|other| other & BYTES == color) {
@@ -110,6 +127,34 @@ fn neighbors(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32)
         ((whole - 1).clamp(0, last), whole.clamp(0, last))
     };
     (low as usize, high as usize, share)
+}
+
+/// [`neighbors`] of eight coordinates of an image that repeats.
+pub(super) struct Taps {
+    low: [u32; LANES],
+    high: [u32; LANES],
+    share: [i32; LANES],
+}
+
+impl Taps {
+    #[inline]
+    pub(super) fn of(&self, lane: usize) -> (usize, usize, u32) {
+        (self.low[lane] as usize, self.high[lane] as usize, self.share[lane] as u32)
+    }
+}
+
+#[inline]
+pub(super) fn neighbors_of(coordinate: Lanes, size: usize) -> Taps {
+    let last = size as i32 - 1;
+    let place = coordinate * splat(size as f32) + splat(0.5);
+    let whole = place.fast_trunc_int();
+    let share = ((place - Lanes::from_i32x8(whole)) * splat(256.0)).fast_trunc_int().to_array();
+    let whole = whole.to_array();
+    Taps {
+        low: whole.map(|whole| if whole == 0 { last } else { whole - 1 } as u32),
+        high: whole.map(|whole| if whole > last { 0 } else { whole } as u32),
+        share,
+    }
 }
 
 /// Red, green or blue.
