@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
+use swm_data::remote::is_remote;
 use swm_data::tools::alike::rate_doubt;
 use swm_data::tools::copy::{Piece, is_same};
 use swm_data::{DataError, Dataset, OpenOptions};
@@ -31,7 +32,9 @@ pub(super) fn open_with(
 /// Refuses a path where nothing is.
 pub(super) fn check_exists(path: &Path) -> Result<(), Failure> {
     match std::fs::metadata(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => Err(usage(DataError::io(path, "open", error))),
+        Err(error) if error.kind() == ErrorKind::NotFound && !is_remote(path) => {
+            Err(usage(DataError::io(path, "open", error)))
+        }
         // What else stands in the way is told when it is opened.
         _ => Ok(()),
     }

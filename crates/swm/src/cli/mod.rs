@@ -18,6 +18,7 @@ mod doctor;
 mod envs;
 mod eval;
 mod export;
+mod fetch;
 mod images;
 mod import;
 mod inputs;
@@ -131,6 +132,7 @@ enum Command {
     Checkpoints(train::Checkpoints),
     Import(Box<import::Import>),
     Export(export::Export),
+    Fetch(fetch::Fetch),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -172,6 +174,8 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         }
     };
     let output = Output::new(cli.json, cli.quiet);
+    #[cfg(feature = "remote")]
+    fetch::watch(&output);
     match run_command(registry, cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_cancelled() => {
@@ -247,6 +251,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
+        Command::Fetch(command) => command.run(output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
+use swm_data::remote::is_remote;
 use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, format};
@@ -49,6 +50,12 @@ pub(super) struct Verify {
 impl Verify {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         inputs::check_exists(&self.file)?;
+        if self.fix && is_remote(&self.file) {
+            let file = self.file.display();
+            return Err(usage(format!(
+                "--fix: {file} lies elsewhere, and nothing is changed there; `swm fetch` it first"
+            )));
+        }
         let steps = match format::detect(registry, &self.file) {
             Some(format) if self.fix => {
                 let plan = format.repair(&self.file, false)?;

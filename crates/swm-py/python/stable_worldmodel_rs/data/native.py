@@ -123,7 +123,8 @@ class NativeDataset(Dataset):
         for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
-        self.path: Any = Path(path)
+        # An address is no path: that would make one slash of two.
+        self.path: Any = str(path) if _swm.is_remote(str(path)) else Path(path)
         self.image = image
         self.rewards: Rewards = rewards
         sums_rewards(rewards)

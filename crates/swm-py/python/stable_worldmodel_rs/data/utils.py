@@ -47,7 +47,8 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
 
     Args:
         name: A file or folder (absolute, or below ``<cache_dir>/datasets``, or below the working directory), the id of a
-            repository that :func:`download` has fetched, or ``lerobot://<repo id>``.
+            repository that :func:`download` has fetched, or ``lerobot://<repo id>``. An address, ``https://…``, ``s3://BUCKET/KEY``
+            or ``hf://datasets/USER/REPO[@REVISION]/PATH``, is read where it is, and fetched as far as it is read.
         cache_dir: Default: ``$STABLEWM_HOME``, else ``~/.stable_worldmodel``.
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
@@ -57,10 +58,15 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5, keys_to_load=["pixels", "action"])
     """
+    if _swm.is_remote(str(name)):
+        if format is not None:
+            raise ValueError(f"format={format!r}: the content of {str(name)!r} tells its format; leave it out")
+        options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+        return NativeDataset(str(name), **kwargs, **({"options": options} if options else {}))
     if "://" in str(name):
         known = get_format(format) if format else next((known for known in FORMATS.values() if known.detect(str(name))), None)
         if known is None:
-            raise ValueError(f"No format detected for {str(name)!r}; of schemes, only lerobot:// is known")
+            raise ValueError(f"No format detected for {str(name)!r}; of schemes, https://, s3://, hf:// and lerobot:// are known")
         return known.open_reader(str(name), **kwargs)
     path = _find(str(name), get_cache_dir(cache_dir, "datasets"))
     known = get_format(format) if format else detect_format(path)
