@@ -17,6 +17,7 @@ mod libero;
 #[cfg(feature = "lerobot")]
 mod minari;
 mod npz;
+mod rlds;
 mod torch;
 mod video;
 mod zarr;
@@ -48,6 +49,7 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { detect: zarr::detect, open: zarr::open },
     #[cfg(feature = "lerobot")]
     Reader { detect: minari::detect, open: minari::open },
+    Reader { detect: rlds::detect, open: rlds::open },
     Reader { detect: grouped::detect, open: grouped::open },
     Reader { detect: d4rl::detect, open: d4rl::open },
 ];

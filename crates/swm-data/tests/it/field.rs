@@ -143,6 +143,7 @@ const SAMPLES: &[&str] = &[
     "minari_raw_hdf5",
     "halfcheetah-medium-v2.hdf5",
     "antmaze-large-play-v2.hdf5",
+    "rlds_toy",
     #[cfg(feature = "lerobot")]
     "minari_parquet",
 ];
