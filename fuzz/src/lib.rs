@@ -2,6 +2,13 @@
 //! is read. The first byte says which file. It is the same entry as that of the mutation tests (`swm_data::testing`), with
 //! other bytes.
 
+pub mod foreign;
+#[cfg(feature = "cli")]
+pub mod jobs;
+pub mod results;
+#[cfg(feature = "baselines")]
+pub mod runs;
+pub mod sample;
 #[cfg(feature = "baselines")]
 pub mod weights;
 
@@ -27,7 +34,8 @@ pub const FORMATS: &[&str] = &[
     "lance-video",
 ];
 
-fn registry() -> Registry {
+/// The formats.
+pub fn registry() -> Registry {
     let registry = Registry::new().with(swm_data::FORMATS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
@@ -74,4 +82,13 @@ impl Seed {
 pub fn play(format: &str, data: &[u8]) {
     thread_local!(static SEED: RefCell<Option<Seed>> = const { RefCell::new(None) });
     SEED.with_borrow_mut(|seed| seed.get_or_insert_with(|| Seed::new(format)).play(data));
+}
+
+/// One input of a target whose samples the thread keeps.
+#[macro_export]
+macro_rules! play_on {
+    ($module:ident, $data:expr) => {{
+        thread_local!(static SAMPLES: $crate::sample::Samples = $crate::$module::samples());
+        SAMPLES.with(|samples| samples.play($data, $crate::$module::read));
+    }};
 }

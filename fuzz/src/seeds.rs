@@ -7,6 +7,12 @@ fn main() -> std::io::Result<()> {
     for format in swm_fuzz::FORMATS {
         write(format, swm_fuzz::Seed::new(format).inputs())?;
     }
+    write("foreign", swm_fuzz::foreign::samples().inputs())?;
+    write("results", swm_fuzz::results::samples().inputs())?;
+    #[cfg(feature = "cli")]
+    write("jobs", swm_fuzz::jobs::samples().inputs())?;
+    #[cfg(feature = "baselines")]
+    write("runs", swm_fuzz::runs::samples().inputs())?;
     #[cfg(feature = "baselines")]
     write("weights", swm_fuzz::weights::Seeds::new().inputs())?;
     Ok(())

@@ -218,10 +218,10 @@ fn a_dataset_is_not_read_twice_nor_written_onto_itself() {
     home.ok("collect swm/TwoRoom-v2 --episodes 2 --max-steps 4 --image-size none --out a.h5");
     home.ok("collect swm/TwoRoom-v2 --episodes 2 --max-steps 4 --image-size none --seed 1 --out b.h5");
     home.ok("convert a.h5 a.folder");
-    home.refused("convert a.h5 a.h5", &["a.h5", "write to another"]);
-    home.refused("convert a.h5 ./a.h5 --overwrite", &["a.h5", "write to another"]);
-    home.refused("convert a.folder a.folder", &["a.folder", "write to another"]);
-    home.refused("merge a.h5 b.h5 --out a.h5", &["a.h5", "write to another"]);
+    home.refused("convert a.h5 a.h5", &["a.h5", "give another target"]);
+    home.refused("convert a.h5 ./a.h5 --overwrite", &["a.h5", "give another target"]);
+    home.refused("convert a.folder a.folder", &["a.folder", "give another target"]);
+    home.refused("merge a.h5 b.h5 --out a.h5", &["a.h5", "give another --out"]);
     home.refused("merge a.h5 a.h5 --out x.h5", &["a.h5 is named twice", "name it once"]);
     home.refused("merge b.h5 a.h5 ./a.h5 --out x.h5", &["a.h5 and ./a.h5 are the same dataset"]);
     home.refused("merge a.folder a.folder/ --out x.h5", &["a.folder"]);
@@ -231,7 +231,7 @@ fn a_dataset_is_not_read_twice_nor_written_onto_itself() {
         std::fs::hard_link(home.path("a.h5"), home.path("hard.h5")).expect("a link is made");
         home.refused("merge a.h5 link.h5 --out x.h5", &["a.h5 and link.h5 are the same dataset"]);
         home.refused("merge a.h5 hard.h5 --out x.h5 --partial", &["a.h5 and hard.h5 are the same dataset"]);
-        home.refused("convert a.h5 link.h5 --overwrite", &["link.h5", "write to another"]);
+        home.refused("convert a.h5 link.h5 --overwrite", &["link.h5", "give another target"]);
     }
     assert!(!home.path("x.h5").exists());
     home.ok("merge a.h5 b.h5 --out x.h5");

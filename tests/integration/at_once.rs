@@ -61,6 +61,11 @@ fn of_two_commands_that_make_one_result_at_once_one_makes_it() {
         out
     };
     let [first, second] = [receipt("one", "random"), receipt("two", "no-op")];
+    let [one_bundle, another] = [("one-bundle", &first), ("another", &second)].map(|(name, result)| {
+        let out = folder.path(name);
+        assert!(start(&format!("bundle {result} --out {out}")).wait().unwrap().success());
+        out
+    });
     let (in_order, reversed) = (format!("{data} {other}"), format!("{other} {data}"));
     let job = "submit --on script --no-copy --shards";
     let short = "collect swm/TwoRoom-v2 --policy expert --max-steps 6 --image-size none --episodes 4";
@@ -93,6 +98,8 @@ fn of_two_commands_that_make_one_result_at_once_one_makes_it() {
         ),
         ("report --videos 0 --plans 0 --overwrite {} --out".to_owned(), [&*first, &*second], "i.html"),
         ("new-env {} --out".to_owned(), ["one", "two"], "j"),
+        ("bundle {} --out".to_owned(), [&*first, &*second], "m"),
+        ("board {} --out".to_owned(), [&*one_bundle, &*another], "n"),
         (format!("{job} {{}} -- {short} --job"), ["2", "4"], "k"),
         (
             format!("manifest make {PUSHT} --tier historic --overwrite --episodes {{}} --out"),
@@ -154,7 +161,7 @@ fn of_two_commands_that_make_one_result_at_once_one_makes_it() {
                 assert!(loser.contains(&*out) || loser.contains("process "), "{name}: {loser}");
             }
             // Commands that keep what is there never have two winners.
-            let replaces = ["report", "manifest"].iter().any(|word| line(one, "").starts_with(word));
+            let replaces = ["report", "manifest", "board"].iter().any(|word| line(one, "").starts_with(word));
             assert!(successes == 1 || replaces, "{name}: both succeeded: {messages:?}");
         }
     }

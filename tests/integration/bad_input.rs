@@ -189,14 +189,14 @@ fn a_number_of_threads_is_checked_by_every_command_that_divides_work() {
 }
 
 #[test]
-fn datasets_with_images_of_other_sizes_name_the_command_that_joins_them() {
+fn datasets_with_images_of_other_sizes_name_the_option_that_joins_them() {
     let folder = Folder::new();
     let small = record(&folder, "small.h5", "--episodes 1 --max-steps 2 --image-size 16x16");
     let large = record(&folder, "large.h5", "--episodes 1 --max-steps 2 --image-size 24x24");
     let out = folder.path("both.h5");
     let merge = ["merge", &small, &large, "--out", &out];
-    let fix = format!("swm merge {small} {large} --out {out} --image-size 16x16");
-    says(2, &merge, &["small.h5 holds images of 16x16", "large.h5 holds images of 24x24", &fix]);
+    let fix = "give --image-size 16x16 for images of one size";
+    says(2, &merge, &["small.h5 holds images of 16x16", "large.h5 holds images of 24x24", fix]);
     swm_ok(&[&merge[..], &["--image-size", "16x16", "--quiet"]].concat());
 }
 

@@ -24,6 +24,7 @@ mod hyperqueue;
 mod images;
 mod interop;
 mod jobs;
+mod looks;
 mod merging;
 mod newcomer;
 mod no_locks;

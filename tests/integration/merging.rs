@@ -43,15 +43,15 @@ fn sources_of_other_settings_are_named_and_the_target_stays() {
 }
 
 #[test]
-fn a_source_without_images_of_the_goal_names_the_command_that_joins_them() {
+fn a_source_without_images_of_the_goal_names_the_option_that_joins_them() {
     let folder = Folder::new();
     let whole = record(&folder, "whole.h5", SHORT);
     let without = record(&folder, "without.h5", &format!("{SHORT} --seed 1 --without goal"));
     let out = folder.path("both.h5");
     for [a, b] in [[&whole, &without], [&without, &whole]] {
         let merge = ["merge", a, b, "--out", &out];
-        let fix = format!("swm merge {a} {b} --out {out} --image-size 16x16");
-        says(2, &merge, &["whole.h5 holds images `goal`", "without.h5 holds none", &fix]);
+        let fix = "give --image-size 16x16 for images of one size";
+        says(2, &merge, &["whole.h5 holds images `goal`", "without.h5 holds none", fix]);
         assert!(!Path::new(&out).exists());
         swm_ok(&[&merge[..], &["--image-size", "16x16", "--quiet"]].concat());
         std::fs::remove_file(&out).unwrap();

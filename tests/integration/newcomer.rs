@@ -149,6 +149,24 @@ fn a_crate_with_an_environment_is_made_anywhere() {
     assert!(manifest["patch"]["crates-io"]["swm"]["git"].as_str().unwrap().starts_with("https://"));
 }
 
+/// Cargo joins the manifests and configurations of the folders around, of which the checkout has its own.
+#[test]
+fn a_crate_is_made_in_the_checkout_too() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let made = folder.path().join("my-env");
+    let checkout = root();
+    let args =
+        ["new-env", "my-env", "--out", made.to_str().unwrap(), "--checkout", checkout.to_str().unwrap()];
+    swm_ok(&args);
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut metadata = std::process::Command::new(cargo);
+    metadata.args(["metadata", "--no-deps", "--offline", "--format-version", "1"]).current_dir(&made);
+    let output = metadata.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["packages"][0]["name"], "my-env");
+}
+
 #[test]
 fn an_environment_is_shown_on_a_page() {
     let short = swm_ok(&["envs", PUSHT]);

@@ -117,10 +117,10 @@ fn a_pair_of_a_manifest_is_planned_as_it_is_evaluated() {
         assert!(message.contains(reason), "{message}");
     };
     refused(&["--manifest", &task, "--pair", "3"], "holds 3 pairs, counted from 0; use 0 to 2");
-    refused(&["swm/TwoRoom-v2", "--pair", "1"], "--pair 1 is a pair of a manifest; give --manifest");
+    refused(&["swm/TwoRoom-v2", "--pair", "1"], "--pair 1: is a pair of a manifest; give --manifest");
     refused(&["--manifest", &task, "--seed", "1"], "a manifest fixes");
     refused(&["--manifest", &task, "--image-size", "64"], "a manifest fixes");
-    refused(&[], "name an environment, or give --manifest");
+    refused(&[], "nothing names the environment");
     assert!(!std::path::Path::new(&again).exists());
 }
 
@@ -158,7 +158,7 @@ fn wrong_requests_are_refused_before_anything_is_made() {
     says(&with("cem:horizon=2"), &["5 blocks of a plan of 2"]);
     says(&with("cem:report=loud"), &["report", "`off`, `plan`, `timed`"]);
     says(&["plan", "swm/PushTT-v1", "--policy", "cem", "--trace", &out], &["did you mean `swm/PushT-v1`?"]);
-    says(&plan(&out, &["--episodes", "0"]), &["0 episodes"]);
+    says(&plan(&out, &["--episodes", "0"]), &["--episodes 0", "nothing is planned for"]);
     says(&plan(&out, &["--frame-skip", "0"]), &["frame_skip"]);
     says(&plan(&out, &["--vary", "blok"]), &["`blok`"]);
     says(&["plan", PUSHT, "--policy", "cem", "--overwrite"], &["--trace"]);

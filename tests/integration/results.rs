@@ -152,7 +152,7 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
     // Seeds belong to the run: as a setting, they make another policy.
     let d = eval("d", &format!("{QUICK},seed=1"), "0");
     let message = swm_fails(2, &["compare", &format!("{a},{d}")]);
-    for word in ["not runs of one policy", "its setting `seed`", "--policy-seed 1"] {
+    for word in ["not runs of one policy", "its setting `seed`", "policy seeds 1, 2"] {
         assert!(message.contains(word), "{message}");
     }
 }

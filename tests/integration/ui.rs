@@ -158,6 +158,63 @@ fn picked_pairs_become_the_manifest_of_the_command() {
     assert_eq!(entries, ["pairs.toml"]);
 }
 
+/// A text in the query of a request.
+fn encoded(text: &str) -> String {
+    text.bytes().map(|byte| format!("%{byte:02X}")).collect()
+}
+
+#[test]
+fn datasets_of_other_programs_are_opened_with_options() {
+    let folder = Folder::new();
+    let field = crate::support::root().join("tests/golden/field");
+    let [can, noise] =
+        ["robomimic_can.hdf5", "dinowm_pusht_noise"].map(|name| field.join(name).display().to_string());
+    let page = Page::open(&[&can, &noise], &folder.path("save"));
+    let files = page.json("GET /api/files", "");
+    let ids: Vec<&str> =
+        files["files"].as_array().unwrap().iter().map(|file| file["id"].as_str().unwrap()).collect();
+    // By name.
+    let [noise, can] = [ids[0], ids[1]];
+    let ask = |what: &str, id: &str, opening: &Json| {
+        let opening = encoded(&opening.to_string());
+        page.json(&format!("GET /api/{what}id={}&opening={opening}", encoded(id)), "")
+    };
+    let wrist = json!({ "camera": "robot0_eye_in_hand", "map": { "proprio": "obs.robot0_eef_pos" }, "image_size": { "height": 10, "width": 10 } });
+    let about = ask("data?", can, &wrist);
+    let pixels = json!(["pixels", "obs/robot0_eye_in_hand_image"]);
+    assert!(about["mapping"].as_array().is_some_and(|mapping| mapping.contains(&pixels)), "{about}");
+    assert_eq!(about["opening"], wrist);
+    let columns = about["columns"].as_array().unwrap();
+    let shape =
+        |name: &str| columns.iter().find(|column| column["name"] == name).map(|column| &column["shape"]);
+    assert_eq!((shape("pixels"), shape("proprio")), (Some(&json!([10, 10, 3])), Some(&json!([3]))));
+    let plain = page.json(&format!("GET /api/data?id={}", encoded(can)), "");
+    assert_ne!(plain["mapping"], about["mapping"], "the same file, opened in another way");
+    let values = ask("data/values?episode=0&", can, &wrist);
+    assert!(values["columns"]["proprio"].is_array(), "{values}");
+    for (opening, word) in [
+        (json!({ "camera": "left" }), "no camera is called `left`"),
+        (json!({ "lens": 3 }), "lens"),
+        (json!({ "fit": "crop" }), "no image is resized"),
+        (json!({ "storage": "/" }), "the page decodes nothing into a folder"),
+    ] {
+        let refused = ask("data?", can, &opening);
+        assert!(refused["error"].as_str().is_some_and(|text| text.contains(word)), "{word}: {refused}");
+    }
+    // A manifest of a part, and the command that makes the same.
+    let body = json!({
+        "id": noise, "opening": "{\"split\": \"train\"}", "pairs": ["0:0-3"], "tier": "historic", "budget": 5, "file": "part.toml",
+    });
+    let made = page.json("POST /api/manifest", &body.to_string());
+    let words: Vec<&str> = made["words"]
+        .as_array()
+        .unwrap_or_else(|| panic!("{made}"))
+        .iter()
+        .map(|word| word.as_str().unwrap())
+        .collect();
+    assert!(words.windows(2).any(|pair| pair == ["--split", "train"]), "{words:?}");
+}
+
 #[test]
 fn jobs_are_shown_as_the_command_shows_them() {
     let folder = Folder::new();

@@ -10,7 +10,8 @@ use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
 use crate::{
-    apart, book, demo, deny, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
+    apart, book, demo, deny, exports, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui,
+    wheel,
 };
 
 /// Options of the three commands.
@@ -147,6 +148,12 @@ const STEPS: &[Step] = &[
         run: sizes::check_each_alone,
     },
     Step {
+        name: "exports",
+        about: "the reference loads what `swm export` writes, with equal outputs",
+        tiers: NIGHTLY,
+        run: || exports::run(&exports::Args::default()),
+    },
+    Step {
         name: "gpu",
         about: "the command with CUDA links, and says what a machine lacks for it",
         tiers: NIGHTLY,
@@ -244,13 +251,22 @@ fn doc() -> Result<()> {
     )
 }
 
-/// With the command that trains them and plans with models of others, and the pages of the book that need it.
+/// The baselines with the command and the Python extension that have them: one selection, so that the tensor library is built once.
 fn baselines() -> Result<()> {
-    apart::check("swm-baselines", &[])?;
-    let command = ["--package", "swm", "--features", "baselines,onnx"];
-    process::run(process::cargo(["clippy"]).args(command).args(["--all-targets", "--", "-D", "warnings"]))?;
-    process::run(process::cargo(["test"]).args(command).args(["--lib", "cli::train"]))?;
-    process::run(process::cargo(["build"]).args(command))?;
+    let packages = ["--package", "swm-baselines", "--package", "swm", "--package", "swm-py"];
+    let run = |verb: &str, options: &[&str]| {
+        let mut command = process::cargo([verb]);
+        command.args(packages).args(["--features", "swm/baselines,swm/onnx,swm-py/baselines"]);
+        process::run(command.args(options))
+    };
+    run("clippy", &["--all-targets", "--", "-D", "warnings"])?;
+    run("test", &["--lib", "--test", "runs"])?;
+    run("test", &["--doc"])?;
+    process::run(
+        process::cargo(["doc", "--no-deps", "--package", "swm-baselines"]).env("RUSTDOCFLAGS", "-D warnings"),
+    )?;
+    run("build", &[])?;
+    wheel::check_training()?;
     test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
 

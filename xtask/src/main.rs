@@ -13,6 +13,7 @@ mod demo;
 mod deny;
 mod endure;
 mod experts;
+mod exports;
 mod gallery;
 mod golden;
 mod gpu;
@@ -34,6 +35,7 @@ mod test;
 mod tidy;
 mod ui;
 mod wheel;
+mod zoo;
 
 use std::process::ExitCode;
 
@@ -77,6 +79,8 @@ enum Command {
     Ci(ci::Args),
     /// Every check, with a rehearsed release and each crate alone, in an hour
     Nightly(ci::Args),
+    /// Load what `swm export` writes with the reference, and compare outputs
+    Exports(exports::Args),
     /// Replay recorded trajectories of the reference and print the differences
     Golden(golden::Args),
     /// Render every environment for the page docs/gallery.md
@@ -103,6 +107,8 @@ enum Command {
     Release(release::Args),
     /// Make the Python package as a wheel, with MuJoCo's library and the control suite's models
     Wheel(wheel::Args),
+    /// Train the models of the zoo by their recipes, and pack them
+    Zoo(zoo::Args),
     /// Run the reference's own tests on the Python package, from a checkout of the reference
     ReferenceTests(reference_tests::Args),
     /// Check the rules of the architecture and of the sources
@@ -130,6 +136,7 @@ fn main() -> ExitCode {
         Command::Nightly(args) => ci::run(Tier::Nightly, &args),
         Command::Gpu(args) => gpu::run(&args),
         Command::GpuProof(args) => gpu_proof::run(&args),
+        Command::Exports(args) => exports::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
         Command::Datasets(args) => datasets::run(&args),
@@ -138,6 +145,7 @@ fn main() -> ExitCode {
         Command::Sizes(args) => sizes::run(&args),
         Command::Release(args) => release::run(&args),
         Command::Wheel(args) => wheel::run(&args),
+        Command::Zoo(args) => zoo::run(&args),
         Command::ReferenceTests(args) => reference_tests::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Ui(args) => ui::run(&args),

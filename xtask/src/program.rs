@@ -26,18 +26,34 @@ impl Program<'_> {
 
     /// Runs it with options whose values are paths, and returns what it says as JSON.
     pub(crate) fn run(&self, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
+        let mut command = self.command(args)?;
+        for (option, path) in paths {
+            command.arg(option).arg(path);
+        }
+        Self::printed(command, args)
+    }
+
+    /// Runs it in a folder, from which relative paths count, and returns what it says as JSON.
+    pub(crate) fn run_in(&self, folder: &Path, args: &[&str]) -> Result<Json> {
+        let mut command = self.command(args)?;
+        command.current_dir(folder);
+        Self::printed(command, args)
+    }
+
+    fn command(&self, args: &[&str]) -> Result<Command> {
         let mut command = match self.given {
-            Some(file) => Command::new(file),
+            Some(file) => Command::new(std::path::absolute(file)?),
             None => {
-                let mut command = process::cargo(["run", "--quiet"]);
-                command.args(PACKAGE).args([self.features, "--"]);
+                let mut command = process::cargo(["run", "--quiet", "--manifest-path"]);
+                command.arg(process::root().join("Cargo.toml")).args(PACKAGE).args([self.features, "--"]);
                 command
             }
         };
         command.args(args);
-        for (option, path) in paths {
-            command.arg(option).arg(path);
-        }
+        Ok(command)
+    }
+
+    fn printed(mut command: Command, args: &[&str]) -> Result<Json> {
         eprintln!("swm {}", args.join(" "));
         let printed = process::output(command.arg("--json"))?;
         serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))

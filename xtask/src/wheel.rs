@@ -18,7 +18,7 @@ use crate::{interop, process, setup, test};
 /// Options of `cargo xtask wheel`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Pack the extension as tests build it: quick to make, slow to run
+    /// Pack the extension as tests build it: quick to make, slow to run, and without training
     #[arg(long)]
     dev: bool,
     /// Build for every Linux since glibc 2.28, with zig, which is fetched (100 MB); else for systems whose glibc is as new as this one's
@@ -38,6 +38,10 @@ const CRATE: &str = "crates/swm-py";
 const PACKAGE: &str = "stable_worldmodel_rs";
 /// What the wheel carries of the data folder, below the package.
 const FILES: &str = "_lib";
+/// The feature of the crate that brings training.
+const TRAINING: &str = "baselines";
+/// Tests that are skipped where the extension has no training.
+const TESTS_OF_TRAINING: &[&str] = &["tests/test_train.py", "tests/test_track_train.py", "tests/test_zoo.py"];
 /// In a new process, with nothing but the wheel: an environment on MuJoCo, and the script.
 const SMOKE: &str = "
 import gymnasium, stable_worldmodel_rs
@@ -133,8 +137,9 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
     let wheels = work.join("wheels");
     let mut build = maturin(python);
     build.args(["build", "--release", "--locked", "--interpreter"]).arg(python).arg("--out").arg(&wheels);
+    build.args(["--features", &features(args)]);
     if args.lance {
-        build.args(["--features", "lance"]).envs(setup::tools::protoc());
+        build.envs(setup::tools::protoc());
     }
     if args.zig {
         build.args(["--zig", "--compatibility", "manylinux_2_28"]);
@@ -148,10 +153,41 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
     only_entry(&trees)
 }
 
+/// What a wheel has beside the defaults: features that are named on maturin's command line replace those of `pyproject.toml`.
+fn features(args: &Args) -> String {
+    if args.lance { format!("{TRAINING},lance") } else { TRAINING.to_owned() }
+}
+
+/// A step of `cargo xtask ci`, after a build of the extension with training: it passes the tests that need it.
+pub(crate) fn check_training() -> Result<()> {
+    let metadata = Metadata::load()?;
+    let work = tempfile::tempdir().context("no folder for the package")?;
+    let tree = work.path().join("tree");
+    lay_out(&metadata, &tree)?;
+    let mut tests = Command::new(interop::python(&interop::WHEEL_TESTS)?);
+    tests.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).args(TESTS_OF_TRAINING);
+    tests.current_dir(process::root().join(CRATE)).env("SWM_HOME", data::home()?);
+    process::run(
+        tests.env("PYTHONPATH", &tree).env("PYTHONDONTWRITEBYTECODE", "1").env("SWM_TEST_TRAINING", "1"),
+    )
+}
+
 /// Builds the workspace as tests do, and lays the extension, the Python files and maturin's metadata out as a wheel.
 fn from_the_workspace(metadata: &Metadata, python: &Path, work: &Path) -> Result<PathBuf> {
     test::program()?;
     let tree = work.join("tree");
+    lay_out(metadata, &tree)?;
+    let mut info = maturin(python);
+    info.args(["pep517", "write-dist-info", "--metadata-directory"])
+        .arg(&tree)
+        .arg("--interpreter")
+        .arg(python);
+    process::output(&mut info)?;
+    Ok(tree)
+}
+
+/// Copies the Python files and the extension of the last build for tests to the folder `tree`.
+fn lay_out(metadata: &Metadata, tree: &Path) -> Result<()> {
     copy(&process::root().join(CRATE).join("python").join(PACKAGE), &tree.join(PACKAGE), &is_source)?;
     let library = if cfg!(windows) {
         "_swm.dll"
@@ -165,13 +201,7 @@ fn from_the_workspace(metadata: &Metadata, python: &Path, work: &Path) -> Result
         .with_context(|| format!("the build left no {library}"))?;
     // Debug information is most of the file. Without the program `strip` the wheel is large, and as good.
     let _ = process::output(Command::new("strip").arg("-S").arg(&extension));
-    let mut info = maturin(python);
-    info.args(["pep517", "write-dist-info", "--metadata-directory"])
-        .arg(&tree)
-        .arg("--interpreter")
-        .arg(python);
-    process::output(&mut info)?;
-    Ok(tree)
+    Ok(())
 }
 
 /// Whether a file of the package's folder in the checkout belongs into a wheel: no libraries, caches or fetched files.
@@ -242,6 +272,15 @@ mod tests {
         let takes = |path: &str| is_source(Path::new(path));
         assert!(takes("a/world.py") && takes("a/py.typed") && takes("a/_swm.pyi"));
         assert!(!takes("a/_swm.abi3.so") && !takes("a/__pycache__") && !takes("a/_lib"));
+    }
+
+    #[test]
+    fn every_wheel_trains() {
+        let pyproject = fs::read_to_string(process::root().join(CRATE).join("pyproject.toml")).unwrap();
+        assert!(pyproject.contains(&format!("features = [\"{TRAINING}\"]")), "{pyproject}");
+        let args = |lance| Args { dev: false, zig: false, lance, out: None };
+        assert_eq!(features(&args(false)), "baselines");
+        assert_eq!(features(&args(true)), "baselines,lance");
     }
 
     #[test]

@@ -52,6 +52,7 @@ fn train(mut model: Box<dyn Baseline>, clips: usize, seconds: f64) -> Result<(f6
     let batch = ClipBatch {
         pixels: images(&pixels, steps),
         latents: None,
+        canonical: None,
         action: vectors(&action, steps, dim),
         proprio: Some(vectors(&proprio, steps, 4)),
         goal_pixels: Some(images(&goals, 1)),

@@ -7,7 +7,7 @@ use serde_json::{Map, Value as Json};
 use swm_data::loader::GoalWeights;
 use swm_solvers::{Aggregate, Candidates};
 
-use crate::data::{ClipBatch, DataDims, Observations, PlanningBatch};
+use crate::data::{ClipBatch, DataDims, Images, Observations, PlanningBatch};
 use crate::error::BaselineError;
 use crate::optim::OptimConfig;
 use crate::precision::Precision;
@@ -48,6 +48,11 @@ pub trait Baseline: Send {
     /// What encodes images for [`Baseline::trains_on_latents`]: the model itself, unless it has a world model for that.
     fn latent_encoder(&self) -> Option<Box<dyn PlanModel>> {
         self.planner()
+    }
+
+    /// Whether it learns from images in the canonical look ([`ClipBatch::canonical`]).
+    fn learns_canonical(&self) -> bool {
+        false
     }
 
     /// Whether vectors must be scaled as those of its frozen encoder were, and not by statistics of the data that it is trained on.
@@ -164,6 +169,11 @@ pub trait Baseline: Send {
     /// A copy of the model as it is now that acts by itself; `None` if it is no policy.
     fn policy(&self) -> Option<Box<dyn GoalPolicy>>;
 
+    /// A copy of the model as it is now that draws images in the canonical look; `None` if it does not.
+    fn canonicalizer(&self) -> Option<Box<dyn Canonicalizer>> {
+        None
+    }
+
     /// A copy of the model as it is now that acts on latents of its world model; `None` if it does not.
     fn latent_policy(&self) -> Option<Box<dyn LatentPolicy>> {
         None
@@ -199,6 +209,21 @@ pub trait PlanModel: Send {
     ///
     /// The network fails.
     fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
+
+    /// Fills `next`, `[N, Z]`, with what follows `latents`, `[N, Z]`, under `actions`, `[N, D]`, as [`PlanModel::predict`] does, and
+    /// `gradient`, `[N, D]`, with the derivative of Σ ‖next − target‖² with respect to the actions; `targets` are `[N, Z]`.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
+    fn step_toward(
+        &mut self,
+        latents: &[f32],
+        actions: &[f32],
+        targets: &[f32],
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), BaselineError>;
 
     /// Fills `states`, `[B, S, H, Z]`, with the latents that follow the prepared observations under candidates, `[B, S, H, D]`.
     ///
@@ -244,32 +269,50 @@ pub trait GoalPolicy: Send {
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
 
-    /// Fills `actions`, `[B, D]`, with the mean action of each of B problems.
-    ///
-    /// # Errors
-    ///
-    /// The network fails.
-    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
-
-    /// K: decisions to the farthest goals of a policy that is told how many are left; 0 of others.
+    /// K: decisions to the farthest goals of a policy that takes how many are left; 0 of others.
     fn horizon(&self) -> usize {
         0
     }
 
-    /// As [`GoalPolicy::act`], where `left`, `[B]`, decisions are left to reach each goal, 1 to K, this one included. A policy
-    /// without a horizon does the same whatever is left.
+    /// Fills `actions`, `[B, D]`, with the mean action of each of B problems, where `left`, `[B]`, decisions are left to reach each goal,
+    /// 1 to K, this one included. A policy without a horizon ignores `left`.
     ///
     /// # Errors
     ///
-    /// As of [`GoalPolicy::act`]; or `left` is of another length.
+    /// The network fails, or sizes differ.
     fn act_within(
         &mut self,
         batch: &PlanningBatch<'_>,
-        _left: &[usize],
+        left: &[usize],
         actions: &mut [f32],
-    ) -> Result<(), BaselineError> {
-        self.act(batch, actions)
+    ) -> Result<(), BaselineError>;
+
+    /// As [`GoalPolicy::act_within`], with all K decisions left.
+    ///
+    /// # Errors
+    ///
+    /// As of [`GoalPolicy::act_within`].
+    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
+        let left = vec![self.horizon(); batch.pixels.rows];
+        self.act_within(batch, &left, actions)
     }
+}
+
+/// A model at work that draws images of any look in one canonical look.
+pub trait Canonicalizer: Send + Sync {
+    /// The side of the images that it draws.
+    fn side(&self) -> usize;
+
+    /// Draws `[N, S, S, 3]`: the images in the canonical look, each beside another one of the same look, episode and step or not: what
+    /// moved between the two is no part of the background. The bits of these N depend on nothing else.
+    ///
+    /// # Errors
+    ///
+    /// Images that are not square, or not equally many.
+    fn draw(&self, images: &Images<'_>, others: &Images<'_>) -> Result<Vec<u8>, BaselineError>;
+
+    /// Another one with the same weights.
+    fn share(&self) -> Box<dyn Canonicalizer>;
 }
 
 /// A goal-conditioned policy over latents of a world model.

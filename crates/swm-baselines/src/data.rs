@@ -25,6 +25,8 @@ pub struct ClipBatch<'a> {
     /// `[B, T, Z]`: what the model's frozen encoder gives for images, in place of `pixels`; for models that
     /// [train on latents](crate::Baseline::trains_on_latents).
     pub latents: Option<Vectors<'a>>,
+    /// `[B, T, …]`: the same rows as `pixels`, in the canonical look; for models that learn to draw it.
+    pub canonical: Option<Images<'a>>,
     /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each step to the next. Where an episode
     /// ends there are none; values that are not finite count as 0.
     pub action: Vectors<'a>,
@@ -92,6 +94,8 @@ pub(crate) struct Inputs {
     pub(crate) pixels: Tensor<5>,
     /// `[B, T, Z]`.
     pub(crate) latents: Option<Tensor<3>>,
+    /// `[B, T, 3, S, S]`: the canonical look of `pixels`.
+    pub(crate) canonical: Option<Tensor<5>>,
     /// `[B, T, F × A]`.
     pub(crate) action: Tensor<3>,
     /// `[B, T, …]`.
@@ -107,7 +111,7 @@ pub(crate) struct Inputs {
 impl Inputs {
     /// Checks a batch and copies it to the device.
     pub(crate) fn new(batch: &ClipBatch<'_>, form: &Form, device: &Device) -> Result<Self, BaselineError> {
-        let ClipBatch { pixels, latents, action, proprio, goal_pixels, goal_proprio } = batch;
+        let ClipBatch { pixels, latents, canonical, action, proprio, goal_pixels, goal_proprio } = batch;
         let rows = pixels.rows;
         action.check("action", rows, form.action)?;
         if action.steps != pixels.steps {
@@ -121,6 +125,10 @@ impl Inputs {
                 Some(_) => Tensor::zeros([0; 5], device),
             },
             latents: latents.map(|latents| latents.to_tensor(device)),
+            canonical: match canonical {
+                Some(canonical) => Some(canonical_to_tensor(canonical, pixels, form, device)?),
+                None => None,
+            },
             action: action.to_tensor(device),
             proprio: form.state("proprio", proprio.as_ref(), rows, device)?,
             goal_pixels: match goal_pixels {
@@ -134,6 +142,23 @@ impl Inputs {
             is_goal: Tensor::from_data(TensorData::new(is_goal, [rows, pixels.steps, 1]), device),
         })
     }
+}
+
+/// Images in the canonical look, which must be as many as `pixels`.
+fn canonical_to_tensor(
+    canonical: &Images<'_>,
+    pixels: &Images<'_>,
+    form: &Form,
+    device: &Device,
+) -> Result<Tensor<5>, BaselineError> {
+    if (canonical.rows, canonical.steps) != (pixels.rows, pixels.steps) {
+        let reason = format!(
+            "{} × {} images beside {} × {} of `pixels`; they must be of the same rows",
+            canonical.rows, canonical.steps, pixels.rows, pixels.steps
+        );
+        return Err(BaselineError::data("canonical", reason));
+    }
+    images::to_tensor("canonical", canonical, (form.image, form.normalization), device)
 }
 
 /// What plans start from, on the device.

@@ -151,6 +151,46 @@ pub(crate) fn predict<M: LatentDynamics>(
     Ok(())
 }
 
+/// Fills `next`, `[B, Z]`, with the latents that follow `latents` under `actions`, `[B, D]`, and `gradient`, `[B, D]`, with the
+/// derivative of Σ ‖next − target‖² with respect to the actions.
+pub(crate) fn step_toward<M: LatentDynamics>(
+    model: &M,
+    (latents, actions, targets): (&[f32], &[f32], &[f32]),
+    next: &mut [f32],
+    gradient: &mut [f32],
+    device: &Device,
+) -> Result<(), BaselineError> {
+    let (dim, block) = (model.latent_dim().max(1), model.form().action.max(1));
+    for values in [latents.len(), targets.len(), next.len()] {
+        check(values, actions.len() / block, dim)?;
+    }
+    let size = GroupSize::of::<M>(device);
+    let most = size.most(actions.len() / block);
+    let given = latents.chunks(most * dim).zip(actions.chunks(most * block)).zip(targets.chunks(most * dim));
+    let found = next.chunks_mut(most * dim).zip(gradient.chunks_mut(most * block));
+    for_each_group(
+        device,
+        given.zip(found).collect(),
+        |(((latents, actions), targets), (next, gradient))| {
+            let count = size.filled(actions.len() / block);
+            let full = |values: &[f32], dim: usize| {
+                let mut values = values.to_vec();
+                values.resize(count * dim, 0.0);
+                Tensor::<2>::from_data(TensorData::new(values, [count, dim]), device)
+            };
+            let actions = full(actions, block).autodiff().require_grad();
+            let reached = model.next(full(latents, dim).autodiff(), actions.clone());
+            // Rows do not interact, so the derivative of the sum holds that of each.
+            let off = reached.clone() - full(targets, dim).autodiff();
+            let gradients = (off.clone() * off).sum().backward();
+            next.copy_from_slice(&host(reached)[..next.len()]);
+            let by_action = actions.grad(&gradients).map(host).unwrap_or_default();
+            gradient.iter_mut().zip(by_action).for_each(|(out, value)| *out = value);
+        },
+    );
+    Ok(())
+}
+
 fn check(values: usize, count: usize, dim: usize) -> Result<(), BaselineError> {
     if values == count * dim {
         return Ok(());

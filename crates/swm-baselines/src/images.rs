@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
+use crate::params::host;
 use crate::placement::Placement;
 
 /// RGB images: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
@@ -116,6 +117,18 @@ fn on_device(
     pixels.reshape([rows, steps, 3, height, width])
 }
 
+/// Images `[N, 3, S, S]` as bytes `[N, S, S, 3]`: [`to_tensor`] the other way round.
+pub(crate) fn to_bytes(images: Tensor<4>, normalization: Normalization) -> Vec<u8> {
+    let [mean, std] = normalization.moments();
+    let values = host(images.permute([0, 2, 3, 1]));
+    let byte = |(at, value): (usize, &f32)| {
+        let value = value * std[at % 3] + mean[at % 3];
+        // `as` saturates, and what is not a number becomes 0.
+        (value * 255.0).round() as u8
+    };
+    values.iter().enumerate().map(byte).collect()
+}
+
 /// One color of an image, normalized: `[H, W]`.
 fn plane(image: &[u8], channels_last: bool, channel: usize, normalization: Normalization, out: &mut [f32]) {
     let (first, stride) = if channels_last { (channel, 3) } else { (channel * out.len(), 1) };
@@ -178,7 +191,6 @@ impl Resampling {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::params::host;
     use crate::placement::as_on_a_device;
 
     fn images(values: &[u8], side: usize, channels_last: bool) -> Images<'_> {
@@ -198,6 +210,20 @@ mod tests {
         });
         assert_eq!(a, b);
         assert!((a[0] - (0.0 - 0.485) / 0.229).abs() < 1e-6);
+    }
+
+    #[test]
+    fn bytes_come_back_as_they_were() {
+        let device = Device::flex();
+        let values: Vec<u8> = (0..=255).cycle().take(3 * 256).collect();
+        for normalization in [Normalization::Imagenet, Normalization::Half] {
+            let tensor =
+                to_tensor("pixels", &images(&values, 16, true), (16, normalization), &device).unwrap();
+            assert_eq!(to_bytes(tensor.flatten(0, 1), normalization), values);
+        }
+        // Beyond black and white, and no number.
+        let odd = Tensor::<1>::from_floats([-9.0, 9.0, f32::NAN], &device).reshape([1, 3, 1, 1]);
+        assert_eq!(to_bytes(odd, Normalization::Half), [0, 255, 0]);
     }
 
     #[test]

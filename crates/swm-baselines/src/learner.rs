@@ -6,7 +6,9 @@ use burn::module::Module;
 use burn::tensor::Device;
 use serde_json::{Map, Value as Json};
 
-use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step};
+use crate::baseline::{
+    Baseline, Canonicalizer, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step,
+};
 use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
 use crate::init::initialize;
@@ -189,6 +191,14 @@ impl<N: Network> Baseline for Learner<N> {
 
     fn trains_on_latents(&self) -> bool {
         N::TRAINS_ON_LATENTS
+    }
+
+    fn learns_canonical(&self) -> bool {
+        N::LEARNS_CANONICAL
+    }
+
+    fn canonicalizer(&self) -> Option<Box<dyn Canonicalizer>> {
+        self.computing().canonicalizer(&self.form)
     }
 
     fn set_precision(&mut self, precision: Precision) {

@@ -54,11 +54,13 @@ mod plan;
 mod plane;
 mod precision;
 mod reading;
+pub mod reproduce;
 pub mod train;
 mod weights;
 
 pub use baseline::{
-    Baseline, GoalPolicy, InputSpec, LatentPolicy, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
+    Baseline, Canonicalizer, GoalPolicy, InputSpec, LatentPolicy, Losses, ModelConfig, Phase, PhaseGoals,
+    PlanModel, Step,
 };
 pub use data::{ClipBatch, DataDims, Images, Normalization, Observations, PlanningBatch, Vectors};
 pub use device::Device;
@@ -66,9 +68,10 @@ pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
-    AuxiliaryWeights, ConvJepaConfig, CountdownConfig, CountdownWeights, DinoWmConfig, EncoderConfig,
-    FeatureMapConfig, GcIdmConfig, GcbcConfig, GciqlConfig, GcivlConfig, GcslConfig, GoalConfig, HilpConfig,
-    IdmConfig, JointConfig, KeypointModelConfig, KeypointWmConfig, LaterGoals, LewmConfig, MapEncoderConfig,
+    AuxiliaryWeights, CanonicalConfig, CanonicalModelConfig, ConvJepaConfig, CountdownConfig,
+    CountdownWeights, DinoWmConfig, EncoderConfig, FeatureMapConfig, GcIdmConfig, GcbcConfig, GciqlConfig,
+    GcivlConfig, GcslConfig, GoalConfig, HilpConfig, IdmConfig, JointConfig, KeypointEncoderConfig,
+    KeypointModelConfig, KeypointWmConfig, KeypointsConfig, LaterGoals, LewmConfig, MapEncoderConfig,
     PldmConfig, PldmWeights, PolicyGoals, ValueConfig, WorldConfig,
 };
 pub use nn::{

@@ -5,7 +5,7 @@
 use burn::module::Module;
 use serde_json::{Map, Value as Json};
 
-use crate::baseline::{GoalPolicy, InputSpec, Phase, PlanModel};
+use crate::baseline::{Canonicalizer, GoalPolicy, InputSpec, Phase, PlanModel};
 use crate::data::{Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::Terms;
@@ -23,6 +23,9 @@ pub(crate) trait Network: Module + 'static {
     /// Whether the loss can be had from the latents of a frozen encoder: of [`Inputs::latents`] as of [`Inputs::pixels`].
     const TRAINS_ON_LATENTS: bool = false;
 
+    /// Whether the loss needs [`Inputs::canonical`].
+    const LEARNS_CANONICAL: bool = false;
+
     /// The network before its first step, with the statistics of the data that it keeps.
     fn begin(self, inputs: &Inputs) -> Self {
         Background::find(self, &inputs.pixels)
@@ -39,6 +42,11 @@ pub(crate) trait Network: Module + 'static {
     /// See [`Baseline::plan_settings`](crate::Baseline::plan_settings).
     fn plan_settings(&self) -> Map<String, Json> {
         Map::new()
+    }
+
+    /// The model at work as what draws images in the canonical look; they are standardized as `form` has it.
+    fn canonicalizer(&self, _form: &Form) -> Option<Box<dyn Canonicalizer>> {
+        None
     }
 
     /// The model at work as a policy.

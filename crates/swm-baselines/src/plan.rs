@@ -78,6 +78,17 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
         dynamics::predict(&self.model, latents, actions, &self.device)
     }
 
+    fn step_toward(
+        &mut self,
+        latents: &[f32],
+        actions: &[f32],
+        targets: &[f32],
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), BaselineError> {
+        dynamics::step_toward(&self.model, (latents, actions, targets), next, gradient, &self.device)
+    }
+
     fn rollout(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), BaselineError> {
         self.groups(candidates)?;
         let &Candidates { actions, samples, horizon, dim, .. } = candidates;

@@ -69,6 +69,33 @@ pub struct WriteOptions {
     /// Rows per second of time stamps, and frames per second that a video tells its players. Default: those of the environment's time
     /// for time stamps, where they are known; else 10 in MCAP, and 25 in videos and LeRobot.
     pub frames_per_second: Option<f64>,
+    /// What becomes of the last row of an episode where it has no action, in formats that may leave it out of their tables. Default: it
+    /// is dropped there.
+    pub last_row: Option<LastRow>,
+}
+
+/// What becomes of the row of an episode that no action follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LastRow {
+    /// It is beside the tables that other programs read, so that these have an action in every row.
+    Drop,
+    /// It is a row of the tables, and its action is NaN.
+    Keep,
+}
+
+impl LastRow {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 2] = [("drop", Self::Drop), ("keep", Self::Keep)];
+}
+
+impl FromStr for LastRow {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, last_row)| last_row);
+        known.ok_or_else(|| format!("no value `{text}`; use drop or keep"))
+    }
 }
 
 setters!(WriteOptions {
@@ -76,6 +103,7 @@ setters!(WriteOptions {
     quality: Option<u8>,
     key_frame_period: Option<u32>,
     frames_per_second: Option<f64>,
+    last_row: Option<LastRow>,
 });
 
 impl From<WriteMode> for WriteOptions {

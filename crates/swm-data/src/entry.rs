@@ -48,6 +48,8 @@ pub struct Format {
     pub extensions: &'static [&'static str],
     /// How it keeps images.
     pub images: StoredImages,
+    /// Whether it can leave the last row of an episode out of its tables, so that [`WriteOptions::last_row`] acts.
+    pub drops_last_row: bool,
     detect: Detect,
     open: Open,
     open_with: Option<OpenWith>,
@@ -62,7 +64,19 @@ impl Format {
             |path, _| Err(DataError::request(path, "datasets of this format are read, not written"));
         let (extensions, images): (&[&str], _) = (&[], StoredImages::Exact);
         let repair: Repair = |_, _| Ok(Vec::new());
-        Self { name, about, extensions, images, detect, open, open_with: None, create, repair }
+        let drops_last_row = false;
+        Self {
+            name,
+            about,
+            extensions,
+            images,
+            drops_last_row,
+            detect,
+            open,
+            open_with: None,
+            create,
+            repair,
+        }
     }
 
     /// Its file extensions without the dot, the preferred one first.
@@ -76,6 +90,13 @@ impl Format {
     #[must_use]
     pub const fn images(mut self, images: StoredImages) -> Self {
         self.images = images;
+        self
+    }
+
+    /// It can leave the last row of an episode out of its tables.
+    #[must_use]
+    pub const fn drops_last_row(mut self) -> Self {
+        self.drops_last_row = true;
         self
     }
 
@@ -145,6 +166,9 @@ impl Format {
                 format!("the format `{}` {reason}; leave it out, or choose another format", self.name);
             Err(DataError::Option { option, reason })
         };
+        if options.last_row.is_some() && !self.drops_last_row {
+            return refuse("last_row", "has the last row of every episode");
+        }
         match self.images {
             StoredImages::Exact if options.quality.is_some() => {
                 refuse("quality", "keeps images without loss")

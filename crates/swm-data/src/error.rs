@@ -59,6 +59,15 @@ impl FormatError {
     pub fn at(self, place: impl fmt::Display) -> Self {
         Self::At { place: place.to_string(), source: Box::new(self) }
     }
+
+    /// Whether this program lacks something, rather than the file.
+    pub(crate) fn is_unsupported(&self) -> bool {
+        match self {
+            Self::Unsupported(_) => true,
+            Self::At { source, .. } => source.is_unsupported(),
+            _ => false,
+        }
+    }
 }
 
 /// [`FormatError::Missing`] with this message.

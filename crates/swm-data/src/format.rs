@@ -14,6 +14,7 @@ use std::sync::LazyLock;
 use swm_core::Registry;
 use swm_core::registry::Absent;
 
+use crate::adapt::Resized;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
 use crate::foreign;
@@ -91,6 +92,13 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
 /// As of [`open`]; [`DataError::Option`]: an option is wrong, or would not act.
 pub fn open_with(registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
     options.check()?;
+    let Some(size) = options.image_size else { return open_stored(registry, path, options) };
+    let stored = open_stored(registry, path, &options.of_stored())?;
+    Ok(Box::new(Resized::new(stored, size, options.fit)?.opened_with(options)))
+}
+
+/// As [`open_with`], with images as they are stored.
+fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
     if remote::is_remote(path) {
         return remote::open(registry, path, options);
     }
@@ -210,6 +218,12 @@ pub fn detect(registry: &Registry, path: &Path) -> Option<&'static Format> {
     // A pipe would wait for its writer.
     let there = fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
     registry.all::<Format>().find(|format| there && format.detect(path))
+}
+
+/// Whether there is a dataset of another program, in no format of ours, that [`open_with`] reads.
+pub fn is_of_other_program(path: &Path) -> bool {
+    let there = fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
+    there && foreign::detect(path)
 }
 
 /// Opens a dataset for recording in a format of this crate. `format: None` goes by the file extension, or by the content

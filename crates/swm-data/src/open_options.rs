@@ -6,7 +6,9 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
+use swm_core::ImageSize;
 
+use crate::adapt::Fit;
 use crate::dataset::DatasetInfo;
 use crate::error::DataError;
 
@@ -42,8 +44,14 @@ pub struct OpenOptions {
     /// Whether observations of a row are those after its action (1) or before it (0), where a file of LIBERO's layout does not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift: Option<u8>,
+    /// The size to which images are resized when they are read, by area.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_size: Option<ImageSize>,
+    /// How they are resized. Needed where `image_size` has another shape than they have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Fit>,
     /// A folder for decoded values of compressed archives that are too large for memory. They are removed when the dataset is closed.
-    #[serde(skip_serializing)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub storage: Option<PathBuf>,
 }
 
@@ -57,6 +65,8 @@ setters!(OpenOptions {
     split: Option<String>,
     max_steps: Option<usize>,
     shift: Option<u8>,
+    image_size: Option<ImageSize>,
+    fit: Option<Fit>,
     storage: Option<PathBuf>,
 });
 
@@ -86,15 +96,17 @@ impl FromStr for Flip {
 }
 
 impl OpenOptions {
-    /// Those that a dataset was opened with, but for `storage`.
+    /// Those that a dataset was opened with.
     #[must_use]
     pub fn of(info: &DatasetInfo) -> Self {
         serde_json::from_value(Json::Object((*info.opening).clone())).unwrap_or_default()
     }
 
-    /// The options that are given, by name, for whoever opens the same again; without `storage`, which is of one machine.
+    /// The options that are given, by name, for whoever opens the same again on this machine.
     pub(crate) fn record(&self) -> Map<String, Json> {
-        match serde_json::to_value(self) {
+        let absolute = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        let storage = self.storage.as_ref().map(absolute);
+        match serde_json::to_value(Self { storage, ..self.clone() }) {
             Ok(Json::Object(given)) => given,
             _ => Map::new(),
         }
@@ -128,6 +140,14 @@ impl OpenOptions {
         if self.max_steps == Some(0) {
             return refuse("max_steps", "an episode has at least one step");
         }
+        if let Some(ImageSize { height, width }) = self.image_size
+            && let Err(reason) = ImageSize::new(height, width)
+        {
+            return refuse("image_size", &reason);
+        }
+        if self.fit.is_some() && self.image_size.is_none() {
+            return refuse("fit", "no image is resized; give `image_size`, too, or leave it out");
+        }
         match self.shift {
             Some(2..) => refuse("shift", "it is 0 or 1"),
             _ => Ok(()),
@@ -145,6 +165,8 @@ impl OpenOptions {
             ("split", self.split.is_some()),
             ("max_steps", self.max_steps.is_some()),
             ("shift", self.shift.is_some()),
+            ("image_size", self.image_size.is_some()),
+            ("fit", self.fit.is_some()),
             ("storage", self.storage.is_some()),
         ];
         given
@@ -152,6 +174,11 @@ impl OpenOptions {
             .filter(|(name, is_given)| *is_given && !known.contains(name))
             .map(|(name, _)| name)
             .collect()
+    }
+
+    /// Those of a dataset whose images stay as they are.
+    pub(crate) fn of_stored(&self) -> Self {
+        Self { image_size: None, fit: None, ..self.clone() }
     }
 
     /// Refuses options that would not act.

@@ -1,5 +1,7 @@
 //! Sampling an assignment: selection, explicit values, rejection under constraints.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use swm_core::env::Episode;
 use swm_core::env::{nearest_factor, selects};
@@ -49,6 +51,14 @@ pub enum FovError {
         /// Numbers of this space.
         expected: usize,
     },
+    /// A factor of a look that does more than change images.
+    #[error("factor `{name}` is not visual: {}", visual_factors(.visual))]
+    NotVisual {
+        /// The factor.
+        name: String,
+        /// Those that are.
+        visual: Vec<String>,
+    },
     /// A constraint cannot be met.
     #[error("factor `{owner}` must be {words}, which {tries}; factors involved: {involved}")]
     Unsatisfied {
@@ -61,6 +71,13 @@ pub enum FovError {
         /// Names and values of the factors that the rule reads.
         involved: String,
     },
+}
+
+fn visual_factors(names: &[String]) -> String {
+    match names {
+        [] => "this environment has no factors that change images alone".to_owned(),
+        names => format!("those that change images alone are {}", names.join(", ")),
+    }
 }
 
 impl From<FovError> for EnvError {
@@ -156,6 +173,31 @@ impl FovSpace {
             }
             None => Ok(fov),
         }
+    }
+
+    /// The assignment `fov` as `look` shows it: with these values of visual factors, as if they had been set. `env` is for messages.
+    ///
+    /// # Errors
+    ///
+    /// An unknown factor, one that is not visual, or a value out of bounds.
+    pub fn dressed(&self, env: &str, fov: &Fov, look: &BTreeMap<String, Value>) -> Result<Fov, EnvError> {
+        let dressed = self.try_dressed(fov, look);
+        dressed.map_err(|error| EnvError::Reset { env: env.to_owned(), reason: error.to_string() })
+    }
+
+    fn try_dressed(&self, fov: &Fov, look: &BTreeMap<String, Value>) -> Result<Fov, FovError> {
+        let mut dressed = fov.clone();
+        for (name, value) in look {
+            let index = self.index(name)?;
+            if !self.factors[index].spec.visual {
+                let visual = self.factors.iter().filter(|factor| factor.spec.visual);
+                let visual = visual.map(|factor| factor.spec.name.clone()).collect();
+                return Err(FovError::NotVisual { name: name.clone(), visual });
+            }
+            dressed.values[index] = self.fit(index, value)?;
+            dressed.touched[index] = true;
+        }
+        Ok(dressed)
     }
 
     /// All factors at their defaults.

@@ -78,6 +78,13 @@ impl Factor {
         self
     }
 
+    /// It changes images and nothing else: a look of any recorded state.
+    #[must_use]
+    pub fn visual(mut self) -> Self {
+        self.spec.visual = true;
+        self
+    }
+
     /// It changes nothing unless `factor` has `value`.
     #[must_use]
     pub fn shows_with(mut self, factor: &str, value: impl Into<Json>) -> Self {

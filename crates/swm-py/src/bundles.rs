@@ -4,12 +4,10 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use swm::bundle::receipt_to_repeat as open_receipt;
-use swm::tasks::request::{MakeBoard, MakeBundle, Request as _};
+use swm::tasks::request::{MakeBoard, MakeBundle};
 
-use crate::errors::in_words;
-use crate::manifest::{boxed, from_json, to_json};
-use crate::report::Reporter;
-use crate::world::registry;
+use crate::manifest::{boxed, to_json};
+use crate::report::{Made, run};
 
 /// The receipt of a file or folder as JSON, as it can be run again; of a bundle, after a comparison of the hashes of its files, with paths
 /// that can be opened from here.
@@ -21,12 +19,8 @@ fn receipt_to_repeat(py: Python<'_>, path: PathBuf) -> PyResult<String> {
 
 /// Writes a bundle: `request` is a JSON object of the settings of `MakeBundle`. Gives what was written as JSON, and notes.
 #[pyfunction]
-fn make_bundle(py: Python<'_>, request: &str) -> PyResult<(String, Vec<String>)> {
-    let wrong = |error| in_words(error, MakeBundle::NAME);
-    let request = MakeBundle::from_json(&from_json("the request", request)?).map_err(wrong)?;
-    let mut reporter = Reporter::new(py, MakeBundle::NAME, None, None);
-    let made = request.run(registry(), &mut reporter).map_err(wrong)?;
-    Ok((to_json(&made)?, reporter.notes))
+fn make_bundle(py: Python<'_>, request: &str) -> Made {
+    run::<MakeBundle>(py, request, None, None)
 }
 
 /// Writes a board of bundles: `request` is a JSON object of the settings of `MakeBoard`. `begin` is called with what each progress bar is
@@ -38,12 +32,8 @@ fn make_board(
     request: &str,
     begin: Option<&Bound<'_, PyAny>>,
     tick: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(String, Vec<String>)> {
-    let wrong = |error| in_words(error, MakeBoard::NAME);
-    let request = MakeBoard::from_json(&from_json("the request", request)?).map_err(wrong)?;
-    let mut reporter = Reporter::new(py, MakeBoard::NAME, begin, tick);
-    let made = request.run(registry(), &mut reporter).map_err(wrong)?;
-    Ok((to_json(&made)?, reporter.notes))
+) -> Made {
+    run::<MakeBoard>(py, request, begin, tick)
 }
 
 /// Adds this file's functions to the module.

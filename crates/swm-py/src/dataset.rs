@@ -9,11 +9,12 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use swm::core::evaluate::check_fit;
 use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, SliceMut};
-use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset};
+use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset, Watched};
 use swm::data::remote::Event;
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
-    DataError, Dataset, DatasetInfo, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps, format,
+    DataError, Dataset, DatasetInfo, Looks, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps,
+    format,
 };
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
@@ -160,26 +161,25 @@ impl Reader {
         self.derive(py, |dataset| Cached::new(dataset, &keys))
     }
 
-    /// The same with images that are rendered when they are read, `image = (H, W)`; `settings` and `factors` are JSON.
-    #[pyo3(signature = (image, settings="{}", factors="{}"))]
+    /// The same with images that are rendered when they are read, `image = (H, W)`; `settings` and `factors` are JSON, and so are `looks`
+    /// that are sampled for every clip, and the factors of the `canonical` look, if there are any.
+    #[pyo3(signature = (image, settings="{}", factors="{}", looks=None, canonical=None))]
     fn rendered(
         &self,
         py: Python<'_>,
         image: (usize, usize),
         settings: &str,
         factors: &str,
+        looks: Option<&str>,
+        canonical: Option<&str>,
     ) -> PyResult<Self> {
-        let json = |text: &str| {
-            serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text)
-                .map_err(|error| DataFault::new_err(error.to_string()))
-        };
-        let mut options = RenderOptions::default()
+        let looks = looks.map(serde_json::from_str::<Looks>).transpose();
+        let options = RenderOptions::default()
             .image(ImageSize { height: image.0, width: image.1 })
-            .settings(json(settings)?);
-        for (name, value) in json(factors)? {
-            let value = swm::core::Value::from_json(&name, &value).or_raise()?;
-            options.factors.insert(name, value);
-        }
+            .settings(json_map(settings)?)
+            .factors(self.factor_values(py, factors)?)
+            .looks(looks.map_err(|error| DataFault::new_err(error.to_string()))?)
+            .canonical(canonical.map(|look| self.factor_values(py, look)).transpose()?);
         self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
     }
 
@@ -349,66 +349,36 @@ impl Reader {
     ) -> PyResult<String> {
         let mut options = StatisticsOptions { keys, ..StatisticsOptions::default() };
         options.quantiles = quantiles.unwrap_or(options.quantiles);
-        let mut dataset = self.watched(py)?;
-        let cancel = dataset.cancel.clone();
+        let (mut dataset, cancel) = self.watched(py)?;
         let computed = interruptible(py, &cancel, || Statistics::compute(&mut dataset, &options))?;
         serde_json::to_string(&computed.or_raise()?).map_err(|error| DataFault::new_err(error.to_string()))
     }
 
     /// Reads everything and compares it with its checksums: the report as JSON.
     fn verify(&self, py: Python<'_>) -> PyResult<String> {
-        let mut dataset = self.watched(py)?;
-        let cancel = dataset.cancel.clone();
+        let (mut dataset, cancel) = self.watched(py)?;
         let report =
             interruptible(py, &cancel, || swm::data::tools::verify::verify(&mut dataset, &mut |_| {}))?;
         serde_json::to_string(&report).map_err(|error| DataFault::new_err(error.to_string()))
     }
 }
 
+/// An object of JSON.
+fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> {
+    serde_json::from_str(text).map_err(|error| DataFault::new_err(error.to_string()))
+}
+
 impl Reader {
-    /// A handle that stops reading when it is cancelled.
-    pub(crate) fn watched(&self, py: Python<'_>) -> PyResult<Watched> {
-        Ok(Watched { dataset: self.share(py)?, cancel: Cancel::new() })
-    }
-}
-
-/// A dataset whose reading can be stopped from another thread.
-pub(crate) struct Watched {
-    pub(crate) dataset: Box<dyn Dataset>,
-    pub(crate) cancel: Cancel,
-}
-
-impl Dataset for Watched {
-    fn info(&self) -> &DatasetInfo {
-        self.dataset.info()
+    /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
+    fn factor_values(&self, py: Python<'_>, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
+        let dataset = self.share(py)?;
+        swm::tasks::request::look_of(dataset.as_ref(), registry(), &json_map(text)?, &mut ()).or_raise()
     }
 
-    fn rows(
-        &mut self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        out: SliceMut<'_>,
-    ) -> Result<(), DataError> {
-        if self.cancel.is_cancelled() {
-            return Err(DataError::request(self.path(), "reading was interrupted"));
-        }
-        self.dataset.rows(column, episode, steps, out)
-    }
-
-    fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { dataset: self.dataset.share(), cancel: self.cancel.clone() })
-    }
-
-    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        if self.cancel.is_cancelled() {
-            return Err(DataError::request(self.path(), "reading was interrupted"));
-        }
-        self.dataset.check_episode(episode)
-    }
-
-    fn check_whole(&mut self) -> Result<(), DataError> {
-        self.dataset.check_whole()
+    /// A handle that stops reading when the flag is set, and the flag.
+    fn watched(&self, py: Python<'_>) -> PyResult<(Watched, Cancel)> {
+        let cancel = Cancel::new();
+        Ok((Watched::new(self.share(py)?, cancel.clone()), cancel))
     }
 }
 

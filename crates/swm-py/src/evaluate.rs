@@ -43,6 +43,11 @@ impl Progress {
         }
     }
 
+    /// Counts units in the place of episodes.
+    pub(crate) fn advance(&self, units: u64) {
+        self.0.episodes.fetch_add(units, Ordering::Relaxed);
+    }
+
     /// Counts an episode that is not seen as a recorder.
     pub(crate) fn count(&self, success: bool) {
         self.0.episodes.fetch_add(1, Ordering::Relaxed);

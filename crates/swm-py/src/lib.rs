@@ -7,6 +7,7 @@
 
 mod arrays;
 mod bundles;
+mod copies;
 mod cost;
 mod dataset;
 mod errors;
@@ -32,6 +33,7 @@ mod sweep;
 mod words;
 mod world;
 mod writer;
+mod zoo;
 
 use pyo3::prelude::*;
 
@@ -39,7 +41,9 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("HAS_TRAINING", cfg!(feature = "baselines"))?;
     bundles::add(m)?;
+    copies::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
@@ -56,5 +60,6 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     sweep::add(m)?;
     world::add(m)?;
     writer::add(m)?;
+    zoo::add(m)?;
     Ok(())
 }

@@ -8,6 +8,7 @@ use serde_json::json;
 use swm::core::error::BoxError;
 use swm::core::{Cancel, EnvConfig};
 use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
+use swm::tasks::request::verify_foreign;
 
 use crate::dataset::open_options;
 use crate::errors::{OrRaise as _, SwmError};
@@ -15,7 +16,7 @@ use crate::evaluate::Progress;
 use crate::infos;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, from_json, to_json};
-use crate::runs::{Asked, Given};
+use crate::runs::{Given, foreign};
 use crate::world::registry;
 
 /// A receipt file, or that of a folder, as JSON.
@@ -68,11 +69,10 @@ fn verify_receipt(
         let run = || swm::evaluation::verify(registry(), &receipt, &options, oracle, count);
         return to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?);
     };
-    let manifest = to_json(&receipt.manifest)?;
-    let asked = Asked::new(&manifest, &name, Some(given), receipt.candidate.seed, plan_steps)?;
-    let foreign = asked.foreign(py, &progress, tick)?.map(|foreign| (&asked.candidate, foreign));
-    let verified = swm::evaluation::verify_by(registry(), &receipt, foreign, &options, oracle, count);
-    let verified = verified.map_err(boxed)?;
+    let mut policy = foreign(py, &given, &progress, tick)?;
+    let policy = (name.as_str(), &mut policy);
+    let verified =
+        verify_foreign(registry(), &receipt, policy, plan_steps, &options, oracle, count).or_raise()?;
     progress.tell(tick)?;
     to_json(&verified)
 }

@@ -95,6 +95,10 @@ impl request::Progress for Progress {
     fn done(&self, success: Option<bool>) {
         self.count(success == Some(true));
     }
+
+    fn advance(&self, units: u64) {
+        Progress::advance(self, units);
+    }
 }
 
 /// What the thread of a run tells the thread that reads its episodes.

@@ -3,11 +3,34 @@
 use pyo3::prelude::*;
 use swm::core::Cancel;
 use swm::core::error::BoxError;
-use swm::tasks::request::{Message, Progress as Counts, Report, Stage};
+use swm::tasks::request::{Message, Progress as Counts, Report, Request, Stage};
 
+use crate::errors::in_words;
 use crate::evaluate::Progress;
 use crate::interrupt::interruptible_with;
+use crate::manifest::{from_json, to_json};
 use crate::words::Arguments;
+use crate::world::registry;
+
+/// What was made as JSON, and notes.
+pub(crate) type Made = PyResult<(String, Vec<String>)>;
+
+/// Runs a request: a JSON object of its settings. `begin` is called with the name and the length of each progress bar.
+pub(crate) fn run<R: Request>(
+    py: Python<'_>,
+    request: &str,
+    begin: Option<&Bound<'_, PyAny>>,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> Made
+where
+    R::Outcome: serde::Serialize,
+{
+    let wrong = |error| in_words(error, R::NAME);
+    let request = R::from_json(&from_json("the request", request)?).map_err(wrong)?;
+    let mut reporter = Reporter::new(py, R::NAME, begin, tick);
+    let made = request.run(registry(), &mut reporter).map_err(wrong)?;
+    Ok((to_json(&made)?, reporter.notes))
+}
 
 /// Reports of a request that runs on the calling thread.
 pub(crate) struct Reporter<'a, 'py> {

@@ -10,14 +10,30 @@ pub(crate) struct Arguments {
     pub(crate) request: &'static str,
 }
 
-/// Settings that keep their name in a request, whatever the others call them.
-const KEPT: &[(&str, &str)] = &[("board", "out"), ("bundle", "out"), ("evaluate", "out")];
+/// Settings that have a name of their own in a request, whatever the others call them.
+const OF_REQUEST: &[(&str, &str, &str)] = &[
+    ("board", "out", "out"),
+    ("bundle", "out", "out"),
+    ("convert", "image_size", "image_size"),
+    ("convert", "target", "dest"),
+    ("evaluate", "out", "out"),
+    ("merge", "image_size", "image_size"),
+    ("merge", "out", "dest"),
+    ("split", "image_size", "image_size"),
+    ("split", "out", "out"),
+    ("sweep", "out", "out"),
+    ("verify", "dataset", "source"),
+];
+
+/// Requests whose `overwrite` is a mode of writing here.
+const COPIES: &[&str] = &["convert", "merge", "split"];
 
 /// Settings that have another name here.
 const NAMES: &[(&str, &str)] = &[
     ("distractor", "distractors"),
     ("env", "env_name"),
     ("image_size", "image_shape"),
+    ("key_frames", "key_frame_period"),
     ("max_steps", "max_episode_steps"),
     ("out", "path"),
     ("reference", "references"),
@@ -27,9 +43,13 @@ const NAMES: &[(&str, &str)] = &[
 
 impl Words for Arguments {
     fn setting(&self, name: &str, value: Option<&Json>) -> String {
-        let is_kept = KEPT.contains(&(self.request, name));
-        let here = NAMES.iter().find(|(core, _)| *core == name && !is_kept).map_or(name, |(_, here)| *here);
+        let own = OF_REQUEST.iter().find(|(request, core, _)| (*request, *core) == (self.request, name));
+        let other = || NAMES.iter().find(|(core, _)| *core == name).map_or(name, |(_, here)| *here);
+        let here = own.map_or_else(other, |(.., here)| *here);
         match (name, value) {
+            ("overwrite", Some(Json::Bool(true))) if COPIES.contains(&self.request) => {
+                "mode=\"overwrite\"".to_owned()
+            }
             // Settings of the environment are arguments of their own.
             ("env_option", Some(Json::Object(settings))) => {
                 let each = settings.iter().map(|(name, value)| format!("{name}={}", literal(value)));
@@ -44,6 +64,7 @@ impl Words for Arguments {
     fn list(&self, list: &List) -> String {
         match list {
             List::Factors(_) => "`variation_space` of the environment".to_owned(),
+            List::Solvers => "`swm.planning`".to_owned(),
             _ => "the documentation".to_owned(),
         }
     }
@@ -73,24 +94,14 @@ fn literal(value: &Json) -> String {
 const WORDS: &[(&str, &str)] = &[
     ("`swm envs` lists", "`swm.envs.WORLDS` lists"),
     ("`swm fovs ENV` lists", "`variation_space` of the environment lists"),
-    ("`swm solvers` lists", "`swm.planning` holds"),
     ("`swm convert --help` lists", "`swm.data.list_formats()` lists"),
     ("`swm manifest make`", "`swm.make_manifest`"),
     ("`swm bundle RESULT --out FOLDER`", "`swm.bundle(result, out)`"),
     ("`swm merge`", "`swm.data.merge`"),
-    ("`swm eval --manifest TASK --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
-    ("`swm eval --manifest … --out DIR`", "`swm.evaluate(manifest, policy, out=DIR)`"),
-    ("evaluate again with --again", "evaluate again with again=True"),
-    ("--policy-seed ", "policy_seed "),
-    (
-        "commas join runs, and spaces separate results to compare",
-        "a list joins runs, and arguments are results to compare",
-    ),
     ("say --env ID", "give env_name="),
     ("give --image-size none", "make the World with add_pixels=False"),
     ("give --image-size ", "make the World with images of "),
     ("(`--image-size none`)", "(`add_pixels=False`)"),
-    ("`--fps ", "`swm-rs convert` or `swm-rs merge` with `--fps "),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 
@@ -119,6 +130,11 @@ fn with_feature(told: &str) -> String {
     let build = build.split("; in a crate of your own").next().unwrap_or(build);
     if before.contains("the feature `lance`") {
         return format!("{before}; in a checkout, `cargo xtask wheel --lance` builds a wheel that has it");
+    }
+    if before.contains("the feature `baselines`") {
+        return format!(
+            "{before}, which every wheel has; install one, or build it in a checkout by `cargo xtask wheel`"
+        );
     }
     format!(
         "{before}, and no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install{build}`"

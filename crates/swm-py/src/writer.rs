@@ -1,38 +1,32 @@
-//! Writing datasets: whole episodes from Python, and copies of open datasets.
+//! Writing datasets: whole episodes from Python.
 
-use std::ffi::CString;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use pyo3::exceptions::{PyUserWarning, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Map, Value as Json};
 use swm::core::error::{BoxError, did_you_mean, nearest};
-use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, RecordingPart, Schema, settings};
+use swm::core::{Batch, Column, Field, FieldKind, Metadata, RecordingPart, Schema, settings};
 use swm::data::dataset::{DatasetWriter, WriteOptions};
-use swm::data::tools::copy;
-use swm::data::{DataError, Dataset, WriteMode, format};
+use swm::data::{DataError, LastRow, WriteMode, format};
 
 use crate::arrays::{from_array, lock, step_field};
-use crate::dataset::{Reader, Watched};
 use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
-use crate::interrupt::interruptible_with;
 use crate::world::registry;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     LOADED.get_or_init(Process::current);
-    m.add_class::<EpisodeWriter>()?;
-    m.add_function(wrap_pyfunction!(copy_datasets, m)?)
+    m.add_class::<EpisodeWriter>()
 }
 
 /// The process in which this module was loaded. Forks of it have none of the threads that encode images.
 static LOADED: OnceLock<Process> = OnceLock::new();
 
 /// Refuses what would wait for threads that a fork does not have; only HDF5 is written without them.
-fn check_threads(format: Option<&str>) -> PyResult<()> {
+pub(crate) fn check_threads(format: Option<&str>) -> PyResult<()> {
     match LOADED.get() {
         Some(loaded) if !loaded.is_current() && format != Some("hdf5") => Err(SwmError::new_err(
             "this process is a fork, which can write only HDF5; start it with the method `spawn` or `forkserver`",
@@ -47,10 +41,12 @@ fn options(
     quality: Option<u8>,
     fps: Option<f64>,
     key_frame_period: Option<u32>,
+    last_row: Option<&str>,
 ) -> PyResult<WriteOptions> {
     let mode: WriteMode = mode.parse().map_err(PyValueError::new_err)?;
     let options = WriteOptions::default().mode(mode).quality(quality);
-    Ok(options.frames_per_second(fps).key_frame_period(key_frame_period))
+    let last_row: Option<LastRow> = last_row.map(str::parse).transpose().map_err(PyValueError::new_err)?;
+    Ok(options.frames_per_second(fps).key_frame_period(key_frame_period).last_row(last_row))
 }
 
 /// The record of a recording from JSON: what it leaves out is unknown.
@@ -97,7 +93,7 @@ struct Open {
 impl EpisodeWriter {
     /// Takes the file for itself. `metadata`, JSON, says how the episodes were made.
     #[new]
-    #[pyo3(signature = (path, format=None, mode="append", metadata=None, quality=None, fps=None, key_frame_period=None))]
+    #[pyo3(signature = (path, format=None, mode="append", metadata=None, quality=None, fps=None, key_frame_period=None, last_row=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
         py: Python<'_>,
@@ -108,9 +104,10 @@ impl EpisodeWriter {
         quality: Option<u8>,
         fps: Option<f64>,
         key_frame_period: Option<u32>,
+        last_row: Option<&str>,
     ) -> PyResult<Self> {
         check_threads(format)?;
-        let options = options(mode, quality, fps, key_frame_period)?;
+        let options = options(mode, quality, fps, key_frame_period, last_row)?;
         let metadata = match metadata {
             Some(json) => recorded(json)?,
             None => Metadata::unknown(),
@@ -168,6 +165,10 @@ impl EpisodeWriter {
         let Open { writer: Some(writer), schema: begun } = &mut *open else {
             return Err(DataError::record(&self.path, "it is finished; open it again to append"));
         };
+        if rows == 0 {
+            // Before a dataset that is replaced is gone.
+            return Err(DataError::record(&self.path, "an episode without rows"));
+        }
         match begun {
             None => {
                 writer.begin(schema, &self.metadata).map_err(|error| failed(&self.path, error))?;
@@ -207,51 +208,4 @@ fn failed(path: &Path, error: BoxError) -> DataError {
         Ok(error) => *error,
         Err(error) => DataError::record(path, error.to_string()),
     }
-}
-
-/// Copies all episodes of datasets, one after the other, to `to`. `progress` is called with the number of copied
-/// episodes. Returns the episodes that were there already, those that were copied, and their rows.
-#[pyfunction]
-#[pyo3(signature = (readers, to, format=None, mode="append", quality=None, fps=None, key_frame_period=None, progress=None))]
-#[expect(clippy::too_many_arguments, clippy::needless_pass_by_value, reason = "keywords of Python")]
-fn copy_datasets(
-    py: Python<'_>,
-    readers: Vec<PyRef<'_, Reader>>,
-    to: PathBuf,
-    format: Option<&str>,
-    mode: &str,
-    quality: Option<u8>,
-    fps: Option<f64>,
-    key_frame_period: Option<u32>,
-    progress: Option<Bound<'_, PyAny>>,
-) -> PyResult<(usize, usize, usize)> {
-    check_threads(format)?;
-    let options = options(mode, quality, fps, key_frame_period)?;
-    let cancel = Cancel::new();
-    let sources = readers.iter().map(|reader| {
-        let watched = Watched { dataset: reader.share(py)?, cancel: cancel.clone() };
-        Ok(Box::new(watched) as Box<dyn Dataset>)
-    });
-    let mut sources = sources.collect::<PyResult<Vec<_>>>()?;
-    let pieces = copy::all(&sources);
-    let done = AtomicUsize::new(0);
-    let tick = || match &progress {
-        Some(progress) => progress.call1((done.load(Ordering::Relaxed),)).map(drop),
-        None => Ok(()),
-    };
-    let copied = interruptible_with(py, &cancel, tick, || {
-        copy::copy_in(registry(), &mut sources, &pieces, &to, (format, &options), &mut |_| {
-            done.fetch_add(1, Ordering::Relaxed);
-        })
-    })?;
-    let copied = copied.or_raise()?;
-    if let Some(rate) = copied.assumed_rate {
-        let to = to.display();
-        let text = format!(
-            "no source of {to} has a rate of rows, and its format needs one: {rate} is assumed; fps= gives the right one"
-        );
-        let text = CString::new(text).unwrap_or_default();
-        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
-    }
-    Ok((copied.resumed, copied.episodes, copied.rows))
 }

@@ -56,9 +56,13 @@ def test_images_are_resized_by_area(tmp_path: Path) -> None:
     whole = stored.astype(int)
     corners = whole[..., ::2, ::2] + whole[..., 1::2, ::2] + whole[..., ::2, 1::2] + whole[..., 1::2, 1::2]
     assert np.array_equal(small, (corners + 2) // 4)
-    with pytest.raises(swm.DataError, match="of another shape than 10 x 20; use stretch, crop or pad"):
+    with pytest.raises(swm.SwmError, match="fit: .* of another shape than 10 x 20; use stretch, crop or pad"):
         swm.data.convert(source, tmp_path / "wide.h5", image_size=(10, 20), progress=False)
     padded = swm.data.load_dataset(source).resized((10, 20), "pad")
+    opened = swm.data.load_dataset(source, image_size=(10, 20), fit="pad", num_steps=2)
+    assert np.array_equal(np.asarray(opened[0]["pixels"])[:1], np.asarray(padded[0]["pixels"]))
+    with pytest.raises(swm.DataError, match="no image is resized"):
+        swm.data.load_dataset(source, fit="pad")
     assert tuple(padded[0]["pixels"].shape)[-2:] == (10, 20)
     with pytest.raises(swm.DataError, match="holds no images"):
         swm.data.load_dataset(FIELD / "halfcheetah-medium-v2.hdf5").resized((8, 8), "crop")

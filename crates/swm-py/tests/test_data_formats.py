@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import subprocess
 import sys
@@ -135,20 +136,46 @@ def test_a_conversion_equals_that_of_the_command(tmp_path: Path) -> None:
 
 def test_a_conversion_shows_progress_and_may_be_stopped(tmp_path: Path) -> None:
     source = write(tmp_path / "a.h5", lengths=(5,) * 4)
-    reader = swm.data.load_dataset(source).reader
     told: list[int] = []
     from stable_worldmodel_rs import _swm
 
-    assert _swm.copy_datasets([reader], tmp_path / "b.h5", progress=told.append) == (0, 4, 20)
-    assert told and told == sorted(told) and told[-1] <= 4
-    # Once more: they are all there.
-    assert _swm.copy_datasets([reader], tmp_path / "b.h5") == (4, 0, 0)
+    def to(name: str) -> str:
+        return json.dumps({"source": str(source), "target": str(tmp_path / name)})
 
-    def stop(done: int) -> None:
+    made, notes = _swm.convert_dataset(to("b.h5"), lambda _, total: told.append(-total), lambda rows, *_: told.append(rows))
+    assert (json.loads(made)["episodes"], json.loads(made)["rows"], notes) == (4, 20, [])
+    counts = told[told.index(-20) + 1 :]
+    assert counts and counts == sorted(counts) and counts[-1] == 20
+    # Once more: they are all there.
+    again = json.loads(_swm.convert_dataset(to("b.h5"))[0])
+    assert (again["resumed"], again["rows"]) == (4, 0)
+
+    def stop(*_: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _swm.copy_datasets([reader], tmp_path / "c.h5", progress=stop)
+        _swm.convert_dataset(to("c.h5"), None, stop)
+
+
+def test_lerobot_has_an_action_in_every_row_and_texts_of_tasks(tmp_path: Path) -> None:
+    columns = episode(5, 0)
+    columns["action"][-1] = np.nan
+    columns["task"] = ["push the block"] * 5
+    frames = {}
+    for last_row in ("drop", "keep"):
+        path = tmp_path / last_row
+        with swm.data.LeRobotWriter(path, last_row=last_row) as writer:
+            writer.write_episode(columns)
+        frames[last_row] = json.loads((path / "meta/info.json").read_text())["total_frames"]
+        dataset = swm.data.load_dataset(path)
+        assert dataset.lengths.tolist() == [5]
+        np.testing.assert_array_equal(array(dataset.load_episode(0)["action"]), columns["action"])
+        assert dataset.get_col_data("task")[-1] == "push the block"
+    assert frames == {"drop": 4, "keep": 5}
+    with pytest.raises(ValueError, match="drop or keep"), swm.data.LeRobotWriter(tmp_path / "c", last_row="both"):
+        pass
+    swm.data.convert(tmp_path / "drop", tmp_path / "again", dest_format="lerobot", last_row="keep", progress=False)
+    assert json.loads((tmp_path / "again/meta/info.json").read_text())["total_frames"] == 5
 
 
 def test_merging(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -65,6 +66,54 @@ def test_a_model_has_a_card_and_no_more_than_it_needs(tmp_path: Path) -> None:
 
         parsed = yaml.safe_load(text.split("---\n", 2)[1])
         assert parsed["model-index"][0]["results"][0]["metrics"][0]["value"] == receipt.success_rate
+
+
+def a_receipt_of(run: Path, tmp_path: Path) -> dict[str, Any]:
+    """A receipt as `swm eval --policy mpc:RUN` writes it on this machine."""
+    swm.make_manifest(tmp_path / "task.toml", "swm/PushT-v1", episodes=2, budget=4)
+    receipt = dict(swm.evaluate(tmp_path / "task.toml", "random", references=["no_op"], progress=False))
+    files = [run / "config.json", run / "checkpoints" / "step-1.safetensors"]
+    receipt["candidate"] = {**receipt["candidate"], "policy": {"name": "mpc", "positional": [str(run)], "named": {"samples": 8}}}
+    receipt["files"] = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return receipt
+
+
+def test_receipts_of_a_model_have_paths_in_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = a_run(tmp_path)
+    receipt = a_receipt_of(run, tmp_path)
+    folder = swm.hub.save_model(run, tmp_path / "hub", license="mit", results=[receipt])
+    text = (folder / "results" / "receipt-0.json").read_text()
+    assert str(tmp_path) not in text
+    written = json.loads(text)
+    assert written["candidate"]["policy"] == {"name": "mpc", "positional": [".."], "named": {"samples": 8}} and written["paths"] == [".."]
+    assert written["files"] == {f"../{Path(path).relative_to(run).as_posix()}": hash for path, hash in receipt["files"].items()}
+    # Wherever the folder is, and from wherever it is opened.
+    shutil.move(folder, tmp_path / "elsewhere")
+    monkeypatch.chdir(tmp_path)
+    for path, root in [(tmp_path / "elsewhere" / "results" / "receipt-0.json", tmp_path / "elsewhere"), (Path("elsewhere/results/receipt-0.json"), Path("elsewhere"))]:
+        opened = swm.read_receipt(path)
+        assert opened["candidate"]["policy"]["positional"] == [str(root)] and "paths" not in opened
+        assert all(Path(name).is_file() for name in opened["files"])
+    # Receipts with paths of this machine open as before.
+    (tmp_path / "old.json").write_text(json.dumps(receipt))
+    assert swm.read_receipt(tmp_path / "old.json")["files"] == receipt["files"]
+    written["files"] = {f"../../{name}": hash for name, hash in written["files"].items()}
+    (tmp_path / "elsewhere" / "results" / "receipt-0.json").write_text(json.dumps(written))
+    with pytest.raises(swm.SwmError, match="leads out of the folder"):
+        swm.read_receipt(tmp_path / "elsewhere" / "results" / "receipt-0.json")
+
+
+def test_a_receipt_of_another_model_is_refused(tmp_path: Path) -> None:
+    run = a_run(tmp_path)
+    receipt = a_receipt_of(run, tmp_path)
+    (run / "checkpoints" / "step-1.safetensors").write_bytes(b"trained further")
+    with pytest.raises(ValueError, match=r"step-1\.safetensors, which is not in the folder, or was changed since"):
+        swm.hub.save_model(run, tmp_path / "hub", license="mit", results=[receipt])
+    assert not (tmp_path / "hub").exists()
+    # Of a policy in Python, files that are no part of the model keep their names and hashes.
+    receipt["candidate"]["policy"] = {"name": "Mine", "named": {"gain": 1}}
+    written = json.loads((swm.hub.save_model(run, tmp_path / "hub", license="mit", results=[receipt]) / "results/receipt-0.json").read_text())
+    assert sorted(written["files"]) == ["../config.json", "step-1.safetensors"]
 
 
 def test_a_dataset_has_a_card_and_opens_again(pusht_file: Path, tmp_path: Path) -> None:

@@ -53,9 +53,9 @@ def no_receipt(folder: Path) -> None:
         (unknown_policy, ["`wek`", "did you mean `weak`?", '`swm.envs.info("swm_rs/PushT-v1")` lists them']),
         (unknown_factor, ["`agent.colr`", "did you mean `agent.color`?", "`variation_space` of the environment"]),
         (unknown_environment, ["`swm/PushTT-v1`", "did you mean `swm/PushT-v1`?", "`swm.envs.WORLDS` lists them"]),
-        (unknown_solver, ["`cen`", "did you mean `cem`?", "`swm.planning` holds them"]),
-        (no_manifest, ["task.toml", "`swm.make_manifest` writes"]),
-        (no_receipt, ["receipt.json", "`swm.evaluate(manifest, policy, out=DIR)` writes"]),
+        (unknown_solver, ["`cen`", "did you mean `cem`?", "`swm-rs solvers` lists them"]),
+        (no_manifest, ["task.toml", "is no manifest, which is TOML"]),
+        (no_receipt, ["receipt.json", "an evaluation on a manifest writes one"]),
     ],
 )
 def test_messages_speak_python(call: Callable[[Path], None], words: list[str], tmp_path: Path) -> None:
@@ -66,12 +66,15 @@ def test_messages_speak_python(call: Callable[[Path], None], words: list[str], t
     assert not COMMAND.search(message), message
 
 
-def test_what_only_the_command_can_have_is_said() -> None:
+def test_a_run_that_is_not_there_is_said_or_what_the_build_lacks() -> None:
     with pytest.raises(swm.SwmError) as caught:
         world().set_policy("mpc:runs/lewm")
     said = str(caught.value)
-    assert "this package is built without the feature `baselines`" in said
-    assert "no wheel has it; use the command `swm` in place of Python, built in a checkout by `cargo install" in said
+    if _swm.HAS_TRAINING:
+        assert "run runs/lewm: there is no such folder; `swm-rs train … --out DIR` makes a run" in said
+    else:
+        assert "which every wheel has; install one" in said
+        assert "`cargo xtask wheel`" in said and "cargo install" not in said
 
 
 def test_a_setting_that_is_an_argument_is_offered_once() -> None:

@@ -40,6 +40,14 @@ def words(request: dict[str, Any]) -> list[str]:
         option = "--" + name.replace("_", "-")
         if name == "env":
             found.insert(0, value)
+        elif name in ("source", "sources") or (name == "dataset" and "env" not in request):
+            found[:0] = [value] if isinstance(value, str) else value
+        elif name == "opening":
+            for key, one in value.items():
+                pairs = [f"{new}={old}" for new, old in one.items()] if isinstance(one, dict) else [text(one)]
+                found += [word for pair in pairs for word in ("--" + key, pair)]
+        elif value is True:
+            found.append(option)
         elif name == "distractor":
             found += [word for one in value for word in (option, one)]
         elif name in ("set", "env_option"):
@@ -80,6 +88,17 @@ def test_a_receipt_is_the_same_from_python_and_the_command(command: str, tmp_pat
         assert first == other, request
 
 
+def test_a_sweep_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    swm.make_manifest(task, "swm/PushT-v1", 3, budget=6)
+    for index, request in enumerate(json.loads((TABLES / "sweep.json").read_text())):
+        ours, theirs = tmp_path / f"python-{index}", tmp_path / f"command-{index}"
+        subprocess.run([command, "sweep", "--manifest", task, *words(request), "--out", theirs, "--quiet"], check=True)
+        swm.sweep(task, out=ours, progress=False, **request)
+        for file in ("sweep.json", "sweep.csv", "sweep.svg"):
+            assert (ours / file).read_bytes() == (theirs / file).read_bytes(), request
+
+
 def recorded(request: dict[str, Any], out: Path) -> None:
     """A request of the table, from Python."""
     size = request.get("image_size", {"height": 64, "width": 64})
@@ -106,6 +125,89 @@ def test_a_recording_is_the_same_from_python_and_the_command(command: str, tmp_p
         subprocess.run([command, "collect", *words(request), "--out", theirs, "--quiet"], check=True)
         recorded(request, ours)
         assert ours.read_bytes() == theirs.read_bytes(), request
+
+
+@pytest.fixture(scope="module")
+def recordings(command: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Those of ``tests/integration/requests.rs``."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for name, more in {
+        "a.h5": "--episodes 3 --image-size 20x20 --vary agent.color --seed 1",
+        "b.h5": "--episodes 2 --image-size 20x20 --seed 2",
+        "small.h5": "--episodes 1 --image-size 8x8 --seed 3",
+        "part1.h5": "--total 4 --shard 1/2 --image-size 20x20",
+    }.items():
+        collect = f"collect swm/PushT-v1 --policy weak --max-steps 6 --quiet {more} --out"
+        subprocess.run([command, *collect.split(), folder / name], check=True)
+    return folder
+
+
+def copies(table: str, recordings: Path) -> list[dict[str, Any]]:
+    """The requests of a table on recordings and datasets of other programs."""
+    field = TABLES.parent / "golden" / "field"
+    text = (TABLES / table).read_text().replace("DATA", str(recordings)).replace("FIELD", str(field))
+    return list(json.loads(text))
+
+
+def copied(request: dict[str, Any], out: Path) -> None:
+    """A copy of the table, from Python."""
+    given = dict(request)
+    if size := given.pop("image_size", None):
+        given["image_size"] = (size["height"], size["width"])
+    given["dest_format"] = given.pop("format", None)
+    if given.pop("overwrite", False):
+        given["mode"] = "overwrite"
+    if "key_frames" in given:
+        given["key_frame_period"] = given.pop("key_frames")
+    if "sources" in given:
+        swm.data.merge(given.pop("sources"), out, progress=False, **given)
+    elif "{}" in out.name:
+        parts = [part.split("=") for part in given.pop("parts", ["train=0.9", "val=0.1"])]
+        swm.data.split_files(given.pop("source"), out, parts={name: float(share) for name, share in parts}, progress=False, **given)
+    else:
+        swm.data.convert(given.pop("source"), out, progress=False, **given)
+
+
+def content(path: Path) -> dict[str, bytes]:
+    """The bytes of a file, or of all files of a folder."""
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    return {str(file.relative_to(path)): file.read_bytes() for file in files}
+
+
+@pytest.mark.parametrize("name", ["convert", "merge", "split"])
+def test_a_copy_is_the_same_from_python_and_the_command(command: str, tmp_path: Path, recordings: Path, name: str) -> None:
+    for index, request in enumerate(copies(f"{name}.json", recordings)):
+        file = f"{index}-{{}}.h5" if name == "split" else f"{index}.h5"
+        ours, theirs = (tmp_path / by / file for by in ("python", "command"))
+        target = [str(theirs)] if name == "convert" else ["--out", str(theirs)]
+        asked = words(request)
+        place = next((at for at, word in enumerate(asked) if word.startswith("--")), len(asked))
+        subprocess.run([command, name, *asked[:place], *target, *asked[place:], "--quiet"], check=True)
+        copied(request, ours)
+        made = sorted(path.name for path in theirs.parent.glob(f"{index}*") if path.suffix == ".h5")
+        assert made and sorted(path.name for path in ours.parent.glob(f"{index}*") if path.suffix == ".h5") == made, request
+        for part in made:
+            assert content(ours.parent / part) == content(theirs.parent / part), (request, part)
+
+
+def test_a_verification_is_the_same_from_python_and_the_command(command: str, recordings: Path) -> None:
+    for request in copies("verify.json", recordings):
+        told = subprocess.run([command, "verify", *words(request), "--json"], check=True, capture_output=True, text=True)
+        given = {name: value for name, value in request.items() if name != "dataset"}
+        assert swm.data.verify(request["dataset"], progress=False, **given) == json.loads(told.stdout)
+
+
+def test_python_words_a_remedy_of_a_copy(tmp_path: Path, recordings: Path) -> None:
+    a, b = recordings / "a.h5", recordings / "b.h5"
+    with pytest.raises(swm.SwmError, match="b.h5 exists and is another dataset: .*; give another dest, or mode=\"overwrite\" to"):
+        swm.data.convert(a, b, progress=False)
+    with pytest.raises(swm.SwmError, match=r"give image_size=\(20, 20\) for images of one size"):
+        swm.data.merge([a, recordings / "small.h5"], tmp_path / "c.h5", progress=False)
+    with pytest.raises(swm.SwmError, match="write `{}` where the name of the part belongs"):
+        swm.data.split_files(a, tmp_path / "c.h5", progress=False)
+    with pytest.raises(swm.SwmError, match="dry_run=True: is about a repair, and none is asked for; give fix=True, or leave out dry_run"):
+        swm.data.verify(a, dry_run=True, progress=False)
+    assert not list(tmp_path.iterdir())
 
 
 def test_python_words_a_remedy_of_a_recording(tmp_path: Path) -> None:

@@ -306,8 +306,8 @@ def test_results_are_written_as_json(manifest: Path, tmp_path: Path, world: Call
 def test_sweeps_refuse_what_they_do_not_know(manifest: Path, tmp_path: Path) -> None:
     for wrong, message in [
         ({"factors": "agent.sale"}, "unknown factor `agent.sale`.*agent.scale"),
-        ({"values": "some"}, 'values="some": it is "sampled"'),
-        ({"points": 3}, "give both"),
+        ({"values": "some"}, 'values="some": no way to choose values; use sampled or extremes or grid'),
+        ({"points": 3}, 'points=3: is about a grid; give values="grid", or leave out points'),
         ({"values": "grid", "points": 1}, "use 2 or more"),
     ]:
         with pytest.raises(swm.SwmError, match=message):

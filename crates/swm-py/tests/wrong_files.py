@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -141,13 +142,28 @@ def replay_of_a_foreign_file(folder: Path) -> str:
     return run(folder, "replay", "a.h5")
 
 
+def edited_receipt(folder: Path) -> str:
+    run(folder, "manifest", "make", "swm/PushT-v1", "--tier", "historic", "--episodes", "2", "--budget", "4", "--seed", "1", "--out", "task.toml")
+    run(folder, "eval", "--manifest", "task.toml", "--policy", "random", "--out", "result", "--quiet")
+    path = folder / "result/receipt.json"
+    receipt = json.loads(path.read_text())
+    receipt["summary"]["success_rate"] = 99.0
+    path.write_text(json.dumps(receipt))
+    return run(folder, "compare", "result", "result")
+
+
+def preview_without_images(folder: Path) -> str:
+    own(folder, pixels=None)
+    return run(folder, "preview", "a.h5", "--out", "a.png")
+
+
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (elites_above_samples, ["`elites`: 20 of 10 samples"]),
     (no_goal_offset, ["--goal-offset 0: every start would be its goal"]),
     (no_budget, ["--budget 0: no action is allowed; use 1 or more"]),
     (copy_onto_itself, ["a.h5 is the dataset to read and the one to write"]),
     (the_same_file_twice, ["a.h5 is named twice"]),
-    (parts_above_one, ["--parts sum to 1.8"]),
+    (parts_above_one, ["--parts: they sum to 1.8"]),
     (unknown_column_of_statistics, ["no column `actions`; did you mean `action`?"]),
     (file_without_h5_inside, ["a.h5 is not a dataset", "cut short or another file"]),
     (manifest_changed_by_hand, ["task.toml", "was changed after it was written"]),
@@ -159,5 +175,7 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (nan_within_an_episode, ["column `action`: row 2 holds NaN"]),
     (infinite_state, ["column `state`: row 2 holds an infinite number"]),
     (no_lengths, ["it has no `ep_len`, which says where episodes lie"]),
+    (edited_receipt, ["result: the summary is not that of the episodes", "evaluate again"]),
+    (preview_without_images, ["a.h5 holds no images", "inspect` lists its columns"]),
     (replay_of_a_foreign_file, ["a.h5 does not name its environment"]),
 ]

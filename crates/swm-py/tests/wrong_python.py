@@ -115,6 +115,23 @@ def seed_of_half(_: Path) -> None:
     world().reset(seed=1.5)
 
 
+def size_of_a_copy_as_text(folder: Path) -> None:
+    swm.data.convert(recording(folder), folder / "b.h5", image_size="8x8")
+
+
+def size_of_images_as_text(folder: Path) -> None:
+    swm.data.load_dataset(recording(folder)).resized("44", "stretch")
+
+
+def overwriting_by_an_episode_without_rows(folder: Path) -> None:
+    held = recording(folder)
+    try:
+        with swm.data.HDF5Writer(held, mode="overwrite") as writer:
+            writer.write_episode({"a": np.zeros((0, 2))})
+    finally:
+        assert len(swm.data.load_dataset(held).lengths) == 3
+
+
 def half_an_episode(_: Path) -> None:
     world().evaluate(episodes=2.5, seed=0)
 
@@ -140,5 +157,8 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (rank_beyond_the_world, ["`shard`: rank 2 of 2"]),
     (step_after_the_end, ["episodes of all environments that it would step are over; call `reset`"]),
     (seed_of_half, ["seed", "1.5"]),
+    (size_of_a_copy_as_text, ["image_size='8x8': give the height and width", "image_size=(64, 64)"]),
+    (size_of_images_as_text, ["image_size='44': give the height and width"]),
+    (overwriting_by_an_episode_without_rows, ["an episode without rows"]),
     (half_an_episode, ["episodes=2.5; ask for 1 or more, a whole number"]),
 ]

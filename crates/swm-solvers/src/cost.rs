@@ -6,6 +6,7 @@ use crate::context::PlanningContext;
 use crate::control::ControlModel;
 use crate::error::PlanError;
 use crate::problem::Candidates;
+use crate::steps::StateSteps;
 
 /// How good candidate plans are; lower is better.
 ///
@@ -55,6 +56,11 @@ pub trait Cost: Send {
 
     /// The step-by-step model behind this cost, if there is one: iLQR needs it.
     fn control(&self) -> Option<&dyn ControlModel> {
+        None
+    }
+
+    /// Single steps of the model behind this cost, if it has them: GRASP needs them.
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
         None
     }
 

@@ -26,8 +26,10 @@ pub struct SolverEntry {
     pub renamed: &'static [(&'static str, &'static str)],
     /// The policy that plans with it on the true simulator.
     pub on_simulator: PolicyEntry,
-    /// Whether that policy is of use: not for solvers that need a [`crate::models::ControlModel`].
+    /// Whether that policy is of use: not for solvers that need a [`crate::models::ControlModel`] or single steps of a model.
     pub plans_on_simulator: bool,
+    /// Whether it needs single steps of the model: [`crate::StateSteps`].
+    pub needs_states: bool,
     make: MakeSolver,
 }
 
@@ -43,7 +45,8 @@ impl SolverEntry {
             settings: S::SETTINGS,
             renamed: S::RENAMED,
             on_simulator: on_simulator::<S>(),
-            plans_on_simulator: !S::NEEDS_CONTROL_MODEL,
+            plans_on_simulator: !S::NEEDS_CONTROL_MODEL && !S::NEEDS_STATES,
+            needs_states: S::NEEDS_STATES,
             make: |given| Ok(Box::new(S::from_settings(given)?)),
         }
     }

@@ -67,6 +67,15 @@ pub enum PlanError {
         /// Name of the solver.
         solver: &'static str,
     },
+    /// The solver needs to step the model from any state.
+    #[error(
+        "{solver} needs a model that steps from any state to the next (`StateSteps`), and this cost has none; plan on a trained world \
+         model, or use another solver"
+    )]
+    NoSteps {
+        /// Name of the solver.
+        solver: &'static str,
+    },
     /// Planning on the true simulator needs a task cost.
     #[error(
         "`{env}` has no task cost, so there is nothing to plan for on its simulator; plan with a learned model"

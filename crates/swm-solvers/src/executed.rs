@@ -10,6 +10,7 @@ use crate::control::ControlModel;
 use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 use crate::error::PlanError;
 use crate::problem::Candidates;
+use crate::steps::{StateSteps, StepBatch};
 
 /// A cost whose candidates are clipped first. Where the policy does not clip, it is the cost itself.
 pub struct AsExecuted {
@@ -80,6 +81,10 @@ impl Cost for AsExecuted {
         self.cost.control()
     }
 
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        self.cost.steps().is_some().then_some(self as &mut dyn StateSteps)
+    }
+
     fn history_fields(&self) -> Vec<String> {
         self.cost.history_fields()
     }
@@ -132,6 +137,29 @@ impl ConstrainedCost for AsExecuted {
         let cost = cost.constrained().expect("it was asked for as constrained");
         cost.evaluate_constrained_with_gradient(&executed, weights_of, costs, values, gradient)?;
         zero_behind_bounds(candidates, &executed, gradient);
+        Ok(())
+    }
+}
+
+impl StateSteps for AsExecuted {
+    fn state_dim(&mut self) -> usize {
+        self.cost.steps().map_or(0, StateSteps::state_dim)
+    }
+
+    fn ends(&mut self, starts: &mut [f32], goals: &mut [f32]) -> Result<(), PlanError> {
+        self.cost.steps().expect("it was asked for as a model with steps").ends(starts, goals)
+    }
+
+    fn step_toward(
+        &mut self,
+        steps: &StepBatch<'_>,
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let (cost, executed) = self.split(&steps.candidates);
+        let model = cost.steps().expect("it was asked for as a model with steps");
+        model.step_toward(&StepBatch { candidates: executed, ..*steps }, next, gradient)?;
+        zero_behind_bounds(&steps.candidates, &executed, gradient);
         Ok(())
     }
 }

@@ -59,8 +59,11 @@ fn solver_setting(
     let name = name.as_str().map_or_else(|| name.to_string(), str::to_owned);
     let all = || context.registry.into_iter().flat_map(Registry::all).chain(SOLVERS);
     all().find(|solver: &&SolverEntry| solver.name == name).ok_or_else(|| {
-        let meant = did_you_mean(nearest(&name, all().map(|solver| solver.name)).as_deref());
-        let reason = format!("unknown `{name}`{meant}; `swm solvers` lists them");
+        let mut names: Vec<&str> = all().map(|solver| solver.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        let meant = did_you_mean(nearest(&name, names.iter().copied()).as_deref());
+        let reason = format!("unknown `{name}`{meant}; there are: {}", names.join(", "));
         PlanError::setting(SOLVER_SETTING.name, reason)
     })
 }

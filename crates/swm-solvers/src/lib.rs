@@ -90,6 +90,7 @@ mod entry;
 mod error;
 mod executed;
 mod learned;
+mod lifted;
 #[cfg(feature = "faer")]
 mod matrix;
 pub mod models;
@@ -97,6 +98,7 @@ mod mpc;
 mod planners;
 mod problem;
 mod ranges;
+mod registered;
 #[cfg(feature = "faer")]
 mod riccati;
 mod sampler;
@@ -106,6 +108,7 @@ mod simulator;
 mod solver;
 mod solvers;
 mod space;
+mod steps;
 pub mod testing;
 mod trace;
 mod workspace;
@@ -122,17 +125,19 @@ pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 pub use mpc::{Mpc, MpcPolicy, PlanConfig, Report, planner_of};
 pub use planners::{EXPERT, PLANNERS};
 pub use problem::{Candidates, Plan, PlanKey, Problem};
+pub use registered::registered_model;
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{Solver, SolverConfig};
 pub use solvers::{
-    Adam, AdamW, CategoricalCem, Cem, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd, PredictiveSampling,
-    SOLVERS, Select, Sgd, TemperatureMode,
+    Adam, AdamW, CategoricalCem, Cem, Grasp, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd,
+    PredictiveSampling, SOLVERS, Select, Sgd, Sync, TemperatureMode,
 };
 #[cfg(feature = "faer")]
 pub use solvers::{CmaEs, FullCem, Ilqr};
 pub use space::{categories, largest, plan_dim};
+pub use steps::{StateSteps, StepBatch};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanPaths, PlanRecord, Records,
     Trace, TracedIteration, TracedPlan, stops_at_success,

@@ -54,6 +54,8 @@ pub trait SolverConfig: Validate + Send + Sync + 'static {
     const SUMMARY: &'static str;
     /// Whether it plans on a [`crate::models::ControlModel`] only: not on the true simulator, whose state it cannot see.
     const NEEDS_CONTROL_MODEL: bool = false;
+    /// Whether it needs single steps of the model ([`crate::StateSteps`]): it does not plan on the true simulator, either.
+    const NEEDS_STATES: bool = false;
 
     /// Whether it can plan actions of `space`: real ones, unless it says otherwise.
     ///

@@ -22,9 +22,9 @@ use crate::mpc::PlanConfig;
 use crate::problem::Candidates;
 use crate::simulator::Aggregate;
 
-/// A world model of a registry, which implements [`WorldModel`] alone. With `registry.with(&[MODEL])` every command knows it by its
+/// A world model of a registry, which implements [`WorldModel`] alone. With `registry.with(&[MODEL])` every command finds it by its
 /// name: `quality --model NAME:ARGS` measures it, and the policy `NAME:ARGS` plans with it by any solver, with its oracle, in
-/// evaluations, sweeps and traces.
+/// evaluations, sweeps and traces. Requests also take it as `mpc:NAME:ARGS` ([`registered_model`](crate::registered_model)).
 ///
 /// A plan's cost is the squared distance of predicted latents from that of the goal, per number of the latent: of the last state, or
 /// over all as `aggregate` says. The goal's row is made of the goal's columns: `goal_state` as `state`, `goal` as `pixels`.
@@ -86,7 +86,7 @@ impl WorldModelEntry {
         Self { model: ModelEntry::new(name, summary, make), policy, settings: &[], plan: "" }
     }
 
-    /// The settings of the model itself, by which they are told from those of solver and plan. Values without a key, such as a
+    /// The settings of the model itself, which distinguish them from those of solver and plan. Values without a key, such as a
     /// file, need none.
     #[must_use]
     pub const fn settings(mut self, settings: &'static [Setting]) -> Self {

@@ -95,7 +95,7 @@ fn fewest(mut work: impl FnMut()) -> Option<usize> {
 fn later_plans_allocate_nothing() {
     // One thread: what rayon needs to wake others is not ours. One test: others would be counted.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    for entry in SOLVERS {
+    for entry in SOLVERS.iter().filter(|entry| !entry.needs_states) {
         let solver = entry.make(serde_json::Map::new()).unwrap();
         let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
         let keys: Vec<PlanKey> = (0..4).map(key).collect();

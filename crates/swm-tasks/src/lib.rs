@@ -23,7 +23,7 @@
 //!
 //! * [`request`]: what is asked for, as values: checked once, run once, refused with the remedy as data;
 //! * [`evaluation`]: manifests on disk, receipts, sweeps, measures of world models, their verification;
-//! * [`bundle`]: a result in a folder that others can verify; [`board`]: such folders as a page;
+//! * [`bundle`]: a result in a folder that others can verify; [`board`]: such folders as a page; [`zoo`]: trained models that are shipped;
 //! * [`distractors`]: what changes the images that policies see;
 //! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
 //! * [`text_file`]: texts that a user names; [`memory`] and [`threads`] of the machine.
@@ -45,3 +45,4 @@ mod svg;
 pub mod text_file;
 pub mod threads;
 pub mod video;
+pub mod zoo;

@@ -9,7 +9,7 @@ use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::task::{Context, Poll, Waker};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::extract::connect_info::Connected;
 use axum::serve::{IncomingStream, Listener};
@@ -19,8 +19,12 @@ use tokio::time::Sleep;
 
 /// So long a connection may be open without a request of somebody who may see the page.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// So many such connections are open at once; beyond, the oldest is closed. Browsers open about six.
+/// So many such connections stay open; beyond, the oldest is closed. Browsers open about six.
 const MAX_STRANGERS: usize = 24;
+/// A connection this young is not closed for a younger one, as its first request may be on its way: the owner's, too.
+const GRACE: Duration = Duration::from_secs(1);
+/// So many are open in any case, of whatever age.
+const MOST_STRANGERS: usize = 512;
 
 /// An open connection.
 #[derive(Debug, Default)]
@@ -61,7 +65,7 @@ impl Connected<IncomingStream<'_, Door>> for Caller {
 /// Accepts connections.
 pub(crate) struct Door {
     listener: TcpListener,
-    strangers: VecDeque<Weak<Connection>>,
+    strangers: VecDeque<(Instant, Weak<Connection>)>,
 }
 
 impl Door {
@@ -76,17 +80,22 @@ impl Listener for Door {
 
     async fn accept(&mut self) -> (Stream, SocketAddr) {
         let (stream, address) = Listener::accept(&mut self.listener).await;
-        let is_stranger = |open: &Weak<Connection>| {
+        let is_stranger = |(_, open): &(Instant, Weak<Connection>)| {
             open.upgrade().is_some_and(|open| !open.is_known.load(Ordering::SeqCst))
         };
         self.strangers.retain(is_stranger);
         while self.strangers.len() >= MAX_STRANGERS {
-            if let Some(oldest) = self.strangers.pop_front().and_then(|oldest| oldest.upgrade()) {
+            let Some((begun, oldest)) = self.strangers.front() else { break };
+            if begun.elapsed() < GRACE && self.strangers.len() < MOST_STRANGERS {
+                break;
+            }
+            if let Some(oldest) = oldest.upgrade() {
                 oldest.close();
             }
+            self.strangers.pop_front();
         }
         let connection = Arc::new(Connection::default());
-        self.strangers.push_back(Arc::downgrade(&connection));
+        self.strangers.push_back((Instant::now(), Arc::downgrade(&connection)));
         (Stream { stream, connection, patience: Box::pin(tokio::time::sleep(PATIENCE)) }, address)
     }
 

@@ -307,13 +307,13 @@ impl Roots {
             if path.join("job.json").is_file() {
                 return Some((Kind::Job, None));
             }
-            return swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name)));
+            return dataset_at(registry, path);
         }
         let extension = path.extension()?.to_str()?;
         match extension {
             "json" | "toml" => Some((result_kind(&self.read_result(path).ok()?)?, None)),
             "jsonl" | "md" | "txt" | "png" | "gif" | "html" | "svg" | "lock" | "safetensors" => None,
-            _ => swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name))),
+            _ => dataset_at(registry, path),
         }
     }
 
@@ -346,5 +346,16 @@ fn result_kind(json: &Json) -> Option<Kind> {
         () if has("pairs") && has("budget") => Some(Kind::Manifest),
         () if has("success_rate") && has("episodes") => Some(Kind::Evaluation),
         () => None,
+    }
+}
+
+/// A dataset of a format of this program, or of another program.
+fn dataset_at(registry: &Registry, path: &Path) -> Option<Known> {
+    match swm_data::format::detect(registry, path) {
+        Some(format) => Some((Kind::Dataset, Some(format.name))),
+        None if swm_data::format::is_of_other_program(path) => {
+            Some((Kind::Dataset, Some("of another program")))
+        }
+        None => None,
     }
 }

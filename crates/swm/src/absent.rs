@@ -83,7 +83,10 @@ pub(crate) const FEATURES: &[Feature] = &[
 ];
 
 /// A feature, and how to build with it.
-pub(crate) const BASELINES: (&str, &str) = ("baselines", build_with!("baselines"));
+pub(crate) const BASELINES: (&str, &str) = (
+    "baselines",
+    concat!(build_with!("baselines"), "; or use the command `swm-rs` of the Python package, which has it"),
+);
 const LANCE: (&str, &str) = ("lance", build_with!("lance"));
 const LEROBOT: (&str, &str) = (
     "lerobot",
@@ -130,6 +133,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("hilp", BASELINES),
     policy("sac", BASELINES),
     policy("tdmpc2", BASELINES),
+    policy("zoo", BASELINES),
     policy("onnx", ONNX),
     model("conv-jepa"),
     model("lewm"),

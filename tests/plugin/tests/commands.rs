@@ -104,14 +104,32 @@ fn its_model_has_an_oracle_hashed_files_an_image_size_and_traces() {
     };
     assert!(error(&measured) < 0.5 * error(&still), "{measured} {still}");
 
-    // A sweep knows it, too.
-    let sweep = "sweep --manifest task.toml --factors ice.friction --out sweep";
-    json(folder, &format!("{sweep} --policy fitted-model:data.h5,samples=32,elites=8,iterations=2"));
-    assert!(folder.join("sweep/sweep.json").is_file());
+    // `mpc` plans with it as with trained models: equal requests, equal receipts.
+    let settings = "data.h5,samples=32,elites=8,iterations=3";
+    let mut by = ["fitted-model", "mpc:fitted-model"].map(|policy| {
+        let eval = "eval --manifest task.toml --reference none --policy";
+        json(folder, &format!("{eval} {policy}:{settings}"))
+    });
+    for receipt in &mut by {
+        assert_eq!(receipt["candidate"]["policy"]["name"], "fitted-model");
+        receipt.as_object_mut().unwrap().remove("wall_time_s");
+    }
+    assert_eq!(by[0], by[1]);
+
+    // A sweep takes it, too.
+    let sweep = "sweep --manifest task.toml --factors ice.friction";
+    json(folder, &format!("{sweep} --policy fitted-model:{settings} --out sweep"));
+    json(folder, &format!("{sweep} --policy mpc:fitted-model:{settings} --out swept"));
+    let read = |folder_of: &str| std::fs::read(folder.join(folder_of).join("sweep.json")).unwrap();
+    assert_eq!(
+        String::from_utf8(read("sweep")).unwrap(),
+        String::from_utf8(read("swept")).unwrap(),
+        "the same sweep"
+    );
 
     // Its plans are traced and drawn.
     let plan =
-        "plan demo/IceRink-v0 --budget 6 --policy fitted-model:data.h5,samples=32,elites=8,iterations=3";
+        "plan demo/IceRink-v0 --budget 6 --policy mpc:fitted-model:data.h5,samples=32,elites=8,iterations=3";
     let plans = json(folder, &format!("{plan} --trace trace --video-format gif"));
     assert_eq!(plans["plans"].as_array().unwrap().len(), 2);
     for file in ["index.html", "costs.svg", "trace.jsonl", "episode_000_plan_001_elites.svg"] {
@@ -132,6 +150,10 @@ fn wrong_input_gets_the_answers_that_built_in_names_get() {
     assert!(message("eval demo/IceRink-v0 --policy fitted-model:none.h5").contains("none.h5"));
     let named = "name one dataset: `fitted-model:FILE`";
     assert!(message("eval demo/IceRink-v0 --policy fitted-model").contains(named));
+    assert!(message("eval demo/IceRink-v0 --policy mpc:fitted-model").contains(named));
+    std::fs::create_dir(folder.path().join("fitted-model")).unwrap();
+    let twice = message("eval demo/IceRink-v0 --policy mpc:fitted-model,samples=8");
+    assert!(twice.contains("write `fitted-model:…` for the model"), "{twice}");
     assert!(message("quality demo/IceRink-v0 --model fitted-model").contains(named));
     assert!(message("quality demo/IceRink-v0 --model none").contains("models of the registry: fitted-model"));
 }

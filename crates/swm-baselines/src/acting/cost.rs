@@ -1,11 +1,16 @@
 //! A trained world model as the cost of plans: how far from the goal the model says a plan ends.
 
 use serde_json::{Map, Value as Json, json};
-use swm_solvers::{ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
+use swm_solvers::{
+    ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext, StateSteps,
+    StepBatch,
+};
 
+use super::canonical::{CANONICAL, canonicalizer};
 use super::planning::PlanningTable;
 use super::proposal::Proposal;
-use crate::baseline::{Baseline, PlanModel};
+use crate::baseline::{Baseline, Canonicalizer, PlanModel};
+use crate::data::Observations;
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
 
@@ -18,6 +23,8 @@ pub struct ModelCost {
     aggregate: Aggregate,
     /// What plans begin from.
     proposal: Option<Proposal>,
+    /// What draws its images in the canonical look, if anything does, and which it is.
+    canonical: Option<(Box<dyn Canonicalizer>, String)>,
     /// By the number of frames, from 1.
     copies: Vec<Copy>,
 }
@@ -48,7 +55,7 @@ impl ModelCost {
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
         let aggregate = Aggregate::default();
-        let mut cost = Self { model, aggregate, proposal: None, copies: Vec::new() };
+        let mut cost = Self { model, aggregate, proposal: None, canonical: None, copies: Vec::new() };
         cost.copies.push(cost.copy(planner));
         Ok(cost)
     }
@@ -71,6 +78,18 @@ impl ModelCost {
         Ok(self)
     }
 
+    /// With observations and goals that `canonical` draws in the canonical look before the model sees them.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Unfit`]: it draws no images.
+    pub fn with_canonical(mut self, canonical: &TrainedModel) -> Result<Self, BaselineError> {
+        self.canonical = Some(canonicalizer(canonical)?);
+        let planner = |this: &Self| this.model.baseline.planner().expect("there was one when this was made");
+        self.copies = vec![self.copy(planner(&self))];
+        Ok(self)
+    }
+
     /// How actions are scaled in plans.
     pub fn action_scale(&self) -> ActionScale {
         let scale = &self.model.config.data.scales[ACTION];
@@ -90,7 +109,8 @@ impl ModelCost {
     fn copy(&self, mut model: Box<dyn PlanModel>) -> Copy {
         model.set_aggregate(self.aggregate);
         let baseline: &dyn Baseline = self.model.baseline.as_ref();
-        let table = PlanningTable::new(baseline, &self.model.config.data);
+        let canonical = self.canonical.as_ref().map(|(canonicalizer, _)| canonicalizer.share());
+        let table = PlanningTable::new(baseline, &self.model.config.data).with_canonical(canonical);
         let (rows, actions, costs, gradient) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Copy { model, table, rows, actions, costs, gradient }
     }
@@ -174,6 +194,7 @@ impl Cost for ModelCost {
             rows.push(index);
         }
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            copy.table.finish()?;
             copy.model.prepare(&copy.table.batch())?;
         }
         Ok(())
@@ -195,6 +216,10 @@ impl Cost for ModelCost {
         Some(self)
     }
 
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        Some(self)
+    }
+
     fn history_fields(&self) -> Vec<String> {
         self.copies[0].table.fields()
     }
@@ -207,6 +232,9 @@ impl Cost for ModelCost {
         if let Some(proposal) = &self.proposal {
             settings.insert("proposal".to_owned(), proposal.name().into());
         }
+        if let Some((_, name)) = &self.canonical {
+            settings.insert(CANONICAL.name.to_owned(), name.clone().into());
+        }
         if self.aggregate != Aggregate::default() {
             settings.insert(AGGREGATE.to_owned(), json!(self.aggregate));
         }
@@ -217,6 +245,40 @@ impl Cost for ModelCost {
 /// A checkpoint by name, step and the beginning of the weights' hash.
 pub(super) fn described(name: &str, step: u64, weights: &str) -> String {
     format!("{name}@{step}#{}", weights.get(..12).unwrap_or(weights))
+}
+
+/// Latents are the states: of the newest observation, and of the goal. A step sees nothing of what was before.
+impl StateSteps for ModelCost {
+    fn state_dim(&mut self) -> usize {
+        self.copies[0].model.latent_dim()
+    }
+
+    fn ends(&mut self, starts: &mut [f32], goals: &mut [f32]) -> Result<(), PlanError> {
+        let dim = self.state_dim();
+        let mut latents = Vec::new();
+        for Copy { model, table, rows, .. } in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            for (seen, out) in table.present_and_goals().iter().zip([&mut *starts, &mut *goals]) {
+                latents.clear();
+                latents.resize(rows.len() * dim, 0.0);
+                let seen = Observations { pixels: seen.pixels(), proprio: seen.proprio() };
+                model.encode(&seen, &mut latents)?;
+                for (&row, latent) in rows.iter().zip(latents.chunks_exact(dim)) {
+                    out[row * dim..][..dim].copy_from_slice(latent);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn step_toward(
+        &mut self,
+        steps: &StepBatch<'_>,
+        next: &mut [f32],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let StepBatch { candidates, states, targets } = steps;
+        Ok(self.copies[0].model.step_toward(states, candidates.actions, targets, next, gradient)?)
+    }
 }
 
 impl DifferentiableCost for ModelCost {

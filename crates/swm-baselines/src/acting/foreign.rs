@@ -1,6 +1,6 @@
 //! Published checkpoints used directly: `lewm:FOLDER`, as an import that writes no run.
 //!
-//! What no file of a checkpoint says is a setting of the policy, by the name that an import has for it.
+//! What no file of a checkpoint contains is a setting of the policy, by the name that an import has for it.
 
 use std::path::{Path, PathBuf};
 

@@ -7,6 +7,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::registry::Setting;
 use swm_core::settings::{WrongSetting, text};
 use swm_core::{Metadata, PolicyArgs, PolicyError, Registry};
+use swm_tasks::zoo::run_of;
 
 use super::foreign::{FAMILIES, Foreign};
 use super::policies::OF_MODELS;
@@ -58,7 +59,7 @@ impl Given {
             }
             None => false,
         };
-        let run = PathBuf::from(text(run));
+        let run = run_of(&text(run)).map_err(|error| args.wrong(error.to_string()))?;
         let foreign = Foreign::of(args, &run, &mut rest)?;
         Ok(Self { run, which, device, precision, transfer, foreign, rest })
     }

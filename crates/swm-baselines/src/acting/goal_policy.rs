@@ -3,6 +3,7 @@
 use swm_core::{Actions, Policy, PolicyError, Space, View};
 use swm_solvers::{ActionMap, ActionScale};
 
+use super::canonical::canonicalizer;
 use super::planning::PlanningTable;
 use crate::baseline::GoalPolicy;
 use crate::error::BaselineError;
@@ -21,6 +22,8 @@ pub struct ModelPolicy {
     /// Decisions that each of them has left.
     left: Vec<usize>,
     decisions: Vec<f32>,
+    /// What draws its images in the canonical look, if anything does.
+    canonical: Option<String>,
 }
 
 /// What one environment is still to do.
@@ -57,7 +60,19 @@ impl ModelPolicy {
         };
         let table = PlanningTable::new(model.baseline.as_ref(), &model.config.data);
         let (map, rows, wanting, left, decisions) = (None, Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { model, policy, table, map, rows, wanting, left, decisions })
+        Ok(Self { model, policy, table, map, rows, wanting, left, decisions, canonical: None })
+    }
+
+    /// With observations and goals that `canonical` draws in the canonical look before the model sees them.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Unfit`]: it draws no images.
+    pub fn with_canonical(mut self, canonical: &TrainedModel) -> Result<Self, BaselineError> {
+        let (canonicalizer, name) = canonicalizer(canonical)?;
+        self.table = self.table.with_canonical(Some(canonicalizer));
+        self.canonical = Some(name);
+        Ok(self)
     }
 
     /// Prepares the mapping to actions of `space`.
@@ -75,7 +90,8 @@ impl ModelPolicy {
 impl Policy for ModelPolicy {
     fn describe(&self) -> String {
         let TrainedModel { baseline, step, weights, .. } = &self.model;
-        format!("{}:step={step},weights={}", baseline.name(), weights.get(..12).unwrap_or(weights))
+        let canonical = self.canonical.as_ref().map_or(String::new(), |name| format!(",canonical={name}"));
+        format!("{}:step={step},weights={}{canonical}", baseline.name(), weights.get(..12).unwrap_or(weights))
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
@@ -102,6 +118,7 @@ impl Policy for ModelPolicy {
             let block = policy.block_dim();
             decisions.clear();
             decisions.resize(wanting.len() * block, 0.0);
+            table.finish().map_err(other)?;
             policy.act_within(&table.batch(), left, decisions).map_err(other)?;
             for (&index, decision) in wanting.iter().zip(decisions.chunks_exact(block)) {
                 rows[index].actions.clear();

@@ -10,9 +10,11 @@
 //! | `latents` | a world model for `swm quality` |
 //! | `foreign` | published checkpoints in the place of runs |
 //! | `given` | arguments that all policies of trained models share |
+//! | `zoo` | `zoo:NAME`: models that are shipped |
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod agent_policy;
+mod canonical;
 mod cost;
 mod foreign;
 mod given;
@@ -21,6 +23,7 @@ mod latents;
 mod planning;
 mod policies;
 mod proposal;
+mod zoo;
 
 pub use agent_policy::AgentPolicy;
 pub use cost::ModelCost;

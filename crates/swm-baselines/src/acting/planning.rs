@@ -3,10 +3,11 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use swm_core::env::PIXELS;
 use swm_core::{Row, Slice};
 
-use crate::baseline::Baseline;
+use crate::baseline::{Baseline, Canonicalizer};
 use crate::data::{Images, PlanningBatch, Vectors};
 use crate::error::BaselineError;
 use crate::train::{DataConfig, PROPRIO, Scale};
@@ -17,18 +18,59 @@ const GOAL: &str = "goal";
 const GOAL_PROPRIO: [&str; 2] = ["goal_proprio", "goal_state"];
 
 /// Collects the planning batch of B environments; its memory is reused.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct PlanningTable {
     rows: usize,
     frames: usize,
-    /// `[H, W]` of the environment's images.
+    /// `[H, W]` of the images.
     size: [usize; 2],
+    /// What draws them in the canonical look, if anything does.
+    canonical: Option<Canonical>,
     pixels: Vec<u8>,
     goal_pixels: Vec<u8>,
     /// F × A.
     block: usize,
     action: Vec<f32>,
     proprio: Option<State>,
+}
+
+/// What all images pass through, and those that have not yet.
+struct Canonical {
+    canonicalizer: Box<dyn Canonicalizer>,
+    /// `[H, W]` of the environment's images.
+    size: [usize; 2],
+    /// Earlier and present observations, and goals, as they are.
+    pixels: Vec<u8>,
+    goals: Vec<u8>,
+}
+
+impl Canonical {
+    /// Draws all images of each of `rows` environments, each by itself, in parallel: each observation beside the goal, and the goal
+    /// beside the present one.
+    fn draw(&self, rows: usize) -> Result<[Vec<u8>; 2], BaselineError> {
+        let [height, width] = self.size;
+        let image = 3 * height * width;
+        let observed = self.pixels.len() / rows.max(1);
+        let draw = |(pixels, goal): (&[u8], &[u8])| {
+            let count = observed / image.max(1);
+            let all = [pixels, goal].concat();
+            let now = &pixels[observed.saturating_sub(image)..];
+            let others = [&goal.repeat(count)[..], now].concat();
+            let images =
+                |values| Images { values, rows: count + 1, steps: 1, height, width, channels_last: true };
+            self.canonicalizer.draw(&images(&all), &images(&others)).map(|drawn| (drawn, count))
+        };
+        let each = self.pixels.par_chunks(observed.max(1)).zip(self.goals.par_chunks(image.max(1)));
+        let drawn: Vec<Result<(Vec<u8>, usize), BaselineError>> = each.map(draw).collect();
+        let [mut pixels, mut goals] = [Vec::new(), Vec::new()];
+        for drawn in drawn {
+            let (drawn, count) = drawn?;
+            let (observed, goal) = drawn.split_at(drawn.len() / (count + 1) * count);
+            pixels.extend_from_slice(observed);
+            goals.extend_from_slice(goal);
+        }
+        Ok([pixels, goals])
+    }
 }
 
 /// Single observations of B environments.
@@ -73,6 +115,17 @@ impl PlanningTable {
         }
     }
 
+    /// With all images drawn in the canonical look.
+    pub(super) fn with_canonical(mut self, canonicalizer: Option<Box<dyn Canonicalizer>>) -> Self {
+        self.canonical = canonicalizer.map(|canonicalizer| Canonical {
+            canonicalizer,
+            size: [0; 2],
+            pixels: Vec::new(),
+            goals: Vec::new(),
+        });
+        self
+    }
+
     /// The fields whose history the model uses.
     pub(super) fn fields(&self) -> Vec<String> {
         let proprio = self.proprio.as_ref().map(|_| PROPRIO.to_owned());
@@ -84,6 +137,10 @@ impl PlanningTable {
         (self.rows, self.frames) = (0, frames);
         self.pixels.clear();
         self.goal_pixels.clear();
+        if let Some(canonical) = &mut self.canonical {
+            canonical.pixels.clear();
+            canonical.goals.clear();
+        }
         self.action.clear();
         if let Some(State { now, goal, .. }) = &mut self.proprio {
             now.clear();
@@ -97,9 +154,18 @@ impl PlanningTable {
         if size != size_of(row, GOAL)? {
             return Err(BaselineError::data(GOAL, "the image of the goal has another size than `pixels`"));
         }
+        let [now, goal] = [bytes(row, PIXELS)?, bytes(row, GOAL)?];
         self.size = size;
-        self.pixels.extend_from_slice(bytes(row, PIXELS)?);
-        self.goal_pixels.extend_from_slice(bytes(row, GOAL)?);
+        let Self { pixels, goal_pixels, canonical, .. } = self;
+        let (pixels, goals) = match canonical {
+            Some(canonical) => {
+                canonical.size = size;
+                (&mut canonical.pixels, &mut canonical.goals)
+            }
+            None => (pixels, goal_pixels),
+        };
+        pixels.extend_from_slice(now);
+        goals.extend_from_slice(goal);
         if let Some(State { scale, now, goal }) = &mut self.proprio {
             let found = GOAL_PROPRIO.iter().find(|name| row.schema().index(name).is_some());
             let found = found.ok_or_else(|| {
@@ -118,7 +184,8 @@ impl PlanningTable {
     /// Adds an earlier observation of the environment whose current one comes next.
     pub(super) fn push_past<'a>(&mut self, field: impl Fn(usize) -> Slice<'a>) -> Result<(), BaselineError> {
         let Slice::U8(pixels) = field(0) else { return Err(no_images(PIXELS)) };
-        self.pixels.extend_from_slice(pixels);
+        let seen = self.canonical.as_mut().map_or(&mut self.pixels, |canonical| &mut canonical.pixels);
+        seen.extend_from_slice(pixels);
         if let Some(State { scale, now, .. }) = &mut self.proprio {
             scaled(scale, field(1), now);
         }
@@ -130,7 +197,16 @@ impl PlanningTable {
         self.action.extend_from_slice(action);
     }
 
-    /// The present observations, and the goals.
+    /// Ends a batch: draws its images in the canonical look, if there is one.
+    pub(super) fn finish(&mut self) -> Result<(), BaselineError> {
+        if let Some(canonical) = &self.canonical {
+            [self.pixels, self.goal_pixels] = canonical.draw(self.rows)?;
+            self.size = [canonical.canonicalizer.side(); 2];
+        }
+        Ok(())
+    }
+
+    /// The present observations, and the goals, of a batch that is finished.
     pub(super) fn present_and_goals(&self) -> [Seen<'_>; 2] {
         let &Self { rows, frames, size, .. } = self;
         let state = |values: fn(&State) -> &Vec<f32>, frames| {
@@ -146,7 +222,7 @@ impl PlanningTable {
         ]
     }
 
-    /// The planning batch.
+    /// The planning batch, once it is finished.
     pub(super) fn batch(&self) -> PlanningBatch<'_> {
         let &Self { rows, frames, size: [height, width], block, .. } = self;
         let images = |values, steps| Images { values, rows, steps, height, width, channels_last: true };
@@ -203,4 +279,77 @@ pub(super) fn scaled(scale: &Scale, values: Slice<'_>, out: &mut Vec<f32>) {
     let start = out.len();
     out.extend((0..values.len()).map(|at| values.as_f64(at).unwrap_or(f64::NAN) as f32));
     scale.apply(&mut out[start..]);
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::{Batch, Dtype, Field, Schema};
+
+    use super::*;
+
+    const BYTES: usize = 12;
+
+    /// Draws images of one value as ten times that value and once that of the other.
+    struct Mixer;
+
+    impl Canonicalizer for Mixer {
+        fn side(&self) -> usize {
+            2
+        }
+
+        fn draw(&self, images: &Images<'_>, others: &Images<'_>) -> Result<Vec<u8>, BaselineError> {
+            assert_eq!((images.rows, images.steps), (others.rows, others.steps));
+            let pairs = images.values.chunks(BYTES).zip(others.values.chunks(BYTES));
+            Ok(pairs.flat_map(|(image, other)| vec![10 * image[0] + other[0]; BYTES]).collect())
+        }
+
+        fn share(&self) -> Box<dyn Canonicalizer> {
+            Box::new(Self)
+        }
+    }
+
+    fn observed(now: u8, goal: u8) -> Batch {
+        let fields =
+            [Field::step(PIXELS, Dtype::U8, &[2, 2, 3]), Field::episode(GOAL, Dtype::U8, &[2, 2, 3])];
+        let mut batch = Batch::new(Schema::new(fields.to_vec()).unwrap(), 1);
+        batch.rows_mut().at::<u8>(0).fill(now);
+        batch.rows_mut().at::<u8>(1).fill(goal);
+        batch
+    }
+
+    #[test]
+    fn observations_are_drawn_beside_the_goal_and_the_goal_beside_the_present_one() {
+        let mut table = PlanningTable::default().with_canonical(Some(Box::new(Mixer)));
+        // Twice: what is left of an earlier batch must not come back.
+        for _ in 0..2 {
+            table.clear(2);
+            for (past, now, goal) in [(1, 2, 3), (4, 5, 6)] {
+                let past = [past; BYTES];
+                table.push_past(|_| Slice::U8(&past)).unwrap();
+                table.push(observed(now, goal).row(0)).unwrap();
+            }
+            table.finish().unwrap();
+            let batch = table.batch();
+            let values = |images: Images<'_>| -> Vec<u8> {
+                images.values.chunks(BYTES).map(|image| image[0]).collect()
+            };
+            assert_eq!(values(batch.pixels), [13, 23, 46, 56]);
+            assert_eq!(values(batch.goal_pixels), [32, 65]);
+            assert_eq!((batch.pixels.steps, batch.pixels.height, batch.pixels.rows), (2, 2, 2));
+            let [now, goal] = table.present_and_goals();
+            assert_eq!((values(now.pixels()), values(goal.pixels())), (vec![23, 56], vec![32, 65]));
+        }
+    }
+
+    #[test]
+    fn without_a_canonical_look_images_stay_as_they_are() {
+        let mut table = PlanningTable::default();
+        table.clear(1);
+        table.push(observed(7, 9).row(0)).unwrap();
+        table.finish().unwrap();
+        assert_eq!(
+            (table.batch().pixels.values, table.batch().goal_pixels.values),
+            (&[7; BYTES][..], &[9; BYTES][..])
+        );
+    }
 }

@@ -8,12 +8,15 @@ use swm_core::registry::{MakePolicy, Setting, TrainedIn, TrainedOn};
 use swm_core::settings::{Table, text};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
+use swm_tasks::zoo::run_of;
 
 use super::agent_policy::AgentPolicy;
+use super::canonical::{self, CANONICAL};
 use super::cost::{self, ModelCost};
 use super::foreign;
 use super::given::Given;
 use super::goal_policy::ModelPolicy;
+use super::zoo;
 use crate::baseline::Baseline;
 use crate::device::Device;
 use crate::error::BaselineError;
@@ -60,18 +63,19 @@ pub const POLICIES: &[PolicyEntry] = &[
     acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
     agent("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", OF_AGENTS),
     agent("tdmpc2", "plans as an agent trained by `swm train tdmpc2` (`tdmpc2:RUN`)", OF_TDMPC2.as_slice()),
+    zoo::POLICY,
 ];
 
 /// What a policy that plans on a model is set by.
 const OF_MPC: &[Setting] =
-    &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, PROPOSAL, SOLVER_SETTING];
+    &[RUN, CHECKPOINT, DEVICE, PRECISION, TRANSFER, AGGREGATE, PROPOSAL, CANONICAL, SOLVER_SETTING];
 /// The same, of a model that may be a published checkpoint.
 const OF_FAMILY: &Table = &Table::of(&[OF_MPC, foreign::SETTINGS]);
 
 const OF_AGENTS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
 const OF_TDMPC2: &Table = &Table::of(&[OF_AGENTS, tdmpc2::OPTIONS]);
 
-const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
+const RUN: Setting = Setting::new("RUN", "Folder of a training run, or zoo:NAME", "required");
 const CHECKPOINT: Setting = Setting::new("checkpoint", "Which checkpoint: last, best, or a step", "last");
 const DEVICE: Setting = Setting::new("device", "Device: cpu, cuda, cuda:1 …", "cpu");
 const PRECISION: Setting =
@@ -81,7 +85,7 @@ const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another envi
 pub(super) const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, PRECISION, TRANSFER];
 
 /// And what those that plan know.
-const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, PROPOSAL];
+const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, PROPOSAL, CANONICAL];
 const PROPOSAL: Setting = Setting::new(
     "proposal",
     "Run of gc-idm over the model's latents, whose plans the search begins from",
@@ -131,9 +135,13 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
         let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
         let mut cost = cost.with_aggregate(aggregate);
         if let Some(run) = given.rest.shift_remove(PROPOSAL.name) {
-            let proposal = TrainedModel::open(Path::new(&text(&run)), Which::default(), given.device);
+            let run = run_of(&text(&run)).map_err(|error| args.wrong(error.to_string()))?;
+            let proposal = TrainedModel::open(&run, Which::default(), given.device);
             let with = proposal.and_then(|policy| cost.with_proposal(&policy));
             cost = with.map_err(|error| args.wrong(format!("setting `{}`: {error}", PROPOSAL.name)))?;
+        }
+        if let Some(canonical) = canonical::take(args, &mut given.rest, given.device, context.env.id)? {
+            cost = cost.with_canonical(&canonical).map_err(|error| canonical::wrong(args, error))?;
         }
         check_history(args, &given.rest, cost.history())?;
         let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
@@ -150,6 +158,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
     .oracle(|context, args| {
         let mut given = Given::of(args).ok()?;
         given.rest.shift_remove(PROPOSAL.name);
+        given.rest.shift_remove(CANONICAL.name);
         let block = |block: usize| Map::from_iter([("action_block".to_owned(), Json::from(block))]);
         if let Some(foreign) = &given.foreign {
             let described = foreign.describe(context.registry?, Some(context.env.id))?;
@@ -164,7 +173,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
 
 const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> PolicyEntry {
     PolicyEntry::new(name, summary, make)
-        .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
+        .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, CANONICAL])
         .image(image_size)
         .trained(trained_in)
         .files(model_files)
@@ -195,11 +204,15 @@ fn model_policy(
     args: &PolicyArgs,
     baseline: Option<&str>,
 ) -> Result<Box<dyn Policy>, PolicyError> {
-    let given = Given::of(args)?;
+    let mut given = Given::of(args)?;
     let model = given.model(args, context.env.id, context.registry)?;
-    given.check_all_known(args, &[])?;
+    let canonical = canonical::take(args, &mut given.rest, given.device, context.env.id)?;
+    given.check_all_known(args, &[CANONICAL])?;
     let found = model.baseline.name();
-    let policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
+    let mut policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
+    if let Some(canonical) = canonical {
+        policy = policy.with_canonical(&canonical).map_err(|error| canonical::wrong(args, error))?;
+    }
     match baseline.filter(|wanted| *wanted != found) {
         Some(wanted) => {
             Err(given
@@ -212,6 +225,9 @@ fn model_policy(
 /// The size of the images that the model of these arguments was trained on; `None` for runs that are not there.
 pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
     let given = Given::of(args).ok()?;
+    if let Some(size) = canonical::image_size(&given.rest) {
+        return Some(size);
+    }
     let side = match &given.foreign {
         Some(foreign) => foreign.describe(&Registry::new(), None)?.image,
         None => RunConfig::read(&RunFolder::open(&given.run).ok()?).ok()?.data.image,
@@ -259,9 +275,11 @@ fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         None => TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
     };
     if let Some(run) = given.rest.get(PROPOSAL.name) {
-        let proposal = TrainedModel::files(Path::new(&text(run)), Which::default());
+        let run = run_of(&text(run)).map_err(|error| args.wrong(error.to_string()))?;
+        let proposal = TrainedModel::files(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
+    canonical::add_files(args, &given.rest, &mut files, TrainedModel::files)?;
     Ok(files)
 }
 
@@ -275,8 +293,10 @@ fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         }
     };
     if let Some(run) = given.rest.get(PROPOSAL.name) {
-        let proposal = TrainedModel::companions(Path::new(&text(run)), Which::default());
+        let run = run_of(&text(run)).map_err(|error| args.wrong(error.to_string()))?;
+        let proposal = TrainedModel::companions(&run, Which::default());
         files.extend(proposal.map_err(|error| args.wrong(error.to_string()))?);
     }
+    canonical::add_files(args, &given.rest, &mut files, TrainedModel::companions)?;
     Ok(files)
 }

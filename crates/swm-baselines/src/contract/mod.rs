@@ -24,6 +24,7 @@ type Changes = fn() -> Json;
 
 /// Settings that make each baseline tiny.
 const TINY: &[(&str, Changes)] = &[
+    ("canonical", || json!({"model": {"image": 16, "channels": [4, 4, 4], "clip": 2, "frameskip": 1}})),
     ("conv-jepa", maps),
     ("dino-wm", || {
         let encoder = json!({"kind": "vit", "dim": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
@@ -45,6 +46,7 @@ const TINY: &[(&str, Changes)] = &[
         let encoder = json!({"channels": [4, 8], "count": 4});
         json!({"model": {"image": 16, "encoder": encoder, "hidden": 8}, "optim": {"lr": 1e-4}})
     }),
+    ("keypoints", || json!({"model": {"image": 32, "encoder": {"channels": [4, 8], "count": 4}}})),
     ("lewm", joint),
     ("pldm", joint),
 ];
@@ -107,6 +109,7 @@ impl Clips {
         ClipBatch {
             pixels: images(&self.pixels, self.steps),
             latents: None,
+            canonical: Some(images(&self.pixels, self.steps)),
             action: Vectors { values: &self.action, rows: CLIPS, steps: self.steps, dim: self.dim },
             proprio: None,
             goal_pixels: Some(images(&self.goals, 1)),
@@ -335,14 +338,14 @@ fn plans_and_decisions_do_not_depend_on_their_neighbors() {
 }
 
 #[test]
-fn what_cannot_be_made_says_why() {
+fn what_cannot_be_made_is_an_error_with_a_reason() {
     let error = |name, options: &MakeOptions<'_>| match make(name, options) {
         Ok(_) => panic!("{name} was made"),
         Err(error) => error.to_string(),
     };
     assert!(
         error("lewn", &options("small", Json::Null))
-            .contains("did you mean `lewm`?; there are conv-jepa, dino-wm, ")
+            .contains("did you mean `lewm`?; there are canonical, conv-jepa, dino-wm, ")
     );
     assert!(error("lewm", &options("huge", Json::Null)).contains("it has: paper, small"));
     assert!(

@@ -102,6 +102,9 @@ fn weights_stay_in_fp32_and_gather_small_steps() {
 fn plans_and_decisions_are_near_those_of_fp32() {
     for_each(|mut model| {
         (0..3).for_each(|index| drop(step(model.as_mut(), 0, index)));
+        if model.policy().is_none() && model.planner().is_none() {
+            return;
+        }
         let clips = Clips::of(model.as_ref());
         let mut found = [Precision::Fp32, Precision::Bf16].map(|precision| {
             model.set_precision(precision);

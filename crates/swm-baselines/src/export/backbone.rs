@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value as Json, json};
 
-use super::form::Unfit;
+use super::layout::Unfit;
 use super::names::{Encoder, Generation};
 use crate::models::EncoderConfig;
 use crate::nn::VitConfig;

@@ -6,7 +6,8 @@ use serde_json::{Map, Value as Json, json};
 use swm_tasks::request::TaskError;
 
 use super::backbone::Backbone;
-use super::names::{Encoder, Generation};
+use super::layout::{Layout, Unfit};
+use super::names::Generation;
 use super::{Export, joint, tdmpc2, tokens};
 use crate::error::BaselineError;
 use crate::online::{OnlineConfig, OnlineState, online_agent};
@@ -31,7 +32,7 @@ pub(super) struct Form {
     pub(super) backbone: Option<Backbone>,
     /// The version of transformers whose names the encoder's tensors have.
     pub(super) transformers: Option<usize>,
-    /// What the card says of sizes and of how to use it: a row each.
+    /// What the card contains of sizes and use: a row each.
     pub(super) facts: Vec<(&'static str, String)>,
     /// How vectors are scaled, by column.
     pub(super) scales: BTreeMap<String, Scale>,
@@ -43,42 +44,6 @@ pub(super) struct Form {
     pub(super) notes: Vec<String>,
     /// Where the run's checkpoint is from, if it was imported.
     pub(super) imported: Option<Imported>,
-}
-
-/// A model in the reference's words, as far as its family decides.
-#[derive(Default)]
-pub(super) struct Layout {
-    /// `config.json`.
-    pub(super) config: Json,
-    /// The vision transformer.
-    pub(super) encoder: Option<Encoder>,
-    /// The folder of a frozen encoder, of which the tensors are still to be taken.
-    pub(super) backbone: Option<Json>,
-    /// What the names of tensors begin with that the reference's model does not have.
-    pub(super) left_out: &'static [&'static str],
-    /// Beginnings of names here, and in the reference.
-    pub(super) renamed: Vec<(String, String)>,
-    /// Tensors that are computed: masks and counters.
-    pub(super) added: Vec<Saved>,
-    /// Rows of the card.
-    pub(super) facts: Vec<(&'static str, String)>,
-    /// What a user has to know.
-    pub(super) notes: Vec<String>,
-}
-
-/// Why a run has no form in the reference.
-pub(super) struct Unfit(pub(super) String);
-
-impl From<String> for Unfit {
-    fn from(reason: String) -> Self {
-        Self(reason)
-    }
-}
-
-impl From<&str> for Unfit {
-    fn from(reason: &str) -> Self {
-        Self(reason.to_owned())
-    }
 }
 
 impl Form {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value as Json, json};
 
-use super::form::{Layout, Unfit};
+use super::layout::{Layout, Unfit};
 use super::names::Encoder;
 use crate::baseline::ModelConfig;
 use crate::models::{EncoderConfig, JointConfig};

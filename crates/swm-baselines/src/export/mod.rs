@@ -3,10 +3,11 @@
 //! | file | duty |
 //! |---|---|
 //! | `form` | a run's tensors and config in the reference's words |
+//! | `layout` | what the family of a model decides about them |
 //! | `joint`, `tokens`, `tdmpc2` | the config of each family, and what of a run it cannot say |
 //! | `backbone` | a frozen DINOv2: by the name under which it is published, or as a folder beside |
 //! | `names` | names of tensors in the two generations of transformers |
-//! | `card` | the model card, and `swm.json`, which has what no other file says |
+//! | `card` | the model card, and `swm.json`, which has what no other file contains |
 //!
 //! The inverse of [`crate::import`], which reads all of it.
 
@@ -14,6 +15,7 @@ mod backbone;
 mod card;
 mod form;
 mod joint;
+mod layout;
 mod names;
 mod tdmpc2;
 #[cfg(test)]

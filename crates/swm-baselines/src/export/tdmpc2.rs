@@ -2,7 +2,7 @@
 
 use serde_json::{Map, json};
 
-use super::form::{Layout, Unfit};
+use super::layout::{Layout, Unfit};
 use crate::online::OnlineConfig;
 use crate::online::tdmpc2::Tdmpc2Config;
 

@@ -8,6 +8,19 @@ use swm_tasks::request::{Message, TaskError};
 
 /// The folder of a repository, `USER/REPO` or `USER/REPO@REVISION`.
 pub(super) fn find(repository: &str) -> Result<PathBuf, TaskError> {
+    if let Some(found) = look(repository)? {
+        return Ok(found);
+    }
+    let name = repository.split_once('@').map_or(repository, |(name, _)| name);
+    let hub = hub().map_or_else(|| "the Hub's cache".to_owned(), |hub| hub.display().to_string());
+    let text = format!(
+        "hf:{name} is not in {hub}; fetch it with `hf download {name}`, or put its config.json and weights into a folder"
+    );
+    Err(Message::new(text).into())
+}
+
+/// The same; `None` where it is in no cache.
+pub(super) fn look(repository: &str) -> Result<Option<PathBuf>, TaskError> {
     let (name, revision) = repository.split_once('@').unwrap_or((repository, "main"));
     let sound = |part: &str| {
         !part.is_empty()
@@ -30,19 +43,11 @@ pub(super) fn find(repository: &str) -> Result<PathBuf, TaskError> {
     if let Some(hub) = &hub
         && let Some(found) = snapshot(&hub.join(&folder), revision)?
     {
-        return Ok(found);
+        return Ok(Some(found));
     }
     let home =
         env::var_os("STABLEWM_HOME").map(PathBuf::from).or_else(|| Some(home()?.join(".stable_worldmodel")));
-    if let Some(found) = home.map(|home| home.join("checkpoints").join(&folder)).filter(|path| path.is_dir())
-    {
-        return Ok(found);
-    }
-    let hub = hub.map_or_else(|| "the Hub's cache".to_owned(), |hub| hub.display().to_string());
-    let text = format!(
-        "hf:{name} is not in {hub}; fetch it with `hf download {name}`, or put its config.json and weights into a folder"
-    );
-    Err(Message::new(text).into())
+    Ok(home.map(|home| home.join("checkpoints").join(&folder)).filter(|path| path.is_dir()))
 }
 
 fn home() -> Option<PathBuf> {

@@ -22,7 +22,9 @@ use crate::models::table::{MakeOptions, make};
 use crate::online::{
     AgentConfig, Interface, LearnedData, OnlineAgent, OnlineConfig, OnlineSettings, agent_of,
 };
-use crate::train::{ACTION, DataConfig, FitSettings, Imported, RUN_VERSION, RunConfig, Split, TrainedModel};
+use crate::train::{
+    ACTION, DataConfig, FitSettings, ImageLooks, Imported, RUN_VERSION, RunConfig, Split, TrainedModel,
+};
 use crate::weights::{self, Contents, Of};
 
 /// A checkpoint that can be used.
@@ -317,6 +319,7 @@ impl Parts<'_> {
             version: RUN_VERSION,
             model_config: baseline.model_config().clone(),
             data: DataConfig {
+                looks: ImageLooks::default(),
                 path: request.dataset.clone().unwrap_or_default(),
                 opening: request.opening.clone(),
                 env: place.env,

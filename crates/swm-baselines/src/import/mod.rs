@@ -7,7 +7,7 @@
 //! | `config` | a config by name; nothing in it is executed |
 //! | `shapes`, `recipe`, `joint`, `tokens`, `tdmpc2` | settings of ours |
 //! | `scales` | what no file says: how vectors were scaled |
-//! | `notes` | what an export of this program says of it |
+//! | `notes` | what an export of this program notes of it |
 //! | `place`, `load` | model, environment and scales put together |
 //!
 //! What is missing, such as the scale of actions, is asked for and never guessed.
@@ -222,6 +222,17 @@ impl Import {
             }
         }
     }
+}
+
+/// The folder of a repository, `USER/REPO@REVISION`, in a local cache.
+pub(crate) fn cached(repository: &str) -> Result<Option<PathBuf>, TaskError> {
+    cache::look(repository)
+}
+
+/// The file of weights of a checkpoint.
+pub(crate) fn weights_of(from: &str, file: Option<&str>) -> Result<PathBuf, TaskError> {
+    let found = source::find(from, file)?.weights;
+    found.ok_or_else(|| Message::about("checkpoint", from, "holds no weights").into())
 }
 
 /// What the work met.

@@ -1,4 +1,4 @@
-//! What an export of this program notes beside a checkpoint (`swm.json`), which no other file of it says.
+//! What an export of this program notes beside a checkpoint (`swm.json`), which no other file of it contains.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use super::scales::Scales;
 use super::source::Source;
 use crate::train::Scale;
 
-/// What an export of this program says of scales.
+/// The scales in what an export of this program notes.
 pub(super) fn noted_scales(source: &Source, columns: &[&str], scales: &mut Scales) {
     let noted = source.notes.as_ref().and_then(|notes| notes.get("scales"));
     let Some(noted) =

@@ -25,6 +25,7 @@ pub(super) fn clips<'a>(pixels: &'a [u8], actions: &'a [f32], steps: usize) -> C
     ClipBatch {
         pixels: images(pixels, steps),
         latents: None,
+        canonical: None,
         action: Vectors { values: actions, rows: CLIPS, steps, dim: 2 },
         proprio: None,
         goal_pixels: None,

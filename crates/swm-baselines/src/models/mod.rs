@@ -4,6 +4,7 @@
 
 mod auxiliary;
 pub(crate) mod bounds;
+pub(crate) mod canonical;
 pub(crate) mod conv_jepa;
 pub(crate) mod countdown;
 pub(crate) mod dino_wm;
@@ -19,12 +20,14 @@ pub(crate) mod goal;
 pub(crate) mod hilp;
 pub(crate) mod joint;
 pub(crate) mod keypoint_wm;
+pub(crate) mod keypoints;
 pub(crate) mod lewm;
 pub(crate) mod pldm;
 pub(crate) mod settings;
 pub(crate) mod table;
 
 pub use auxiliary::AuxiliaryWeights;
+pub use canonical::{CanonicalConfig, CanonicalModelConfig};
 pub use conv_jepa::{ConvJepaConfig, FeatureMapConfig, MapEncoderConfig};
 pub use dino_wm::DinoWmConfig;
 pub use encoder::EncoderConfig;
@@ -37,5 +40,6 @@ pub use goal::GoalConfig;
 pub use hilp::HilpConfig;
 pub use joint::JointConfig;
 pub use keypoint_wm::{KeypointModelConfig, KeypointWmConfig};
+pub use keypoints::{KeypointEncoderConfig, KeypointsConfig};
 pub use lewm::LewmConfig;
 pub use pldm::{PldmConfig, PldmWeights};

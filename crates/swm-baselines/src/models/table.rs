@@ -8,7 +8,9 @@ use swm_core::error::nearest;
 
 use super::bounds::check_bounds;
 use super::settings::with_changes;
-use super::{conv_jepa, dino_wm, gc_idm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, lewm, pldm};
+use super::{
+    canonical, conv_jepa, dino_wm, gc_idm, gcbc, gciql, gcivl, gcsl, hilp, keypoint_wm, keypoints, lewm, pldm,
+};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -69,6 +71,12 @@ macro_rules! entry {
 /// All baselines.
 pub const BASELINES: &[BaselineEntry] = &[
     entry!(
+        canonical,
+        CanonicalConfig,
+        "images of any look, drawn in one canonical look: goes in front of a model",
+        small
+    ),
+    entry!(
         conv_jepa,
         ConvJepaConfig,
         "world model: joint embedding of feature maps, predicted by convolutions",
@@ -108,6 +116,7 @@ pub const BASELINES: &[BaselineEntry] = &[
         "world model: predicts the keypoints of a frozen encoder, such as gcsl's",
         small
     ),
+    entry!(keypoints, KeypointsConfig, "encoder: places from which images are drawn, for keypoint-wm", small),
     entry!(lewm, LewmConfig, "world model: joint embedding, regularized by SIGReg"),
     entry!(pldm, PldmConfig, "world model: joint embedding, regularized by VICReg"),
 ];

@@ -30,6 +30,12 @@ impl Background {
         (images - self.mean.val().unsqueeze()) * scale
     }
 
+    /// `[N, 3, H, W]` → `[N, 3, H, W]`: images of which [`Background::remove`] leaves these.
+    pub(crate) fn add(&self, left: Tensor<4>) -> Tensor<4> {
+        let scale: Tensor<4> = self.std.val().reshape([1, 1, 1, 1]);
+        left * scale + self.mean.val().unsqueeze()
+    }
+
     /// A network whose backgrounds are those of these images, `[B, T, 3, H, W]`.
     pub(crate) fn find<M: Module>(network: M, images: &Tensor<5>) -> M {
         let images: Tensor<4> = images.clone().flatten(0, 1);
@@ -72,6 +78,8 @@ mod tests {
             let mean = left.iter().skip(pixel).step_by(12).sum::<f32>() / 5.0;
             assert!(mean.abs() < 1e-5, "{mean} in pixel {pixel}");
         }
+        let again = host(background.add(background.remove(images(&values).flatten(0, 1))));
+        assert!(again.iter().zip(&values).all(|(again, value)| (again - value).abs() < 1e-4));
         let square = left.iter().map(|value| value * value).sum::<f32>() / 60.0;
         assert!((square - 1.0).abs() < 1e-4, "{square}");
     }

@@ -44,6 +44,7 @@ fn dino_wm_trains_as_the_reference() {
     let batch = ClipBatch {
         pixels: images(&pixels, 4),
         latents: None,
+        canonical: None,
         action: vectors(fixture.values("inputs.action"), 4, 4),
         proprio: Some(vectors(fixture.values("inputs.proprio"), 4, 3)),
         goal_pixels: None,

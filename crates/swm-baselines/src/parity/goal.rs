@@ -41,6 +41,7 @@ fn compare(name: &str, parts: &Parts<impl Network>, history: usize, phase: usize
     let batch = ClipBatch {
         pixels: images(&pixels, steps),
         latents: None,
+        canonical: None,
         action: vectors(fixture.values("inputs.action"), steps, 4),
         proprio: Some(vectors(fixture.values("inputs.proprio"), steps, 3)),
         goal_pixels: Some(images(&goals, 1)),

@@ -37,6 +37,7 @@ fn inputs(fixture: &Fixture, form: &Form) -> Inputs {
     let batch = ClipBatch {
         pixels: images(&pixels, 5, 4),
         latents: None,
+        canonical: None,
         action,
         proprio: None,
         goal_pixels: None,

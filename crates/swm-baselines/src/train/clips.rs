@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use swm_core::env::PIXELS;
 use swm_core::{Batch, Slice};
+use swm_data::rendered::CANONICAL;
 
 use super::data::{ACTION, PROPRIO};
 use super::latents::LATENT;
@@ -38,6 +39,7 @@ impl<'a> ClipFeed<'a> {
         Ok(ClipBatch {
             pixels: images(batch, PIXELS).or(latents.map(none)).ok_or_else(missing)?,
             latents,
+            canonical: images(batch, CANONICAL),
             action: vectors(ACTION, ACTION, action).ok_or_else(|| {
                 BaselineError::data(ACTION, "the batch has none; read it with the run's loader")
             })?,

@@ -11,10 +11,12 @@ use swm_core::evaluate::is_held_out;
 use swm_core::{ImageSize, Metadata, Registry};
 use swm_data::adapt::{Subset, split_episodes};
 use swm_data::loader::{GoalOptions, Images};
+use swm_data::rendered::CANONICAL;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
 use swm_data::tools::sample_digest;
-use swm_data::{ClipOptions, DataError, Dataset, Loader, OpenOptions, RenderOptions, Rendered};
+use swm_data::{ClipOptions, DataError, Dataset, Loader, OpenOptions, Rendered};
 
+use super::looks::ImageLooks;
 use super::scale::Scale;
 use crate::baseline::{InputSpec, Phase, PhaseGoals};
 use crate::data::DataDims;
@@ -75,6 +77,9 @@ pub struct DataConfig {
     pub image: usize,
     /// Values of one action.
     pub action: usize,
+    /// How its images are rendered, where these are others than it holds.
+    #[serde(default, skip_serializing_if = "ImageLooks::is_default")]
+    pub looks: ImageLooks,
     /// How vectors are scaled, by column; from the training episodes.
     pub scales: BTreeMap<String, Scale>,
 }
@@ -130,28 +135,33 @@ pub fn data_dims(dataset: &dyn Dataset, baseline: &str) -> Result<DataDims, Base
     Ok(DataDims { action_dim, proprio_dim })
 }
 
-/// The dataset with images to train on: its own, or else images of side `image` (pixels) that are rendered when they are read.
-/// `baseline` is the name of what is trained, for messages.
+/// The dataset with images to train on: its own, or else images of side `image` (pixels) that are rendered when they are read, in
+/// other looks if `looks` has some. `baseline` is the name of what is trained, for messages.
 ///
 /// # Errors
 ///
-/// It has no images, and does not say how it was recorded, or its environment is not in `registry`.
+/// It has no images, or other looks are asked for, and it does not say how it was recorded, its environment is not in `registry`, or
+/// has no such looks.
 pub fn with_images(
     dataset: &dyn Dataset,
     registry: &Registry,
     baseline: &str,
     image: usize,
+    looks: &ImageLooks,
 ) -> Result<Box<dyn Dataset>, BaselineError> {
-    if dataset.schema().index(PIXELS).is_some() {
+    let holds_images = dataset.schema().index(PIXELS).is_some();
+    if holds_images && looks.is_default() {
         return Ok(dataset.share());
     }
-    let size = ImageSize { height: image, width: image };
-    let rendered = Rendered::new(dataset.share(), registry, &RenderOptions::default().image(size));
+    let rendered = Rendered::new(dataset.share(), registry, &looks.options(image)?);
     let refuse = |error: DataError| {
-        let reason = format!(
-            "it has no column `{PIXELS}`, and its images cannot be rendered: {error}; record it with `swm collect … \
-             --image-size {image}x{image}`"
-        );
+        let reason = match looks.is_default() {
+            true => format!(
+                "it has no column `{PIXELS}`, and its images cannot be rendered: {error}; record it with `swm collect … \
+                 --image-size {image}x{image}`"
+            ),
+            false => format!("its images cannot be rendered in these looks: {error}"),
+        };
         columns_error(dataset, baseline, reason)
     };
     Ok(Box::new(rendered.map_err(refuse)?))
@@ -189,7 +199,10 @@ impl TrainData {
         let part = |episodes: &[usize]| Subset::new(dataset.share(), episodes);
         let scales = scales(&mut part(&train)?, baseline, &columns[1..])?;
         let parts: [Box<dyn Dataset>; 2] = [Box::new(part(&train)?), Box::new(part(&validation)?)];
-        let options = options(input_spec, columns);
+        // Pairs, where the images have been rendered in two looks.
+        let pairs = dataset.schema().index(CANONICAL).is_some().then_some(CANONICAL);
+        let keys: Vec<&str> = columns.iter().copied().chain(pairs).collect();
+        let options = options(input_spec, &keys);
         let clips = |phase: &Phase| {
             let goals = phase.goals.as_ref().map(|goals| goal_options(goals, columns, seed));
             PhaseClips::new(&parts, &options.clone().goals(goals))
@@ -209,6 +222,7 @@ impl TrainData {
             split,
             image: input_spec.image,
             action,
+            looks: ImageLooks::default(),
             scales,
         };
         Ok(Self { phases, config, parts, options })

@@ -141,7 +141,8 @@ impl MetricSink for JsonLines {
         }
         line.insert("clips_per_s".to_owned(), Json::from(record.clips_per_s));
         line.insert("elapsed_s".to_owned(), Json::from(record.elapsed.as_secs_f64()));
-        let written = writeln!(self.out, "{}", Json::Object(line));
+        // Whole and at once, as others read the file while it grows.
+        let written = writeln!(self.out, "{}", Json::Object(line)).and_then(|()| self.out.flush());
         self.checked(written)
     }
 

@@ -5,6 +5,7 @@
 //! | `session` | a training run: begin here |
 //! | `fit`, `settings` | the loop |
 //! | `data`, `clips`, `scale` | clips, splits, statistics |
+//! | `looks` | images that are rendered otherwise than they were recorded |
 //! | `latents` | clips whose images are encoded once |
 //! | `folder`, `checkpoints`, `run` | files that survive a kill, and what they say |
 //! | `diagnosis` | what a model is worth, measured while it trains |
@@ -20,6 +21,7 @@ mod events;
 mod fit;
 mod folder;
 mod latents;
+mod looks;
 mod metrics;
 mod run;
 mod scale;
@@ -38,6 +40,7 @@ pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{RunFolder, RunLock};
+pub use looks::ImageLooks;
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub use run::{Imported, RUN_VERSION, RunConfig, TrainedModel, Which};
 pub(crate) use run::{descriptions, step_of};

@@ -10,6 +10,7 @@ use super::data::{DataConfig, Split, TrainData, data_dims, with_images};
 use super::diagnosis::Diagnosis;
 use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
+use super::looks::ImageLooks;
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
 use super::run::{RUN_VERSION, RunConfig, TrainedModel, Which};
 use super::settings::FitSettings;
@@ -32,6 +33,8 @@ pub struct NewRun<'a> {
     /// Weights of another's encoder to begin with, where the baseline takes them: a file, or the folder of a run, whose last
     /// checkpoint is taken.
     pub encoder: Option<&'a Path>,
+    /// How images are rendered, where these are others than the dataset holds.
+    pub looks: ImageLooks,
     /// Which episodes train and validate.
     pub split: Split,
     /// How long, and how often it is looked at.
@@ -64,7 +67,7 @@ impl PreparedRun {
     ///
     /// Settings that do not go together, a dataset that lacks what the model needs, or an encoder that cannot be read.
     pub fn new(registry: &Registry, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
-        let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
+        let &NewRun { baseline, preset, ref changes, encoder, ref looks, split, ref fit, device } = new;
         fit.check()?;
         let dims = data_dims(dataset, baseline)?;
         let world = (baseline == gc_idm::NAME).then(|| FrozenWorld::of(encoder, gc_idm::NAME)).transpose()?;
@@ -85,12 +88,14 @@ impl PreparedRun {
             }
             None => {}
         }
-        let dataset = with_images(dataset, registry, baseline, model.input_spec().image)?;
+        check_looks(model.as_ref(), looks)?;
+        let dataset = with_images(dataset, registry, baseline, model.input_spec().image, looks)?;
         let mut data =
             TrainData::new(dataset.as_ref(), baseline, model.input_spec(), model.phases(), split, fit.seed)?;
         if let Some(world) = &world {
             data.take_scales(&world.data);
         }
+        data.config.looks.clone_from(looks);
         let mut fit = fit.clone();
         if fit.batch == 0 {
             fit.batch = model.input_spec().batch;
@@ -121,6 +126,20 @@ impl PreparedRun {
         let (run, lock) = RunFolder::create(folder, &config)?;
         Ok(Training { _lock: lock, run, model, data, config })
     }
+}
+
+/// Refuses pairs of looks for what does not learn from them, and none for what does.
+fn check_looks(model: &dyn Baseline, looks: &ImageLooks) -> Result<(), BaselineError> {
+    let reason = match (model.learns_canonical(), looks.canonical.is_some()) {
+        (true, false) => {
+            "it learns from pairs of images, and the second look is not named; name factors of the canonical look, such as \
+             background.color=black"
+        }
+        (false, true) => "it learns from no images of a canonical look; leave it out, or train `canonical`",
+        _ => return Ok(()),
+    };
+    let name = model.name();
+    Err(BaselineError::Training { setting: "canonical".to_owned(), reason: format!("{name}: {reason}") })
 }
 
 impl Training {
@@ -181,7 +200,8 @@ impl Training {
         let model = restore(&config.model_config, device)?;
         known.check_model(&run, model.as_ref())?;
         let name = model.name();
-        let dataset = with_images(dataset.as_ref(), registry, name, model.input_spec().image)?;
+        let looks = &config.data.looks;
+        let dataset = with_images(dataset.as_ref(), registry, name, model.input_spec().image, looks)?;
         let mut data = TrainData::new(
             dataset.as_ref(),
             name,
@@ -190,6 +210,7 @@ impl Training {
             config.data.split,
             seed,
         )?;
+        data.config.looks.clone_from(looks);
         if model.has_scales_of_its_encoder() {
             data.take_scales(&known.data);
         }

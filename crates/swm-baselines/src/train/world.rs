@@ -61,7 +61,7 @@ impl FrozenWorld {
 }
 
 impl TrainData {
-    /// Scales vectors as `other` says, where it says so, and not by statistics of this dataset.
+    /// Scales vectors as `other` does, where it has scales, and not by statistics of this dataset.
     pub(super) fn take_scales(&mut self, other: &DataConfig) {
         for (name, scale) in &mut self.config.scales {
             if let Some(known) = other.scales.get(name) {

@@ -1,8 +1,10 @@
 //! An environment to train and act in: tiny, with images.
 
+use std::collections::BTreeMap;
+
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
-    RowsMut, Slice, Space,
+    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, FactorSpec, Field, ImageSize,
+    Outcome, RowsMut, Slice, Space, Value,
 };
 
 /// A dot that is pushed over a square.
@@ -16,6 +18,18 @@ pub(crate) const TWIN: EnvEntry = EnvEntry::new("swm/Dot-v1", DOT.summary, |conf
 pub(crate) const WIDE: EnvEntry =
     EnvEntry::new("swm/DotWide-v0", DOT.summary, |config| Ok(Box::new(Dot::new(config, 3))));
 
+/// The same on a table whose shade is a visual factor.
+pub(crate) const SHADED: EnvEntry = EnvEntry::new("swm/DotShaded-v0", DOT.summary, |config| {
+    let mut dot = Dot::new(config, 2);
+    dot.spec.id = SHADED.id.to_owned();
+    let shade = FactorSpec::new(SHADE, Space::uniform_box(Dtype::F64, &[], 0.0, 255.0), 255.0);
+    dot.spec.factors.push(shade.visual(true));
+    dot.spec.fields.push(Field::episode("variation.table.shade", Dtype::F64, &[]));
+    Ok(Box::new(dot))
+});
+
+pub(crate) const SHADE: &str = "table.shade";
+
 pub(crate) const SIDE: usize = 16;
 pub(crate) const IMAGE: ImageSize = ImageSize { height: SIDE, width: SIDE };
 
@@ -23,6 +37,8 @@ struct Dot {
     spec: EnvSpec,
     at: [f32; 2],
     goal: [f32; 2],
+    renders: bool,
+    shade: u8,
 }
 
 impl Dot {
@@ -37,19 +53,15 @@ impl Dot {
             .time_step_s(0.1)
             .start_columns(&["state"])
             .goal_columns(&["state"]);
-        Self { spec, at: [0.0; 2], goal: [0.0; 2] }
-    }
-
-    fn draws(&self) -> bool {
-        self.spec.fields.len() > 2
+        Self { spec, at: [0.0; 2], goal: [0.0; 2], renders: config.image.is_some(), shade: 255 }
     }
 }
 
-fn draw([x, y]: [f32; 2], pixels: &mut [u8]) {
+fn draw([x, y]: [f32; 2], shade: u8, pixels: &mut [u8]) {
     for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
         let (column, row) = ((index % SIDE) as f32, (index / SIDE) as f32);
         let near = (-((column - x).powi(2) + (row - y).powi(2)) / 4.0).exp();
-        pixel.copy_from_slice(&[255, (255.0 * (1.0 - near)) as u8, 128]);
+        pixel.copy_from_slice(&[shade, (255.0 * (1.0 - near)) as u8, 128]);
     }
 }
 
@@ -77,16 +89,25 @@ impl Env for Dot {
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         out.write(1, &self.goal);
-        if self.draws() {
-            draw(self.goal, out.at(3));
+        if self.renders {
+            draw(self.goal, self.shade, out.at(3));
+        }
+        if !self.spec.factors.is_empty() {
+            out.write(self.spec.fields.len() - 1, &[255.0_f64]);
         }
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         out.write(0, &self.at);
-        if self.draws() {
-            draw(self.at, out.at(2));
+        if self.renders {
+            draw(self.at, self.shade, out.at(2));
         }
+    }
+
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let shade = look.get(SHADE).map(|shade| shade.to_f64s(SHADE)).transpose()?;
+        self.shade = shade.map_or(255, |shade| shade[0] as u8);
+        Ok(())
     }
 
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {

@@ -75,7 +75,7 @@ fn what_a_checkpoint_lacks_is_asked_for_by_the_names_of_settings() {
     assert!(made(&format!("mpc:{from}")).err().unwrap().contains("import it first"));
     assert!(made("lewm:no/such/folder").err().unwrap().contains("there is no such folder"));
 
-    // A run says all of it itself, and is of one family.
+    // A run contains all of it, and is of one family.
     let folder = tempfile::tempdir().unwrap();
     record(folder.path());
     trained(folder.path(), "lewm", "run");

@@ -1,18 +1,22 @@
 //! From recorded episodes to plans and actions: tiny models are trained, interrupted, stored, named as policies, and act in
 //! an environment that renders images. How well is not the question here.
 
+mod canonical;
 mod dot;
 mod foreign;
+mod grasp;
 mod idm;
 mod keypoints;
 mod refusals;
+mod reproduce;
 
 use std::path::Path;
 
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{
-    DataConfig, Diagnosis, FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training,
+    DataConfig, Diagnosis, FitSettings, ImageLooks, MetricSink, NewRun, Record, RunFolder, Split, State,
+    Training,
 };
 use swm_baselines::{Baseline, BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
@@ -28,7 +32,7 @@ use swm_data::format::built_in;
 use swm_data::{Dataset, OpenOptions, WriteMode, open_with};
 use swm_solvers::MpcPolicy;
 
-use dot::{DOT, IMAGE, SIDE, TWIN, WIDE};
+use dot::{DOT, IMAGE, SHADED, SIDE, TWIN, WIDE};
 
 fn world(env: &EnvEntry, num_envs: usize, image: Option<ImageSize>) -> World {
     let config = EnvConfig { image, ..EnvConfig::default() };
@@ -43,7 +47,11 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
 
 /// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
-    let mut world = world(&DOT, 1, image);
+    record_in(&DOT, path, image, seed)
+}
+
+fn record_in(env: &EnvEntry, path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
+    let mut world = world(env, 1, image);
     world.set_policy(policies::random()).expect("it begins");
     let rollout = Rollout::new(0..12).seed(seed);
     let mut buffer = ReplayBuffer::new(1000);
@@ -68,6 +76,7 @@ fn new_run(baseline: &str) -> NewRun<'_> {
         preset: "small",
         changes,
         encoder: None,
+        looks: ImageLooks::default(),
         split: Split::default(),
         fit,
         device: Device::Cpu,
@@ -87,7 +96,8 @@ fn made(text: &str) -> Result<Box<dyn Policy>, String> {
 }
 
 fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, String> {
-    let (registry, config) = (Registry::new().with(POLICIES).with(&[DOT, TWIN, WIDE]), EnvConfig::default());
+    let (registry, config) =
+        (Registry::new().with(POLICIES).with(&[DOT, SHADED, TWIN, WIDE]), EnvConfig::default());
     registry.policy(text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
 }
 
@@ -407,4 +417,28 @@ fn a_run_is_resumed_on_its_dataset_as_it_was_opened() {
     assert_eq!(config["data"]["opening"]["map"]["action"], "n_contacts");
     let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
     assert_eq!(resumed.run(Vec::new()).unwrap().step, 9);
+}
+
+/// An option of one machine is in the run, too, and not in the record of the data.
+#[test]
+fn a_run_on_decoded_values_is_resumed_with_the_folder_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let golden =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field/visual-cube-single-play-v0.npz");
+    let storage = folder.path().join("decoded");
+    std::fs::create_dir(&storage).unwrap();
+    let options = OpenOptions::default().storage(Some(storage.clone()));
+    let dataset = open_with(built_in(), &golden, &options).unwrap();
+    assert_eq!(dataset.metadata().unwrap().source.as_ref().unwrap()["options"], json!({}));
+    let mut new = new_run("lewm");
+    new.split.train = 0.5;
+    new.changes["model"]["frameskip"] = json!(1);
+    let path = folder.path().join("run");
+    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
+    assert_eq!(training.config().data.opening.storage, Some(storage.clone()));
+    training.run(vec![Box::new(BreakAt(4))]).unwrap_err();
+    drop((training, dataset));
+    let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+    assert_eq!(resumed.config().data.opening.storage, Some(storage));
+    assert!(resumed.run(Vec::new()).unwrap().step > 4);
 }

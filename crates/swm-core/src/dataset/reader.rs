@@ -128,6 +128,16 @@ pub trait Dataset: Send {
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
 
+    /// Chooses the look of images that are rendered when they are read: reads that follow show a look that depends on `key` (of the
+    /// loader: epoch and clip) alone; with `None`, that of the recording. Datasets without looks do nothing.
+    ///
+    /// # Errors
+    ///
+    /// A look cannot be rendered.
+    fn dress(&mut self, _key: Option<[u64; 2]>) -> Result<(), DataError> {
+        Ok(())
+    }
+
     /// Compares what is stored of an episode with its checksums, if there are any.
     ///
     /// # Errors
@@ -248,6 +258,10 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
 
     fn share(&self) -> Box<dyn Dataset> {
         (**self).share()
+    }
+
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        (**self).dress(key)
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {

@@ -29,6 +29,9 @@ pub struct FactorSpec {
     /// Names of its values, from the smallest on, where it is a choice: `["box", "cylinder", "cross"]`. Else empty.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub choices: Vec<String>,
+    /// Whether it changes images and nothing else, so that [`Env::dress`](super::Env::dress) takes it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub visual: bool,
 }
 
 impl FactorSpec {
@@ -43,6 +46,7 @@ impl FactorSpec {
             constraint: None,
             shows_with: Vec::new(),
             choices: Vec::new(),
+            visual: false,
         }
     }
 
@@ -94,6 +98,13 @@ impl FactorSpec {
             None => self.sampled_by_default,
             Some(asked) => asked.iter().any(|asked| self.is_selected_by(asked)),
         }
+    }
+
+    /// Whether it changes images and nothing else.
+    #[must_use]
+    pub fn visual(mut self, visual: bool) -> Self {
+        self.visual = visual;
+        self
     }
 
     /// Whether it is sampled when a reset names no factors.

@@ -10,7 +10,7 @@ use std::fmt;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::batch::{Dtype, Field, RowsMut, Slice};
+use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
 use crate::error::EnvError;
 use crate::settings::Setting;
 use crate::space::Space;
@@ -22,7 +22,7 @@ pub use state::EnvState;
 /// An environment: one simulated world, its observations and its images.
 ///
 /// Advancing and observing are apart, so that frame skip and planning pay for neither observations nor images. Only
-/// `reset`, `step` and `restore` change it, and all three are deterministic.
+/// `reset`, `step` and `restore` change it, and all three are deterministic; `dress` changes its images alone.
 pub trait Env: Send + Sync {
     /// What it is and what it writes. Constant over its life.
     fn spec(&self) -> &EnvSpec;
@@ -65,6 +65,24 @@ pub trait Env: Send + Sync {
     /// [`EnvError::State`]: it was saved by another kind of environment or version, or is damaged. The environment
     /// must then be reset.
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError>;
+
+    /// Renders images from now on with these values of visual factors in place of the episode's own: a look. An empty table ends
+    /// that. States, columns and snapshots stay those of the episode, and a look outlasts `reset` and `restore`.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Reset`]: the environment has no looks, a factor is unknown or not visual, or a value is outside of its space.
+    /// The look stays as it was.
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        match look.is_empty() {
+            true => Ok(()),
+            false => Err(EnvError::Reset {
+                env: self.spec().id.clone(),
+                reason: "it declares no visual factors: its images cannot be rendered in other looks"
+                    .to_owned(),
+            }),
+        }
+    }
 
     /// Whether the episode is cut off now, without the task having ended it: a budget that is the environment's own, such
     /// as energy, is spent. (Limits of steps are the `World`'s.)

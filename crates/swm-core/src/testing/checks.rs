@@ -309,7 +309,7 @@ fn first_difference(a: &[Batch], b: &[Batch]) -> Option<(usize, String)> {
     })
 }
 
-fn same_bits(a: Slice<'_>, b: Slice<'_>) -> bool {
+pub(super) fn same_bits(a: Slice<'_>, b: Slice<'_>) -> bool {
     match (a, b) {
         (Slice::F32(a), Slice::F32(b)) => a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()),
         (Slice::F64(a), Slice::F64(b)) => a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()),

@@ -4,6 +4,7 @@
 mod bench;
 mod checks;
 mod goals;
+mod looks;
 #[cfg(test)]
 mod mutants;
 mod restarts;
@@ -21,6 +22,7 @@ pub use checks::{
     deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
 };
 pub use goals::goals_look_as_recorded;
+pub use looks::looks_change_images_alone;
 pub use restarts::{Inexact, restarts_continue, wrong_rows_are_refused};
 pub use toy::{DISCRETE_TOY, TOY};
 
@@ -98,6 +100,7 @@ pub fn violations(entry: &EnvEntry, config: &EnvConfig, exceptions: Exceptions<'
         ("snapshots_are_exact", snapshots_are_exact(entry, config)),
         ("factors_are_independent", factors_are_independent(entry, config)),
         ("every_factor_acts", every_factor_acts(entry, config, without_effect)),
+        ("looks_change_images_alone", looks_change_images_alone(entry, config)),
         ("restarts_continue", restarts_continue(entry, config, inexact)),
         ("goals_look_as_recorded", goals_look_as_recorded(entry, config, goal_image)),
         ("wrong_rows_are_refused", wrong_rows_are_refused(entry, config)),

@@ -41,6 +41,10 @@ const FAULTS: &[(&str, &str)] = &[
     ("a factor moves nothing", "every_factor_acts"),
     ("a color is not rendered", "every_factor_acts"),
     ("given factors are ignored", "every_factor_acts"),
+    ("a look is not rendered", "looks_change_images_alone"),
+    ("a look is in the columns", "looks_change_images_alone"),
+    ("a look ends with a reset", "looks_change_images_alone"),
+    ("any factor is a look", "looks_change_images_alone"),
     ("starts are ignored", "restarts_continue"),
     ("starts lose the velocity", "restarts_continue"),
     ("starts are rounded", "restarts_continue"),
@@ -119,6 +123,8 @@ struct Cart {
     state: State,
     resets: u32,
     refused: Option<[f64; 2]>,
+    /// The color of the look.
+    look: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -154,11 +160,11 @@ impl Cart {
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), fields)
             .factors(vec![
                 FactorSpec::new("cart.gain", gain, default),
-                FactorSpec::new("cart.color", color, 100.0),
+                FactorSpec::new("cart.color", color, 100.0).visual(true),
             ])
             .start_columns(state("a start column is not a field"))
             .goal_columns(state("a goal column is not a field"));
-        Ok(Self { spec, fault, state: State::default(), resets: 0, refused: None })
+        Ok(Self { spec, fault, state: State::default(), resets: 0, refused: None, look: None })
     }
 
     fn has(&self, fault: &str) -> bool {
@@ -311,6 +317,9 @@ impl Env for Cart {
         } else if let Some(goal) = self.refused {
             (self.state.goal, self.state.shown_goal) = (goal, goal);
         }
+        if self.has("a look ends with a reset") {
+            self.look = None;
+        }
         let reward = if self.has("a reset has a reward") { 0.0 } else { f64::NAN };
         Ok(Outcome { reward, terminated: false, ..self.outcome() })
     }
@@ -330,11 +339,13 @@ impl Env for Cart {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         out.write(GOAL_STATE, &self.state.shown_goal);
         out.write(GAIN, &[self.state.gain]);
-        match self.has("a factor's field has another type") {
-            true => out.write(COLOR, &[self.state.color as f32]),
-            false => out.write(COLOR, &[self.state.color]),
+        let shown = self.look.unwrap_or(self.state.color);
+        match self.fault.as_str() {
+            "a factor's field has another type" => out.write(COLOR, &[self.state.color as f32]),
+            "a look is in the columns" => out.write(COLOR, &[shown]),
+            _ => out.write(COLOR, &[self.state.color]),
         }
-        let color = if self.has("the image of a goal has another color") { 77.0 } else { self.state.color };
+        let color = if self.has("the image of a goal has another color") { 77.0 } else { shown };
         self.draw(self.state.rendered, color, out.at::<u8>(GOAL));
     }
 
@@ -346,7 +357,7 @@ impl Env for Cart {
         let position = if self.has("NaN is observed") && steps > 30 { f64::NAN } else { position };
         let velocity = if self.has("the velocity is not observed") { 0.0 } else { velocity };
         out.write(STATE, &[shown_start.unwrap_or(position), velocity]);
-        self.draw(position, color, out.at::<u8>(PIXELS));
+        self.draw(position, self.look.unwrap_or(color), out.at::<u8>(PIXELS));
     }
 
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
@@ -368,6 +379,19 @@ impl Env for Cart {
         if self.has("restoring spends energy") {
             self.state.energy += 0.1;
         }
+        Ok(())
+    }
+
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let any = self.has("any factor is a look");
+        if let Some(name) = look.keys().find(|name| *name != "cart.color" && !(any && *name == "cart.gain")) {
+            return Err(EnvError::Reset {
+                env: CART.id.to_owned(),
+                reason: format!("`{name}` is not visual"),
+            });
+        }
+        let color = look.get("cart.color").map(|value| value.to_f64s("cart.color")).transpose()?;
+        self.look = color.map(|color| color[0]).filter(|_| !self.has("a look is not rendered"));
         Ok(())
     }
 

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use swm_core::{Column, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps, copy_rows};
+use super::inner::of_inner;
+use crate::dataset::{Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// A dataset some of whose columns are held in memory.
@@ -57,9 +58,7 @@ impl Cached {
 }
 
 impl Dataset for Cached {
-    fn info(&self) -> &DatasetInfo {
-        self.inner.info()
-    }
+    of_inner!(info, looks, checks);
 
     fn rows(
         &mut self,

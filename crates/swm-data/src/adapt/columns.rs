@@ -66,6 +66,21 @@ impl Dataset for Columns {
         }
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.first.dress(key)?;
+        self.second.dress(key)
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        self.first.check_whole()?;
+        self.second.check_whole()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        self.first.check_episode(episode)?;
+        self.second.check_episode(episode)
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { first, second, info, added } = self;
         let (info, added) = (info.clone(), added.clone());

@@ -113,6 +113,10 @@ impl Dataset for Concat {
         self.parts[part].dataset.check_episode(episode)
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.parts.iter_mut().try_for_each(|part| part.dataset.dress(key))
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let share = |part: &Part| Part {
             dataset: part.dataset.share(),

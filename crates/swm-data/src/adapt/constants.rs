@@ -5,6 +5,7 @@ use std::sync::Arc;
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Column, EnvConfig, Field, FieldKind, Registry, Schema, SliceMut, Value};
 
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
@@ -58,6 +59,8 @@ impl Dataset for Constants {
         }
         Ok(())
     }
+
+    of_inner!(looks, checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, info, values } = self;

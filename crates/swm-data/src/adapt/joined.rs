@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
@@ -119,6 +120,8 @@ impl Dataset for Joined {
         }
         Ok(())
     }
+
+    of_inner!(looks, checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let (info, parts) = (self.info.clone(), self.parts.clone());

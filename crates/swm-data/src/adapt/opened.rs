@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use swm_core::{Metadata, Schema, SliceMut};
+use swm_core::{Metadata, Schema};
 
-use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
+use super::inner::of_inner;
+use crate::dataset::{Dataset, DatasetInfo};
 use crate::error::DataError;
-use crate::foreign::source_record;
+use crate::foreign::{RewardsAt, source_record};
 use crate::open_options::OpenOptions;
 
 /// A dataset whose description differs.
@@ -61,7 +62,8 @@ pub(crate) fn opened_with(
             None => run.known_env().is_none(),
         };
         if is_read_here {
-            run.source = source_record(info.format, options, &info.mapping, None, None).source;
+            let rewards = Some(RewardsAt::of(run));
+            run.source = source_record(info.format, options, &info.mapping, None, None, rewards).source;
         }
         run.rows_per_second = options.fps.or(run.rows_per_second);
         match (&options.env, run.known_env()) {
@@ -86,39 +88,9 @@ impl Dataset for Opened {
         &self.info
     }
 
-    fn rows(
-        &mut self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        out: SliceMut<'_>,
-    ) -> Result<(), DataError> {
-        self.inner.rows(column, episode, steps, out)
-    }
-
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { inner: self.inner.share(), info: self.info.clone() })
     }
 
-    fn check_whole(&mut self) -> Result<(), DataError> {
-        self.inner.check_whole()
-    }
-
-    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        self.inner.check_episode(episode)
-    }
-
-    fn encoding(&self, column: usize) -> Option<&str> {
-        self.inner.encoding(column)
-    }
-
-    fn encoded_rows(
-        &mut self,
-        column: usize,
-        episode: usize,
-        rows: std::ops::Range<usize>,
-        out: &mut EncodedRows,
-    ) -> Result<(), DataError> {
-        self.inner.encoded_rows(column, episode, rows, out)
-    }
+    of_inner!(rows, checks, encodings);
 }

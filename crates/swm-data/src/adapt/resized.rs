@@ -3,15 +3,19 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use swm_core::{Dtype, Field, ImageSize, Metadata, Schema, SliceMut};
 
 use super::area::Area;
+use super::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
+use crate::open_options::OpenOptions;
 
 /// How images get a size of another shape.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Fit {
     /// Height and width by factors of their own.
     Stretch,
@@ -151,6 +155,12 @@ impl Resized {
         info.runs = runs.into();
         Ok(Self { inner, info, changes: changes.into(), stored: Vec::new() })
     }
+
+    /// The same with the record of the options that it was opened with.
+    pub(crate) fn opened_with(mut self, options: &OpenOptions) -> Self {
+        self.info.opening = Arc::new(options.record());
+        self
+    }
 }
 
 /// The shape of a column of images.
@@ -196,13 +206,7 @@ impl Dataset for Resized {
         Box::new(Self { inner: self.inner.share(), info, changes, stored: Vec::new() })
     }
 
-    fn check_whole(&mut self) -> Result<(), DataError> {
-        self.inner.check_whole()
-    }
-
-    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        self.inner.check_episode(episode)
-    }
+    of_inner!(looks, checks);
 }
 
 #[cfg(test)]

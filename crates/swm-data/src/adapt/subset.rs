@@ -94,6 +94,18 @@ impl Dataset for Subset {
         self.inner.rows(column, self.episodes[episode], steps, out)
     }
 
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        self.inner.check_whole()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        self.inner.check_episode(self.episodes[episode])
+    }
+
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, episodes, info } = self;
         Box::new(Self { inner: inner.share(), episodes: episodes.clone(), info: info.clone() })

@@ -2,6 +2,7 @@
 //!
 //! Source of the layout: dino_wm 0a9492f, `datasets/*_dset.py`.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -26,7 +27,7 @@ pub(super) fn detect(path: &Path) -> bool {
 
 /// The folder of a part, and the names of the parts that there are.
 fn part(path: &Path, split: Option<&str>) -> Result<(PathBuf, Vec<String>), DataError> {
-    let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+    let entries = fs::read_dir(path).into_iter().flatten().flatten();
     let is_part = |name: &String| path.join(name).join("states.pth").is_file();
     let mut parts: Vec<String> =
         entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(is_part).take(1000).collect();
@@ -184,10 +185,10 @@ fn images(folder: &Path, found: &mut Found) -> Result<()> {
             }
             Err(error) => return Err(error.at("obses/episode_000.mp4")),
         }
+    } else if fs::read_dir(folder.join("obses")).is_ok_and(|mut files| files.next().is_some()) {
+        return Err(missing("`obses` has no `episode_000.mp4` or `episode_000.pth`; copy it again"));
     } else if !found.lengths.is_empty() {
-        found
-            .skipped
-            .push(("pixels".to_owned(), "`obses` has no `episode_000.mp4` or `episode_000.pth`".to_owned()));
+        found.skipped.push(("pixels".to_owned(), "`obses` has no files".to_owned()));
     }
     Ok(())
 }

@@ -31,6 +31,32 @@ pub(super) struct Found {
     pub(super) env: Option<&'static str>,
 }
 
+/// The member of a source's record that has the rows of rewards, and its value for [`RewardsAt::Actions`].
+const REWARDS: &str = "rewards";
+const ACTION: &str = "action";
+
+/// What a user has to know of rewards beside their actions.
+pub(crate) const REWARDS_NOTE: &str = "`reward` of a row is that of the action taken from it; recordings of this program have it in the row that it led to";
+
+/// The row of a reward.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RewardsAt {
+    /// That of the action which earned it, as other programs have it.
+    Actions,
+    /// That which the action led to, as recordings of this program have it.
+    Arrivals,
+}
+
+impl RewardsAt {
+    /// Of what a run of a dataset, or of a copy of one, was read from.
+    pub(crate) fn of(run: &Metadata) -> Self {
+        match run.source.as_ref().map(|source| &source[REWARDS]) {
+            Some(place) if place == ACTION => Self::Actions,
+            _ => Self::Arrivals,
+        }
+    }
+}
+
 /// The record of how a dataset was read, which copies of it keep. `env` and `fps` are what the files say.
 pub(crate) fn source_record(
     format: &str,
@@ -38,6 +64,7 @@ pub(crate) fn source_record(
     mapping: &[(String, String)],
     env: Option<&str>,
     fps: Option<f64>,
+    rewards: Option<RewardsAt>,
 ) -> Metadata {
     let mapping: serde_json::Map<_, _> = mapping.iter().map(|(new, old)| (new.clone(), json!(old))).collect();
     let mut metadata = Metadata::unknown();
@@ -46,7 +73,13 @@ pub(crate) fn source_record(
     }
     metadata.settings = options.env_options.clone();
     metadata.rows_per_second = options.fps.or(fps);
-    metadata.source = Some(json!({ "format": format, "columns": mapping, "options": options }));
+    // A folder of one machine says nothing about the data.
+    let options = OpenOptions { storage: None, ..options.clone() };
+    let mut source = json!({ "format": format, "columns": mapping, "options": options });
+    if rewards == Some(RewardsAt::Actions) {
+        source[REWARDS] = ACTION.into();
+    }
+    metadata.source = Some(source);
     metadata
 }
 
@@ -142,16 +175,12 @@ impl Found {
                 reason: "the dataset has no images; leave it out".to_owned(),
             });
         }
-        if fields.iter().any(|field| field.name == "reward") {
-            self.notes.push(
-                "`reward` of a row is that of the action taken from it; recordings of this program have it in the row that it led to"
-                    .to_owned(),
-            );
-        }
+        let rewards = fields.iter().any(|field| field.name == "reward").then_some(RewardsAt::Actions);
+        self.notes.extend(rewards.map(|_| REWARDS_NOTE.to_owned()));
         let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
         let mut info = DatasetInfo::new(path, format, schema, std::mem::take(&mut self.lengths));
         info.rows_per_second = options.fps.or(self.fps);
-        let metadata = source_record(format, options, &mapping, self.env, self.fps);
+        let metadata = source_record(format, options, &mapping, self.env, self.fps, rewards);
         info.runs = Arc::new([(0, metadata)]);
         info.mapping = mapping.into();
         info.skipped = self.skipped.into();

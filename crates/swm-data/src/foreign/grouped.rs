@@ -293,8 +293,16 @@ fn rate(found: &mut Found, value: &Value) {
     found.fps = value.as_f64().filter(|fps| fps.is_finite() && *fps > 0.0 && *fps <= 1e6);
 }
 
+/// A text beside the episodes of robomimic; noted if it cannot be read.
+fn attribute(tree: &Tree, name: &str, found: &mut Found) -> Option<String> {
+    tree.attribute("/data", name).unwrap_or_else(|error| {
+        found.notes.push(format!("its attribute `{name}` cannot be read: {error}"));
+        None
+    })
+}
+
 fn about_robomimic(tree: &Tree, shift: Shift, found: &mut Found) {
-    let env = json_in(tree.attribute("/data", "env_args"));
+    let env = json_in(attribute(tree, "env_args", found));
     rate(found, &env["env_kwargs"]["control_freq"]);
     if found.fps.is_none() {
         found.fps = Some(20.0);
@@ -303,7 +311,7 @@ fn about_robomimic(tree: &Tree, shift: Shift, found: &mut Found) {
     if let Some(name) = env["env_name"].as_str() {
         found.notes.push(format!("its environment is {name}"));
     }
-    if tree.attribute("/data", "macros_image_convention").as_deref() == Some("opengl") {
+    if attribute(tree, "macros_image_convention", found).as_deref() == Some("opengl") {
         found.notes.push("its images are upside down (OpenGL); the option `flip` turns them over".to_owned());
     }
     if shift == Shift::Yes {
@@ -313,7 +321,7 @@ fn about_robomimic(tree: &Tree, shift: Shift, found: &mut Found) {
                 .to_owned(),
         );
     }
-    let problem = json_in(tree.attribute("/data", "problem_info"));
+    let problem = json_in(attribute(tree, "problem_info", found));
     if let Some(language) = problem["language_instruction"].as_str() {
         let (rows, spans) = (found.lengths.iter().sum(), found.end_to_end());
         let value = Column::Str(vec![language.to_owned()]);

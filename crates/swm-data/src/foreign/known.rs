@@ -33,7 +33,7 @@ const KNOWN: &[(Sign, &str, &str)] = &[
     (Sign::Hdf5(&["data/demo_*"]), "a dataset of robomimic, LIBERO or MimicGen", "h5py"),
     (Sign::Hdf5(&["traj_*/actions"]), "a dataset of ManiSkill", "h5py"),
     (Sign::Hdf5(&["observations/qpos", "action"]), "an episode of ALOHA (a file per episode)", "h5py"),
-    (Sign::Hdf5(&["observations", "actions", "terminals"]), "a dataset of D4RL", "h5py"),
+    (Sign::Hdf5(&["observations", "actions", "terminals"]), "a dataset of D4RL without `rewards`", "h5py"),
     (Sign::Folder(&["episode_*.hdf5"]), "a dataset of ALOHA (a file per episode)", "h5py"),
     (
         Sign::Zip(&["observations.npy", "actions.npy", "terminals.npy"]),

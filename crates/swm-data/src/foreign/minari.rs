@@ -267,10 +267,10 @@ impl Array for Leaf {
                 images.get(row).ok_or_else(|| invalid(format!("row {row} has no image")).at(place()))?;
             match &image[..] {
                 [0xff, 0xd8, ..] => {
-                    swm_media::jpeg::decode_into(image, shape, out).map_err(FormatError::other).at(place())?
+                    swm_media::jpeg::decode_into(image, shape, out).map_err(FormatError::other).at(place())?;
                 }
                 [0x89, b'P', b'N', b'G', ..] => {
-                    swm_media::png::decode_into(image, shape, out).map_err(FormatError::other).at(place())?
+                    swm_media::png::decode_into(image, shape, out).map_err(FormatError::other).at(place())?;
                 }
                 image if image.len() == out.len() => out.copy_from_slice(image),
                 image => {

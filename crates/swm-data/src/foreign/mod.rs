@@ -28,7 +28,7 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
-pub(crate) use found::source_record;
+pub(crate) use found::{REWARDS_NOTE, RewardsAt, source_record};
 #[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
@@ -58,6 +58,11 @@ pub(crate) const READERS: &[Reader] = &[
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Option<Result<Box<dyn Dataset>, DataError>> {
     let reader = READERS.iter().find(|reader| (reader.detect)(path))?;
     Some((reader.open)(path, options))
+}
+
+/// Whether there is a dataset of another program that is read, by its content.
+pub(crate) fn detect(path: &Path) -> bool {
+    READERS.iter().any(|reader| (reader.detect)(path))
 }
 
 /// A name as it is sorted by people: `demo_10` follows `demo_9`.

@@ -45,7 +45,8 @@ setters!(ClipOptions {
 
 /// Which rewards a clip holds in its column `reward`.
 ///
-/// A recorded row holds the reward of arriving at it: that of the action of the row before, and NaN in the first.
+/// A recorded row holds the reward of arriving at it: that of the action of the row before, and NaN in the first. In datasets of other programs, and in
+/// copies of them, it holds the reward of its own action.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Rewards {
@@ -53,7 +54,7 @@ pub enum Rewards {
     #[default]
     Recorded,
     /// Beside every row, the sum of the rewards of the `frameskip` actions taken from it on, `[num_steps, …]`: those of the
-    /// rows after it. NaN where the episode ends before.
+    /// rows after it, or, in datasets of other programs, of the rows from it on. NaN where the episode ends before.
     OfActions,
 }
 

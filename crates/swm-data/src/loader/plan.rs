@@ -13,6 +13,7 @@ use super::options::{ClipOptions, Images, Rewards};
 use super::wrong;
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::foreign::RewardsAt;
 
 /// The column that stays dense under a frame skip.
 const ACTION: &str = "action";
@@ -53,8 +54,8 @@ pub(super) enum Rows {
     Clip { count: usize, stride: usize },
     /// The goal's.
     Goal,
-    /// Those that the actions of a clip arrive at, summed over `skip` of them.
-    Arrivals { steps: usize, skip: usize },
+    /// Those of the rewards of a clip's actions, which begin `after` rows after its first, summed over `skip` of them.
+    Rewards { steps: usize, skip: usize, after: usize },
 }
 
 impl Plan {
@@ -101,7 +102,7 @@ impl Plan {
                     let kind = stored.dtype;
                     return wrong("rewards", format!("column `{REWARD}` is {kind}; sums are of f32 and f64"));
                 }
-                Rows::Arrivals { steps, skip }
+                Rows::Rewards { steps, skip, after: rewards_after(dataset)? }
             } else if dense {
                 Rows::Clip { count: span, stride: 1 }
             } else {
@@ -144,6 +145,19 @@ impl Plan {
 }
 
 /// The field of a batch that a stored one becomes.
+/// Rows from an action to its reward.
+fn rewards_after(dataset: &dyn Dataset) -> Result<usize, DataError> {
+    let places = || dataset.info().runs.iter().map(|(_, run)| RewardsAt::of(run));
+    match places().filter(|&at| at == RewardsAt::Actions).count() {
+        0 => Ok(1),
+        count if count == places().count() => Ok(0),
+        _ => wrong(
+            "rewards",
+            "some runs of the dataset have rewards beside their actions, others in the row after; load them apart",
+        ),
+    }
+}
+
 fn given(stored: &Field, name: String, shape: Vec<usize>, narrows: bool) -> Field {
     let dtype = if narrows { Dtype::F32 } else { stored.dtype };
     Field { name, shape, dtype, ..stored.clone() }

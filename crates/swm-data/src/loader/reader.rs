@@ -39,6 +39,7 @@ impl Reader {
                 );
             };
             let goal = plan.goals.as_ref().map_or((0, 0), |goals| goals.draw(epoch, index, clip));
+            self.dataset.dress(Some([epoch, index as u64]))?;
             let row = rows.select(row);
             for (target, (window, darkroom)) in plan.windows.iter().zip(&mut self.darkrooms).enumerate() {
                 let (episode, steps) = match window.rows {
@@ -46,8 +47,8 @@ impl Reader {
                         (clip.episode, Steps { first: clip.start, count, stride })
                     }
                     Rows::Goal => (goal.0, Steps { first: goal.1, count: 1, stride: 1 }),
-                    Rows::Arrivals { steps, skip } => {
-                        let first = clip.start + 1;
+                    Rows::Rewards { steps, skip, after } => {
+                        let first = clip.start + after;
                         // The last action of a clip may be the episode's, after which nothing is recorded.
                         let left = self.dataset.episode_len(clip.episode) - first;
                         (clip.episode, Steps { first, count: left.min(steps * skip), stride: 1 })
@@ -59,7 +60,7 @@ impl Reader {
                     (Some(convert), _, SliceMut::U8(out)) => {
                         convert.run(darkroom, out, |stored| read(SliceMut::U8(stored)))?;
                     }
-                    (_, Rows::Arrivals { skip, .. }, out) => {
+                    (_, Rows::Rewards { skip, .. }, out) => {
                         add_up(&mut self.scratch, window, steps.count, skip, out, read)?;
                     }
                     (_, _, SliceMut::F32(out)) if window.narrows => narrow(&mut self.scratch, out, read)?,

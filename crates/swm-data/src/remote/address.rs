@@ -82,7 +82,9 @@ impl Address {
         let path = match self {
             Self::Http { plain, .. } => plain.split_once("://").and_then(|(_, rest)| rest.split_once('/')),
             Self::S3 { key, .. } => Some(("", key.as_str())),
-            Self::Hub { repo, path, .. } => Some(("", if path.is_empty() { repo } else { path })),
+            Self::Hub { repo, path, .. } => {
+                Some(("", if path.is_empty() { repo.as_str() } else { path.as_str() }))
+            }
         };
         let path = path.map_or("", |(_, path)| path.trim_end_matches('/'));
         path.rsplit('/').next().unwrap_or_default()

@@ -13,6 +13,8 @@ pub(super) const BLOCK: u64 = 1 << 20;
 const TAIL: usize = 4;
 /// A block that is read is marked as new once in so long a time.
 const MARK: Duration = Duration::from_secs(600);
+/// Blocks are counted again when so great a part of the most was written: other processes write there, too.
+const COUNT_EVERY: u64 = 16;
 /// What is not known yet.
 const UNKNOWN: u64 = u64::MAX;
 
@@ -22,8 +24,10 @@ pub(super) struct Blocks {
     /// `None`: nothing is kept.
     folder: Option<PathBuf>,
     limit: u64,
-    /// About so many bytes are there.
+    /// About so many bytes are there, of this process and of others.
     held: AtomicU64,
+    /// So many of them were written since all were counted.
+    since: AtomicU64,
     /// Who removes blocks.
     cleaner: Mutex<()>,
 }
@@ -31,7 +35,8 @@ pub(super) struct Blocks {
 impl Blocks {
     pub(super) fn new(cache: Option<&Path>, limit: u64) -> Self {
         let folder = cache.map(|cache| cache.join("blocks"));
-        Self { folder, limit, held: AtomicU64::new(UNKNOWN), cleaner: Mutex::new(()) }
+        let (held, since) = (AtomicU64::new(UNKNOWN), AtomicU64::new(0));
+        Self { folder, limit, held, since, cleaner: Mutex::new(()) }
     }
 
     fn path(&self, key: &str, index: u64) -> Option<PathBuf> {
@@ -54,7 +59,7 @@ impl Blocks {
         let age =
             file.metadata().and_then(|about| about.modified()).map(|time| time.elapsed().unwrap_or_default());
         if age.is_ok_and(|age| age > MARK) {
-            let _ = file.set_modified(SystemTime::now());
+            let _ = file.set_modified(super::now());
         }
         Some(bytes)
     }
@@ -71,9 +76,11 @@ impl Blocks {
         if self.write(&path, bytes).is_err() {
             return;
         }
-        if self.held.load(Ordering::Relaxed) == UNKNOWN {
+        let since = self.since.fetch_add(size, Ordering::Relaxed) + size;
+        if self.held.load(Ordering::Relaxed) == UNKNOWN || since > self.limit / COUNT_EVERY {
             let found = self.files().iter().map(|(_, size, _)| size).sum::<u64>();
             self.held.store(found, Ordering::Relaxed);
+            self.since.store(0, Ordering::Relaxed);
         } else {
             self.held.fetch_add(size, Ordering::Relaxed);
         }
@@ -128,6 +135,7 @@ impl Blocks {
             }
         }
         self.held.store(held, Ordering::Relaxed);
+        self.since.store(0, Ordering::Relaxed);
     }
 }
 
@@ -158,5 +166,19 @@ mod tests {
             assert!(held <= 11_000, "{held}");
         }
         assert!(blocks.has("abcd", 29) && !blocks.has("abcd", 0), "the oldest went");
+    }
+
+    #[test]
+    fn processes_share_one_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let [one, other] = [0, 1].map(|_| Blocks::new(Some(folder.path()), 100_000));
+        for index in 0..400 {
+            let blocks = if index % 2 == 0 { &one } else { &other };
+            blocks.put("abcd", index, &vec![7; 996]);
+            let held: u64 = one.files().iter().map(|(_, size, _)| size).sum();
+            assert!(held <= 115_000, "{held} bytes after {index} blocks");
+        }
+        let kept = (0..400).filter(|&index| other.get("abcd", index, 996) == Some(vec![7; 996])).count();
+        assert!(kept > 60, "{kept} blocks are kept, whoever wrote them");
     }
 }

@@ -297,9 +297,8 @@ impl Client {
             let pause = headers.get("retry-after").and_then(|value| value.to_str().ok()?.trim().parse().ok());
             return Failed::Later(format!("the server answers {code}"), pause.map(Duration::from_secs));
         }
-        let error = |kind, reason: String, fix: &str| {
-            Err(Failed::Now(RemoteError::new(kind, &link.name, reason, fix)))
-        };
+        let error =
+            |kind, reason: String, fix: &str| Failed::Now(RemoteError::new(kind, &link.name, reason, fix));
         let detail = s3::code(body).map(|code| format!(", {code}")).unwrap_or_default();
         match (code, link.auth) {
             (404 | 410, Auth::Hub) => error(

@@ -10,11 +10,13 @@ use std::time::Duration;
 
 use sha2::{Digest as _, Sha256};
 
+use super::copies::Used;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::folder::Folder;
 use super::found::Found;
 use super::list::{Entry, check_names};
 use super::object::Object;
+use super::settings::Settings;
 use super::sign::hex;
 use crate::error::DataError;
 use crate::lock::{WriterLock, beside};
@@ -61,12 +63,9 @@ fn tell(event: &Event<'_>) {
 }
 
 impl Found {
-    /// The copy of it in the cache, which is made if it is not there.
-    pub(super) fn cached(&self, name: &str, file_name: &str) -> Result<PathBuf, RemoteError> {
-        let settings = match self {
-            Self::Object(object) => &object.remote.client.settings,
-            Self::Folder(folder) => &folder.remote.client.settings,
-        };
+    /// The copy of it in the cache, which is made if it is not there. It stays while the other value does.
+    pub(super) fn cached(&self, name: &str, file_name: &str) -> Result<(PathBuf, Used), RemoteError> {
+        let settings = self.settings();
         let Some(cache) = &settings.cache else {
             let reason = "neither SWM_CACHE nor HOME is set, so there is no place for a copy";
             return Err(RemoteError::new(Kind::Cache, name, reason, "set SWM_CACHE to a folder"));
@@ -74,11 +73,22 @@ impl Found {
         let nonce = || format!("{}-{:?}", std::process::id(), thread::current().id()).replace(['(', ')'], "");
         let key = self.key().unwrap_or_else(nonce);
         let file_name = if crate::formats::disk::is_plain_name(file_name) { file_name } else { "dataset" };
-        let to = cache.join("copies").join(&key).join(file_name);
+        let copies = cache.join("copies");
+        let mut used = Used::of(&copies, &key).map_err(|error| RemoteError::cache(name, &copies, &error))?;
+        let to = copies.join(&key).join(file_name);
         if !to.exists() {
+            used.reserve(name, &copies, self.bytes(), settings.cache_bytes)?;
             self.copy(name, &to, &key)?;
         }
-        Ok(to)
+        Ok((to, used))
+    }
+
+    /// What is set for its server, and for what is kept of it.
+    pub(super) fn settings(&self) -> &Settings {
+        match self {
+            Self::Object(object) => &object.remote.client.settings,
+            Self::Folder(folder) => &folder.remote.client.settings,
+        }
     }
 
     /// All of its bytes.

@@ -1,5 +1,6 @@
 //! Fetching a dataset to a place of one's own.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -55,7 +56,7 @@ pub(super) fn fetch_from(
     let found = remote.find(&address)?;
     let files = match &found {
         Found::Object(_) => 1,
-        Found::Folder(folder) => folder.files().map_or(0, |files| files.len()),
+        Found::Folder(folder) => folder.files().map_or(0, BTreeMap::len),
     };
     // A version that nothing tells from others is not continued.
     let (key, is_known) = found.key().map_or(("unknown".to_owned(), false), |key| (key, true));

@@ -16,6 +16,9 @@ use super::list::{Entry, Files};
 use super::object::{Object, key};
 use super::sign::hex;
 
+/// Finds the names of files in a description of a store.
+type Names = fn(&Json) -> Option<BTreeSet<String>>;
+
 /// An open folder.
 #[derive(Debug)]
 pub(crate) struct Folder {
@@ -42,8 +45,7 @@ impl Folder {
 
     /// A Zarr store of a server that gives no lists, if it has its metadata in one file.
     pub(super) fn consolidated(remote: &Arc<Remote>, address: &Address) -> Result<Option<Self>, RemoteError> {
-        let kinds: [(&str, fn(&Json) -> Option<BTreeSet<String>>); 2] =
-            [(".zmetadata", consolidated_2), ("zarr.json", consolidated_3)];
+        let kinds: [(&str, Names); 2] = [(".zmetadata", consolidated_2), ("zarr.json", consolidated_3)];
         for (file, of) in kinds {
             let at = address.join(file);
             match remote.client.text(&remote.link(&at)?) {

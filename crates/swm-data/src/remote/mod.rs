@@ -12,7 +12,7 @@
 //! | `AWS_REGION`, `AWS_DEFAULT_REGION` | its region; default: `us-east-1` |
 //! | `HF_TOKEN`, `HF_ENDPOINT` | who asks the Hub, and where it is; default: `https://huggingface.co` |
 //! | `SSL_CERT_FILE` | certificates to trust, in PEM; default: those of Mozilla |
-//! | `SWM_CACHE`, `SWM_CACHE_GB` | where fetched data is kept, and how much of blocks; default: `SWM_HOME/cache`, else the system's folder of caches, and 20 GB |
+//! | `SWM_CACHE`, `SWM_CACHE_GB` | where fetched data is kept, and the most that blocks and that whole copies take; default: `SWM_HOME/cache`, else the system's folder of caches, and 20 GB |
 
 use std::path::Path;
 
@@ -22,6 +22,8 @@ mod address;
 mod blocks;
 #[cfg(feature = "remote")]
 mod client;
+#[cfg(feature = "remote")]
+mod copies;
 #[cfg(feature = "remote")]
 mod copy;
 #[cfg(feature = "remote")]
@@ -76,6 +78,13 @@ const SCHEMES: [&str; 4] = ["https", "http", "s3", "hf"];
 pub fn is_remote(path: &Path) -> bool {
     let text = path.as_os_str().to_string_lossy();
     SCHEMES.iter().any(|scheme| text.strip_prefix(scheme).is_some_and(|rest| rest.starts_with(":/")))
+}
+
+/// The present time: of the last use of what is kept, and of signatures.
+#[cfg(feature = "remote")]
+#[expect(clippy::disallowed_methods, reason = "no result holds it")]
+fn now() -> std::time::SystemTime {
+    std::time::SystemTime::now()
 }
 
 /// What a build without this tells.

@@ -62,7 +62,7 @@ impl Object {
         let tag = head.version.tag.filter(|_| commit.is_none());
         let version = Version { tag: tag.clone(), ..head.version };
         let own = tag.as_deref().or(commit);
-        let nonce = || format!("{}-{:?}", std::process::id(), std::time::SystemTime::now());
+        let nonce = || format!("{}-{:?}", std::process::id(), super::now());
         let key = key(&link, version.length, &own.map_or_else(nonce, str::to_owned));
         let object = Self::known(remote, link, version, key, None);
         let object = Self { is_ranged: head.is_ranged, is_versioned: own.is_some(), ..object };

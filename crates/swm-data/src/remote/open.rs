@@ -7,8 +7,10 @@ use std::sync::Arc;
 use swm_core::{Registry, SliceMut};
 
 use super::address::Address;
+use super::copies::Used;
 use super::error::RemoteError;
 use super::found::{Found, Remote, opened};
+use crate::adapt::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
 use crate::foreign;
@@ -43,18 +45,38 @@ pub(super) fn open_from(
     let (inner, copy) = match by_position(registry, &path, &found, options) {
         Some(opened) => (opened.map_err(|error| RemoteError::or_damage(error, "read"))?, None),
         None => {
-            let copy = found.cached(&name, address.file_name()).map_err(failed)?;
-            (format::open_with(registry, &copy, options)?, Some(copy))
+            let (copy, used) = found.cached(&name, address.file_name()).map_err(failed)?;
+            let inner = format::open_with(registry, &copy, options);
+            (inner.map_err(|error| of_address(error, &copy, &path))?, Some((copy, Arc::new(used))))
         }
     };
     let mut info = inner.info().clone();
     let note = match &copy {
-        Some(copy) => format!("it was fetched as a whole, {} bytes, to {}", found.bytes(), copy.display()),
+        Some((copy, _)) => {
+            format!("it was fetched as a whole, {} bytes, to {}", found.bytes(), copy.display())
+        }
         None => "it is read by position: what is read is fetched in blocks, and kept in the cache".to_owned(),
     };
     info.notes = info.notes.iter().cloned().chain([note]).collect();
     info.path = Arc::from(path);
-    Ok(Box::new(Elsewhere { inner, info, found }))
+    Ok(Box::new(Elsewhere { inner, info, found, copy }))
+}
+
+/// An error of a copy names the address.
+fn of_address(mut error: DataError, copy: &Path, address: &Path) -> DataError {
+    if let DataError::Io { path, .. }
+    | DataError::NotADataset { path, .. }
+    | DataError::Damaged { path, .. }
+    | DataError::Unsupported { path, .. }
+    | DataError::Request { path, .. } = &mut error
+        && let Ok(below) = path.strip_prefix(copy)
+    {
+        *path = match below.as_os_str().is_empty() {
+            true => address.to_owned(),
+            false => address.join(below),
+        };
+    }
+    error
 }
 
 /// Opens what its format reads by position; `None`: it is to be fetched as a whole.
@@ -90,11 +112,7 @@ fn by_position(
 /// Where statistics of a dataset that lies elsewhere are kept: in the cache.
 pub(crate) fn side_file(path: &Path, suffix: &str) -> Option<PathBuf> {
     let found = opened(path)?;
-    let settings = match &found {
-        Found::Object(object) => &object.remote.client.settings,
-        Found::Folder(folder) => &folder.remote.client.settings,
-    };
-    let folder = settings.cache.as_ref()?.join("beside");
+    let folder = found.settings().cache.as_ref()?.join("beside");
     std::fs::create_dir_all(&folder).ok()?;
     Some(folder.join(format!("{}{suffix}", found.key()?)))
 }
@@ -104,10 +122,17 @@ struct Elsewhere {
     inner: Box<dyn Dataset>,
     info: DatasetInfo,
     found: Found,
+    /// The copy that it is read from, which stays meanwhile.
+    copy: Option<(PathBuf, Arc<Used>)>,
 }
 
-fn read<T>(result: Result<T, DataError>) -> Result<T, DataError> {
-    result.map_err(|error| RemoteError::or_damage(error, "read"))
+impl Elsewhere {
+    fn named<T>(&self, result: Result<T, DataError>) -> Result<T, DataError> {
+        result.map_err(|error| match &self.copy {
+            Some((copy, _)) => of_address(error, copy, &self.info.path),
+            None => RemoteError::or_damage(error, "read"),
+        })
+    }
 }
 
 impl Dataset for Elsewhere {
@@ -122,19 +147,25 @@ impl Dataset for Elsewhere {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        read(self.inner.rows(column, episode, steps, out))
+        let read = self.inner.rows(column, episode, steps, out);
+        self.named(read)
     }
 
+    of_inner!(looks);
+
     fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { inner: self.inner.share(), info: self.info.clone(), found: self.found.clone() })
+        let (info, found, copy) = (self.info.clone(), self.found.clone(), self.copy.clone());
+        Box::new(Self { inner: self.inner.share(), info, found, copy })
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        read(self.inner.check_episode(episode))
+        let read = self.inner.check_episode(episode);
+        self.named(read)
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {
-        read(self.inner.check_whole())
+        let read = self.inner.check_whole();
+        self.named(read)
     }
 
     fn encoding(&self, column: usize) -> Option<&str> {
@@ -148,6 +179,7 @@ impl Dataset for Elsewhere {
         rows: Range<usize>,
         out: &mut EncodedRows,
     ) -> Result<(), DataError> {
-        read(self.inner.encoded_rows(column, episode, rows, out))
+        let read = self.inner.encoded_rows(column, episode, rows, out);
+        self.named(read)
     }
 }

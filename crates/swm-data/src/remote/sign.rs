@@ -1,6 +1,6 @@
 //! Signatures of requests to S3: Amazon's "Signature Version 4", by headers.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::UNIX_EPOCH;
 
 use sha2::{Digest as _, Sha256};
 
@@ -23,7 +23,7 @@ pub(super) fn headers(
     region: &str,
     credentials: &Credentials,
 ) -> Vec<(&'static str, String)> {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_secs());
+    let now = super::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_secs());
     headers_at(request, region, credentials, now)
 }
 

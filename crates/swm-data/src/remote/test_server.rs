@@ -1,10 +1,12 @@
 //! A server on this machine for tests: HTTP with ranges, lists of S3, trees of the Hub, and faults.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -40,6 +42,10 @@ pub(super) struct State {
     pub(super) has_no_ranges: AtomicBool,
     /// Answers have no `ETag`.
     pub(super) has_no_tags: AtomicBool,
+    /// The branch of the repository is at another commit, whose files are below `/moved`.
+    pub(super) is_moved: AtomicBool,
+    /// So many requests are answered; those after are told to come later.
+    pub(super) answers: AtomicUsize,
     /// What the header `authorization` must begin with.
     pub(super) wants: Mutex<Option<&'static str>>,
 }
@@ -55,7 +61,7 @@ impl Server {
     pub(super) fn start(files: &[(&str, Vec<u8>)]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
-        let state = Arc::new(State::default());
+        let state = Arc::new(State { answers: AtomicUsize::new(usize::MAX), ..State::default() });
         for (path, bytes) in files {
             state.files.lock().unwrap().insert((*path).to_owned(), bytes.clone());
         }
@@ -100,7 +106,14 @@ fn serve(state: &State, url: &str, connection: TcpStream) -> std::io::Result<()>
         };
     }
     state.asked.lock().unwrap().push((target.clone(), headers.get("range").cloned()));
-    let fault = state.faults.lock().unwrap().pop();
+    let is_over = state
+        .answers
+        .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| match left {
+            usize::MAX => Some(left),
+            left => left.checked_sub(1),
+        })
+        .is_err();
+    let fault = state.faults.lock().unwrap().pop().or(is_over.then_some(Fault::Status(503)));
     let is_signed = state
         .wants
         .lock()
@@ -139,10 +152,16 @@ fn answer(state: &State, url: &str, target: &str, headers: &Headers) -> (u16, St
         return (200, String::new(), list(&files, path, &prefix.replace("%2F", "/"), query).into_bytes());
     }
     if let Some(rest) = path.strip_prefix("/api/datasets/user/repo/") {
-        return hub(&files, url, rest, query);
+        let commit = if state.is_moved.load(Ordering::Relaxed) { OTHER_COMMIT } else { COMMIT };
+        return hub(&files, url, commit, rest, query);
     }
-    let name = path.strip_prefix(&format!("/datasets/user/repo/resolve/{COMMIT}")).unwrap_or(path);
-    match files.get(name) {
+    let place = path.strip_prefix("/datasets/user/repo/resolve/");
+    let name = match place.and_then(|place| place.split_at_checked(COMMIT.len())) {
+        Some((OTHER_COMMIT, name)) => format!("/moved{name}"),
+        Some((_, name)) => name.to_owned(),
+        None => path.to_owned(),
+    };
+    match files.get(&name) {
         Some(bytes) => object(state, bytes, headers),
         None => (404, String::new(), Vec::new()),
     }
@@ -193,14 +212,21 @@ fn list(files: &BTreeMap<String, Vec<u8>>, bucket: &str, prefix: &str, query: &s
     text
 }
 
-pub(super) const COMMIT: &str = "0123456789abcdef0123456789abcdef01234567";
+const COMMIT: &str = "0123456789abcdef0123456789abcdef01234567";
+const OTHER_COMMIT: &str = "89abcdef0123456789abcdef0123456789abcdef";
 
 /// Trees in pages of two files; large files have their SHA-256.
-fn hub(files: &BTreeMap<String, Vec<u8>>, url: &str, rest: &str, query: &str) -> (u16, String, Vec<u8>) {
+fn hub(
+    files: &BTreeMap<String, Vec<u8>>,
+    url: &str,
+    commit: &str,
+    rest: &str,
+    query: &str,
+) -> (u16, String, Vec<u8>) {
     if rest.starts_with("revision/") {
-        return (200, String::new(), json!({ "sha": COMMIT }).to_string().into_bytes());
+        return (200, String::new(), json!({ "sha": commit }).to_string().into_bytes());
     }
-    let folder = rest.strip_prefix(&format!("tree/{COMMIT}")).unwrap_or("?");
+    let folder = rest.strip_prefix(&format!("tree/{commit}")).unwrap_or("?");
     let start = format!("{folder}/");
     let all: Vec<_> = files.iter().filter(|(path, _)| path.starts_with(&start)).collect();
     if all.is_empty() {

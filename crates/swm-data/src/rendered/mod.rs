@@ -7,6 +7,7 @@
 //!
 //! This module knows the traits of environments and no environment: the registry is the caller's.
 
+mod looks;
 mod stage;
 
 use std::collections::BTreeMap;
@@ -18,14 +19,20 @@ use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::{BoxError, did_you_mean, nearest};
 use swm_core::{
-    BatchError, Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Metadata,
-    Registry, Schema, SliceMut, Value,
+    BatchError, Dtype, EnvConfig, EnvEntry, EnvSpec, FactorSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP,
+    Metadata, Registry, Schema, SliceMut, Value,
 };
 
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
-use stage::Stage;
+pub use looks::Looks;
+
+use looks::{LookSampler, not_visual};
+use stage::{Shown, Stage};
+
+/// The column of images in the canonical look.
+pub const CANONICAL: &str = "canonical";
 
 /// How images are drawn.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +43,11 @@ pub struct RenderOptions {
     /// Factors to set in place of the recorded ones: other colors, another light. One that changes what happens, and
     /// not only what is seen, is an error, as the recorded states would not be those in the images.
     pub factors: BTreeMap<String, Value>,
+    /// Looks that a loader samples for every clip and epoch. Reads without a loader show the usual look.
+    pub looks: Option<Looks>,
+    /// Visual factors of the canonical look: adds the column `canonical`, the image of the same row with these values in place of those
+    /// that `factors` and `looks` give. An empty table is the recorded look.
+    pub canonical: Option<BTreeMap<String, Value>>,
     /// Settings of the environment on top of the recorded ones, such as its image style.
     pub settings: Map<String, Json>,
     /// Compare with the checkpoints on the way.
@@ -45,6 +57,8 @@ pub struct RenderOptions {
 setters!(RenderOptions {
     image: ImageSize,
     factors: BTreeMap<String, Value>,
+    looks: Option<Looks>,
+    canonical: Option<BTreeMap<String, Value>>,
     settings: Map<String, Json>,
     verify: bool,
 });
@@ -53,7 +67,14 @@ impl Default for RenderOptions {
     /// As recorded, 64 × 64, verified.
     fn default() -> Self {
         let image = ImageSize { height: 64, width: 64 };
-        Self { image, factors: BTreeMap::new(), settings: Map::new(), verify: true }
+        Self {
+            image,
+            factors: BTreeMap::new(),
+            looks: None,
+            canonical: None,
+            settings: Map::new(),
+            verify: true,
+        }
     }
 }
 
@@ -83,6 +104,8 @@ pub struct Rendered {
     columns: Arc<[Origin]>,
     /// Made at the first image.
     stage: Option<Stage>,
+    /// Factors that are sampled for the clip that is read.
+    sampled: BTreeMap<String, Value>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -91,6 +114,10 @@ enum Origin {
     Stored(usize),
     /// An image field of the environment.
     Drawn(usize),
+    /// The image field of this position in the canonical look.
+    Canonical(usize),
+    /// The factor of this position in the environment, as images show it; where it is a column of the recording, which.
+    Factor(usize, Option<usize>),
 }
 
 /// What the replay of any episode needs to know.
@@ -100,7 +127,16 @@ struct Script {
     sim: EnvConfig,
     /// How the environment that draws is made.
     painter: EnvConfig,
+    /// Factors of the replay that differ from the recorded ones.
     factors: BTreeMap<String, Value>,
+    /// Visual factors of all images that differ from the recorded ones.
+    look: BTreeMap<String, Value>,
+    /// What a loader samples.
+    looks: Option<LookSampler>,
+    /// Visual factors of the column `canonical`.
+    canonical: Option<BTreeMap<String, Value>>,
+    /// Of the environment, for columns of factors: names and defaults.
+    defaults: Vec<(String, Value)>,
     frame_skip: u32,
     checkpoints: Option<Checkpoints>,
     verify: bool,
@@ -110,6 +146,13 @@ struct Script {
 const COMPARED_ROWS: usize = 16;
 
 impl Script {
+    /// The visual factors of images that are not the recorded ones, where a loader has sampled these.
+    fn shown(&self, sampled: &BTreeMap<String, Value>) -> BTreeMap<String, Value> {
+        let mut look = self.look.clone();
+        look.extend(sampled.clone());
+        look
+    }
+
     /// From one comparison with the recording to the next.
     fn compared_rows(&self) -> usize {
         self.checkpoints.map_or(COMPARED_ROWS, |checkpoints| checkpoints.every())
@@ -144,38 +187,57 @@ impl Rendered {
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
         let spec = entry.make(&painter).map_err(|error| refuse(error.into()))?.spec().clone();
-        let factors = factors(dataset.path(), &spec, &options.factors)?;
+        let set = factors(dataset.path(), &spec, &options.factors)?;
+        let is_visual =
+            |name: &String| spec.factors.iter().any(|factor| factor.visual && factor.name == *name);
+        let (look, factors): (BTreeMap<_, _>, _) = set.into_iter().partition(|(name, _)| is_visual(name));
+        let looks = options.looks.as_ref().map(|looks| LookSampler::new(looks, &spec)).transpose();
+        let looks = looks.map_err(|reason| refuse(reason.into()))?;
+        let canonical =
+            options.canonical.as_ref().map(|look| self::factors(dataset.path(), &spec, look)).transpose()?;
+        if let Some(name) = canonical.iter().flatten().map(|(name, _)| name).find(|name| !is_visual(name)) {
+            return Err(refuse(not_visual(&spec, name).into()));
+        }
         let drawn = images(&spec, options.image);
         if drawn.is_empty() {
             return Err(refuse(format!("`{}` draws no images", spec.id).into()));
         }
-        let (mut columns, mut fields) = (Vec::new(), Vec::new());
-        for (column, field) in dataset.schema().fields().iter().enumerate() {
-            if field.name != CHECKPOINT && drawn.iter().all(|(_, image)| image.name != field.name) {
-                columns.push(Origin::Stored(column));
-                fields.push(field.clone());
-            }
-        }
-        for (index, field) in drawn {
-            columns.push(Origin::Drawn(index));
-            fields.push(field);
-        }
-        let schema = Schema::new(fields).map_err(|error| refuse(error.into()))?;
+        let shown = |name: &str| {
+            look.contains_key(name)
+                || looks.iter().flat_map(LookSampler::factors).any(|factor| factor.name == name)
+        };
+        let (columns, fields) = columns(dataset.schema(), &spec, &drawn, canonical.is_some(), &shown);
+        let schema = Schema::new(fields).map_err(|error| refuse(error.to_string().into()))?;
         let script = Script {
             entry,
             sim: EnvConfig { image: None, settings },
             painter,
             factors,
+            look,
+            looks,
+            canonical,
+            defaults: defaults(&spec).map_err(|error| refuse(error.into()))?,
             frame_skip: metadata.frame_skip.max(1),
             checkpoints: Checkpoints::of(dataset.schema(), metadata.checkpoints),
             verify: options.verify,
         };
         let mut info = dataset.info().with_schema(schema);
+        let set: Vec<(String, Json)> =
+            script.look.iter().map(|(name, value)| (name.clone(), value.to_json())).collect();
         let with_images = |(first, run): &(u64, Metadata)| {
-            (*first, Metadata { image: Some(options.image), checkpoints: None, ..run.clone() })
+            let mut run = Metadata { image: Some(options.image), checkpoints: None, ..run.clone() };
+            run.variation_values.extend(set.clone());
+            (*first, run)
         };
         info.runs = info.runs.iter().map(with_images).collect();
-        Ok(Self { info, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
+        Ok(Self {
+            info,
+            columns: columns.into(),
+            script: Arc::new(script),
+            stage: None,
+            sampled: BTreeMap::new(),
+            inner: dataset,
+        })
     }
 
     /// Replays a whole episode and compares it with all of its checkpoints; how many there were.
@@ -190,10 +252,34 @@ impl Rendered {
             return Err(DataError::request(self.path(), reason));
         }
         let Some(checkpoints) = self.script.checkpoints else { return Ok(0) };
-        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
+        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script, &self.sampled)?;
         stage.rewind(self.inner.as_mut(), &self.script, episode)?;
         stage.advance(self.inner.as_mut(), &self.script, len.saturating_sub(1), true)?;
         Ok(len / checkpoints.every())
+    }
+
+    /// Rows of a factor as images show it.
+    fn factor_rows(
+        &mut self,
+        factor: usize,
+        stored: Option<usize>,
+        episode: usize,
+        steps: Steps,
+        mut out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let (name, default) = &self.script.defaults[factor];
+        let shown = self.sampled.get(name).or_else(|| self.script.look.get(name));
+        let value = match (shown, stored) {
+            (Some(value), _) => value,
+            (None, Some(stored)) => return self.inner.rows(stored, episode, steps, out),
+            (None, None) => default,
+        };
+        while !out.is_empty() {
+            let (mut row, rest) = out.split_at(value.data.len());
+            out = rest;
+            assert!(row.copy_from(value.data.as_slice()), "the value was cast to the factor's type");
+        }
+        Ok(())
     }
 
     /// The distance of checkpoints in rows; `None` if the dataset has none, and every episode is replayed from its start.
@@ -207,11 +293,76 @@ fn stage<'a>(
     stage: &'a mut Option<Stage>,
     dataset: &dyn Dataset,
     script: &Script,
+    sampled: &BTreeMap<String, Value>,
 ) -> Result<&'a mut Stage, DataError> {
     match stage {
         Some(stage) => Ok(stage),
-        None => Ok(stage.insert(Stage::new(dataset, script)?)),
+        None => {
+            let mut made = Stage::new(dataset, script)?;
+            made.dress(dataset, &script.shown(sampled))?;
+            Ok(stage.insert(made))
+        }
     }
+}
+
+/// The columns of the dataset with images, and where their values come from: those of the recording, without `checkpoint` and with factors
+/// as images show them, those that images show otherwise than always, and images.
+fn columns(
+    recorded: &Schema,
+    spec: &EnvSpec,
+    drawn: &[(usize, Field)],
+    with_canonical: bool,
+    is_shown: &dyn Fn(&str) -> bool,
+) -> (Vec<Origin>, Vec<Field>) {
+    let (mut columns, mut fields) = (Vec::new(), Vec::new());
+    let position = |name: &str| spec.factors.iter().position(|factor| factor.name == name);
+    let shown =
+        |column: &str| column.strip_prefix(VARIATION_PREFIX).filter(|name| is_shown(name)).and_then(position);
+    for (column, field) in recorded.fields().iter().enumerate() {
+        let is_drawn = drawn.iter().any(|(_, image)| image.name == field.name);
+        if field.name == CHECKPOINT || is_drawn || (with_canonical && field.name == CANONICAL) {
+            continue;
+        }
+        columns.push(match shown(&field.name) {
+            Some(factor) => Origin::Factor(factor, Some(column)),
+            None => Origin::Stored(column),
+        });
+        fields.push(field.clone());
+    }
+    for (at, factor) in spec.factors.iter().enumerate() {
+        let name = format!("{VARIATION_PREFIX}{}", factor.name);
+        if is_shown(&factor.name)
+            && recorded.index(&name).is_none()
+            && let Some(field) = spec.fields.iter().find(|field| field.name == name)
+        {
+            columns.push(Origin::Factor(at, None));
+            fields.push(field.clone());
+        }
+    }
+    for (index, field) in drawn {
+        columns.push(Origin::Drawn(*index));
+        fields.push(field.clone());
+    }
+    if with_canonical
+        && let Some((index, field)) = drawn.iter().find(|(_, field)| field.kind == FieldKind::Step)
+    {
+        columns.push(Origin::Canonical(*index));
+        fields.push(Field { name: CANONICAL.to_owned(), ..field.clone() });
+    }
+    (columns, fields)
+}
+
+/// Names and defaults of the factors of an environment.
+fn defaults(spec: &EnvSpec) -> Result<Vec<(String, Value)>, BatchError> {
+    let default = |factor: &FactorSpec| {
+        let value = Value::from_json(&factor.name, &factor.default)?;
+        let value = match factor.space.dtype() {
+            Some(dtype) => value.cast(&factor.name, dtype, &factor.space.shape())?,
+            None => value,
+        };
+        Ok((factor.name.clone(), value))
+    };
+    spec.factors.iter().map(default).collect()
 }
 
 /// The image fields of an environment, with their positions.
@@ -258,14 +409,16 @@ impl Dataset for Rendered {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let index = match self.columns[column] {
+        let (index, painter) = match self.columns[column] {
             Origin::Stored(stored) => return self.inner.rows(stored, episode, steps, out),
-            Origin::Drawn(index) => index,
+            Origin::Factor(factor, stored) => return self.factor_rows(factor, stored, episode, steps, out),
+            Origin::Drawn(index) => (index, Shown::Look),
+            Origin::Canonical(index) => (index, Shown::Canonical),
         };
         let field = self.info.field(column);
         let (kind, width) = (field.kind, field.dim());
         let SliceMut::U8(out) = out else { return Ok(()) };
-        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
+        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script, &self.sampled)?;
         if kind == FieldKind::Episode {
             let Some((first, rest)) = out.split_at_mut_checked(width) else { return Ok(()) };
             stage.draw_episode(self.inner.as_mut(), &self.script, episode, steps.first, index, first)?;
@@ -275,14 +428,23 @@ impl Dataset for Rendered {
         for (at, image) in out.chunks_exact_mut(width).enumerate() {
             let row = steps.first + at * steps.stride;
             let last = steps.first + (steps.count - 1) * steps.stride;
-            stage.draw(self.inner.as_mut(), &self.script, episode, row, last, index, image)?;
+            stage.draw(self.inner.as_mut(), &self.script, [episode, row, last], (painter, index), image)?;
         }
         Ok(())
+    }
+
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        let Some(looks) = &self.script.looks else { return Ok(()) };
+        self.sampled = key.map(|key| looks.look(key)).unwrap_or_default();
+        match &mut self.stage {
+            Some(stage) => stage.dress(self.inner.as_ref(), &self.script.shown(&self.sampled)),
+            None => Ok(()),
+        }
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, script, info, columns, .. } = self;
         let (script, info, columns) = (script.clone(), info.clone(), columns.clone());
-        Box::new(Self { inner: inner.share(), script, info, columns, stage: None })
+        Box::new(Self { inner: inner.share(), script, info, columns, stage: None, sampled: BTreeMap::new() })
     }
 }

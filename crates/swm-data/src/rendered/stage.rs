@@ -4,11 +4,12 @@
 //! There are two because observing belongs to the recorded sequence (some environments count what happened since), while
 //! drawing every row on the way would cost more than all of the rest.
 
+use std::collections::BTreeMap;
 use std::mem;
 
 use swm_core::dataset::whole_episode;
 use swm_core::env::step_times;
-use swm_core::{Batch, Column, Env, EnvError, EnvState, Episode, EpisodeSeed, Schema, SliceMut};
+use swm_core::{Batch, Column, Env, EnvError, EnvState, Episode, EpisodeSeed, Schema, SliceMut, Value};
 
 use super::Script;
 use crate::dataset::{Dataset, Steps};
@@ -17,10 +18,14 @@ use crate::error::DataError;
 /// Two environments, and where they are.
 pub(super) struct Stage {
     sim: Box<dyn Env>,
-    painter: Box<dyn Env>,
-    /// One row of the fields of each.
+    /// One row of its fields.
     observed: Batch,
-    image: Batch,
+    /// In the look of the clip.
+    painter: Painter,
+    /// In the canonical look, if there is one.
+    canonical: Option<Painter>,
+    /// States of rows of the clip, where images of them are wanted in two looks.
+    kept: Kept,
     /// The episode and row at which `sim` stands.
     at: Option<(usize, usize)>,
     state: EnvState,
@@ -29,6 +34,56 @@ pub(super) struct Stage {
     actions: Column,
     actions_from: usize,
     pieces: Vec<u8>,
+}
+
+/// An environment with images.
+struct Painter {
+    env: Box<dyn Env>,
+    /// One row of its fields.
+    image: Batch,
+}
+
+/// Which image of a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shown {
+    /// That in the look of the clip.
+    Look,
+    /// That in the canonical look.
+    Canonical,
+}
+
+/// States of rows, whose memory is reused.
+#[derive(Default)]
+struct Kept {
+    states: Vec<([usize; 2], EnvState)>,
+    len: usize,
+}
+
+impl Kept {
+    /// Clips have fewer rows.
+    const MOST: usize = 256;
+
+    fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    fn get(&self, place: [usize; 2]) -> Option<&EnvState> {
+        self.states[..self.len].iter().find(|(there, _)| *there == place).map(|(_, state)| state)
+    }
+
+    /// The memory for the state of a row.
+    fn add(&mut self, place: [usize; 2]) -> &mut EnvState {
+        if self.len == Self::MOST {
+            self.clear();
+        }
+        if self.len == self.states.len() {
+            self.states.push((place, EnvState::new()));
+        }
+        let (there, state) = &mut self.states[self.len];
+        *there = place;
+        self.len += 1;
+        state
+    }
 }
 
 /// Positions of the columns of the recording that the replay needs.
@@ -43,12 +98,24 @@ impl Stage {
     pub(super) fn new(dataset: &dyn Dataset, script: &Script) -> Result<Self, DataError> {
         let refuse = |reason: String| DataError::request(dataset.path(), reason);
         let make = |config| script.entry.make(config).map_err(|error| refuse(error.to_string()));
-        let (sim, painter) = (make(&script.sim)?, make(&script.painter)?);
+        let sim = make(&script.sim)?;
         let row = |env: &dyn Env| {
             let schema = Schema::new(env.spec().fields.clone()).map_err(|error| refuse(error.to_string()))?;
             Ok::<_, DataError>(Batch::new(schema, 1))
         };
-        let (observed, image) = (row(sim.as_ref())?, row(painter.as_ref())?);
+        let observed = row(sim.as_ref())?;
+        let painter = || {
+            let env = make(&script.painter)?;
+            Ok::<_, DataError>(Painter { image: row(env.as_ref())?, env })
+        };
+        let canonical = match &script.canonical {
+            None => None,
+            Some(look) => {
+                let mut canonical = painter()?;
+                canonical.env.dress(look).map_err(|error| refuse(error.to_string()))?;
+                Some(canonical)
+            }
+        };
         let schema = dataset.schema();
         let action = schema.require("action").map_err(|error| refuse(error.to_string()))?;
         let (recorded, wanted) = (&schema.fields()[action], &sim.spec().action);
@@ -73,9 +140,10 @@ impl Stage {
         let actions = Column::zeros(recorded.dtype, 0);
         Ok(Self {
             sim,
-            painter,
             observed,
-            image,
+            painter: painter()?,
+            canonical,
+            kept: Kept::default(),
             at: None,
             state: EnvState::new(),
             columns,
@@ -85,22 +153,48 @@ impl Stage {
         })
     }
 
+    /// Renders what follows in another look: with these values of visual factors in place of the recorded ones.
+    pub(super) fn dress(
+        &mut self,
+        dataset: &dyn Dataset,
+        look: &BTreeMap<String, Value>,
+    ) -> Result<(), DataError> {
+        self.kept.clear();
+        self.painter.env.dress(look).map_err(|error| DataError::request(dataset.path(), error))
+    }
+
     /// Draws field `index` of a row into `out`. Rows up to `last` will be asked for next.
-    #[expect(clippy::too_many_arguments, reason = "where, which, what for: they have nothing in common")]
     pub(super) fn draw(
         &mut self,
         dataset: &mut dyn Dataset,
         script: &Script,
-        episode: usize,
-        row: usize,
-        last: usize,
-        index: usize,
+        [episode, row, last]: [usize; 3],
+        (shown, index): (Shown, usize),
         out: &mut [u8],
     ) -> Result<(), DataError> {
-        self.seek(dataset, script, episode, row, last)?;
-        self.take_over(dataset, episode, row)?;
-        self.painter.observe(&mut self.image.rows_mut());
-        out.copy_from_slice(self.image.rows_mut().at::<u8>(index));
+        if self.canonical.is_none() {
+            self.seek(dataset, script, episode, row, last)?;
+            self.take_over(dataset, episode, row)?;
+            self.painter.draw(index, out);
+            return Ok(());
+        }
+        if self.kept.get([episode, row]).is_none() {
+            self.seek(dataset, script, episode, row, last)?;
+            let state = self.kept.add([episode, row]);
+            let saved = self.sim.snapshot(state);
+            if let Err(error) = saved {
+                self.kept.clear();
+                return Err(failed(dataset, episode, row, &error));
+            }
+        }
+        let Self { painter, canonical, kept, .. } = self;
+        let painter = match (shown, canonical) {
+            (Shown::Canonical, Some(canonical)) => canonical,
+            _ => painter,
+        };
+        let state = kept.get([episode, row]).expect("it was just kept");
+        painter.env.restore(state).map_err(|error| failed(dataset, episode, row, &error))?;
+        painter.draw(index, out);
         Ok(())
     }
 
@@ -116,15 +210,16 @@ impl Stage {
     ) -> Result<(), DataError> {
         self.seek(dataset, script, episode, near, near)?;
         self.take_over(dataset, episode, near)?;
-        self.painter.write_episode(&mut self.image.rows_mut());
-        out.copy_from_slice(self.image.rows_mut().at::<u8>(index));
+        let Painter { env, image } = &mut self.painter;
+        env.write_episode(&mut image.rows_mut());
+        out.copy_from_slice(image.rows_mut().at::<u8>(index));
         Ok(())
     }
 
     /// Puts the painter where the simulation is.
     fn take_over(&mut self, dataset: &dyn Dataset, episode: usize, row: usize) -> Result<(), DataError> {
         let Self { sim, painter, state, .. } = self;
-        let moved = sim.snapshot(state).and_then(|()| painter.restore(state));
+        let moved = sim.snapshot(state).and_then(|()| painter.env.restore(state));
         moved.map_err(|error| failed(dataset, episode, row, &error))
     }
 
@@ -333,6 +428,14 @@ impl Stage {
     fn forget_actions(&mut self) {
         self.actions.clear();
         self.actions_from = 0;
+    }
+}
+
+impl Painter {
+    /// Draws field `index` of where it is.
+    fn draw(&mut self, index: usize, out: &mut [u8]) {
+        self.env.observe(&mut self.image.rows_mut());
+        out.copy_from_slice(self.image.rows_mut().at::<u8>(index));
     }
 }
 

@@ -46,15 +46,15 @@ pub fn check_recordings(sources: &[Box<dyn Dataset>], pieces: &[Piece]) -> Resul
 }
 
 /// Why it is not certain at which rate the rows of a copy follow each other, so that its options have to say it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct RateDoubt {
     /// The source whose rate is in doubt.
     pub path: PathBuf,
     /// What it says, and what contradicts that.
     pub reason: String,
-    /// What to do.
-    pub fix: String,
+    /// The rate of the timestamps, where these contradict the dataset.
+    pub rate: Option<f64>,
 }
 
 impl fmt::Display for RateDoubt {
@@ -65,7 +65,11 @@ impl fmt::Display for RateDoubt {
 
 impl From<RateDoubt> for DataError {
     fn from(doubt: RateDoubt) -> Self {
-        DataError::request(&doubt.path, format!("{}; {}", doubt.reason, doubt.fix))
+        let fix = match doubt.rate {
+            Some(rate) => format!("`fps` {} takes that of the timestamps", told(rate)),
+            None => "`fps` decides".to_owned(),
+        };
+        DataError::request(&doubt.path, format!("{}; {fix}", doubt.reason))
     }
 }
 
@@ -73,18 +77,13 @@ impl From<RateDoubt> for DataError {
 pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<RateDoubt> {
     let mut first: Option<(usize, f64)> = None;
     for &(source, episode) in pieces {
-        let doubt = |reason: String, fix: String| {
-            Some(RateDoubt { path: sources[source].path().to_owned(), reason, fix })
-        };
         let (info, run) = (sources[source].info(), run_of(sources[source].as_ref(), episode));
         let Some(rate) = run.map_or(info.rows_per_second, |run| run.rows_per_second) else { continue };
         let (other, wanted) = *first.get_or_insert((source, rate));
         if (rate / wanted - 1.0).abs() > RATE_ROUNDING {
             let other = sources[other].path().display();
-            return doubt(
-                format!("it has {} rows per second, {other} {}", told(rate), told(wanted)),
-                "`--fps RATE` says which rate the joined dataset has".to_owned(),
-            );
+            let reason = format!("it has {} rows per second, {other} {}", told(rate), told(wanted));
+            return Some(RateDoubt { path: sources[source].path().to_owned(), reason, rate: None });
         }
         if run.is_some() && info.rows_per_second.is_none() {
             // Those of this program hold no timestamps beside their rate.
@@ -100,9 +99,7 @@ pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<
                     told(rate),
                     told(found)
                 ),
-                fix: repair(found).map_or("`--fps RATE` decides".to_owned(), |fix| {
-                    format!("{fix} takes those of the timestamps")
-                }),
+                rate: told(found).parse().ok().filter(|&rate| is_rate(rate)),
             });
         }
     }
@@ -147,9 +144,9 @@ pub(crate) fn told(rate: f64) -> String {
     }
 }
 
-/// The option that gives a copy the rate of timestamps, if that can be one.
-pub(crate) fn repair(rate: f64) -> Option<String> {
-    (rate.is_finite() && rate > 0.0).then(|| format!("`--fps {}`", told(rate)))
+/// Whether the rate of timestamps can be one.
+pub(crate) fn is_rate(rate: f64) -> bool {
+    rate.is_finite() && rate > 0.0
 }
 
 #[cfg(test)]
@@ -162,8 +159,7 @@ mod tests {
             ["10", "29.9700", "inf"],
             [10.000_02, 29.97, f64::INFINITY].map(told).each_ref().map(|t| &t[..])
         );
-        assert_eq!(repair(rate(11, 0.0, 1.0)).as_deref(), Some("`--fps 10`"));
-        assert_eq!(repair(rate(11, 1.0, 1.0)), None);
+        assert!(is_rate(rate(11, 0.0, 1.0)) && !is_rate(rate(11, 1.0, 1.0)));
         assert_eq!((other_rate(10.09, 10.0), other_rate(10.2, 10.0)), (None, Some(10.2)));
         assert!(other_rate(f64::NAN, 10.0).is_some());
     }

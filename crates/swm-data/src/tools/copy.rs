@@ -19,6 +19,7 @@ use super::{alike, begun};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
+use crate::remote::is_remote;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);
@@ -285,7 +286,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 fn fix(field: &Field) -> &'static str {
     // Recordings without images have the states that images are rendered from.
     match begun::is_image(field) || field.name == CHECKPOINT {
-        true => "; `swm merge … --image-size HEIGHTxWIDTH` renders images for all sources",
+        true => "; `image_size` renders images for all sources",
         false => "",
     }
 }
@@ -301,6 +302,9 @@ fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metada
 
 /// Whether two paths lead to the same file or folder, links of either kind included. Where nothing is, there is nothing the same.
 pub fn is_same(a: &Path, b: &Path) -> bool {
+    if is_remote(a) {
+        return a == b;
+    }
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt as _;

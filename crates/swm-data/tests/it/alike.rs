@@ -91,7 +91,7 @@ fn another_rate_is_asked_for() {
     ] {
         for mode in [WriteMode::Append, WriteMode::Overwrite] {
             let message = merge(&sources, &target, &mode.into()).unwrap_err().to_string();
-            assert!(message.contains(told) && message.contains("`--fps RATE`"), "{message}");
+            assert!(message.contains(told) && message.contains("`fps` decides"), "{message}");
             assert!(!target.exists());
         }
     }

@@ -1,10 +1,12 @@
 //! Published datasets of other programs, as their own packages wrote them. Beside each is what these packages read from it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use swm_core::Column;
+use swm_data::loader::{ClipOptions, Loader, Rewards};
 use swm_data::testing::mutations::mutate_for;
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{all, copy};
@@ -45,7 +47,7 @@ pub(crate) fn column_of(dataset: &dyn Dataset, name: &str) -> usize {
 }
 
 fn json_of(name: &str) -> Value {
-    serde_json::from_slice(&std::fs::read(golden(&format!("{name}.expected.json"))).unwrap()).unwrap()
+    serde_json::from_slice(&fs::read(golden(&format!("{name}.expected.json"))).unwrap()).unwrap()
 }
 
 fn naturals(value: &Value) -> Vec<usize> {
@@ -221,6 +223,24 @@ fn archives_of_pldm_repeat_their_last_action() {
 }
 
 #[test]
+fn a_description_of_robomimic_in_a_damaged_heap_is_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    let mut bytes = fs::read(golden("robomimic_can.hdf5")).unwrap();
+    let known = |path: &Path| opened(path, &OpenOptions::default()).unwrap().info().notes.to_vec();
+    assert!(known(&golden("robomimic_can.hdf5")).iter().any(|note| note.contains("its environment is")));
+    while let Some(at) = bytes.windows(4).position(|word| word == b"GCOL") {
+        bytes[at + 3] = b'X';
+    }
+    fs::write(&path, bytes).unwrap();
+    let notes = known(&path);
+    let damaged =
+        |note: &&String| note.contains("its attribute `env_args` cannot be read: the heap at byte ");
+    assert_eq!(notes.iter().filter(damaged).count(), 1, "{notes:?}");
+    assert!(!notes.iter().any(|note| note.contains("its environment is")), "{notes:?}");
+}
+
+#[test]
 fn episodes_of_robomimic_are_sorted_by_their_numbers() {
     let names = [
         ("actions", "action", 1.0),
@@ -240,6 +260,41 @@ fn episodes_of_robomimic_are_sorted_by_their_numbers() {
     assert!(wrist.info().mapping.contains(&("pixels".to_owned(), "obs/robot0_eye_in_hand_image".to_owned())));
     let valid = OpenOptions::default().split(Some("valid".to_owned()));
     assert_eq!(lengths(opened(&golden("robomimic_can.hdf5"), &valid).unwrap().as_ref()), [6]);
+}
+
+/// All clips of one row, as stored and beside their actions.
+fn rewards(path: &Path) -> [Vec<f64>; 2] {
+    [Rewards::Recorded, Rewards::OfActions].map(|rewards| {
+        let keys = Some(vec!["reward".to_owned()]);
+        let options = ClipOptions::default().num_steps(1).keys(keys).rewards(rewards).threads(Some(1));
+        let loader = Loader::new(open(path).unwrap(), &options).unwrap();
+        let mut batch = loader.new_batch();
+        loader.read(&(0..loader.len()).collect::<Vec<_>>(), &mut batch).unwrap();
+        let of_row = |row| match batch.row(row).get::<f32>("reward") {
+            Ok(values) => f64::from(values[0]),
+            Err(_) => batch.row(row).get::<f64>("reward").unwrap()[0],
+        };
+        (0..loader.len()).map(of_row).collect()
+    })
+}
+
+#[test]
+fn rewards_of_other_programs_and_of_their_copies_are_beside_their_actions_already() {
+    let folder = tempfile::tempdir().unwrap();
+    for sample in ["robomimic_can.hdf5", "halfcheetah-medium-v2.hdf5"] {
+        let copied = folder.path().join(sample).with_extension("h5");
+        let mut sources = [open(&golden(sample)).unwrap()];
+        let pieces = all(&sources);
+        copy(&mut sources, &pieces, &copied, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+        for path in [golden(sample), copied] {
+            let [stored, of_actions] = rewards(&path);
+            assert!(stored.iter().any(|&reward| reward != 0.0 && !reward.is_nan()), "{stored:?}");
+            let same = |(one, other): (&f64, &f64)| {
+                one.to_bits() == other.to_bits() || one.is_nan() && other.is_nan()
+            };
+            assert!(stored.iter().zip(&of_actions).all(same), "{stored:?} {of_actions:?}");
+        }
+    }
 }
 
 #[test]
@@ -424,7 +479,7 @@ fn no_reader_of_published_datasets_trips_over_foreign_bytes() {
         let path = folder.path().join(sample);
         match golden(sample).is_dir() {
             true => crate::copied(&golden(sample), &path),
-            false => drop(std::fs::copy(golden(sample), &path).unwrap()),
+            false => drop(fs::copy(golden(sample), &path).unwrap()),
         }
         mutate_for(sample, &path, &mut |path| {
             let Ok(mut dataset) = opened(path, &options_of(sample)) else { return false };

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use hdf5_metno::File;
+use hdf5_metno::types::VarLenUnicode;
 use swm_data::{DataError, WriteMode, open};
 
 use crate::support::{contents, record};
@@ -124,4 +125,63 @@ fn appending_writes_no_other_file() {
     let error = record(&path, WriteMode::Append, 2..3).unwrap_err();
     assert!(matches!(error.downcast_ref(), Some(DataError::Mismatch { .. })), "{error}");
     assert!(fs::read(&other).unwrap() == before);
+}
+
+/// Where the collections of the heap are, which have the texts of any length.
+fn collections(bytes: &[u8]) -> Vec<usize> {
+    let found: Vec<usize> =
+        bytes.windows(4).enumerate().filter(|(_, word)| word == b"GCOL").map(|(at, _)| at).collect();
+    assert!(!found.is_empty(), "there is no text of any length");
+    found
+}
+
+/// Every program refuses these: each bound of the way to a text is checked before it is followed.
+#[test]
+fn attributes_in_a_damaged_heap_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let sound = fs::read(&path).unwrap();
+    // Of a collection: its signature, and its first object's number and length.
+    let changes: [(usize, &[u8], &str); 3] = [
+        (0, b"GCOX", "it is none"),
+        (16, &[0x77, 0x07], "has no object"),
+        (24, &[1, 0], "lies behind its end"),
+    ];
+    for (offset, change, reason) in changes {
+        let mut bytes = sound.clone();
+        for at in collections(&sound) {
+            bytes[at + offset..][..change.len()].copy_from_slice(change);
+        }
+        fs::write(&path, &bytes).unwrap();
+        let message = open(&path).err().unwrap().to_string();
+        let parts = ["attribute `swm_", "the heap at byte ", reason];
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+    }
+    fs::write(&path, &sound).unwrap();
+    assert_eq!(contents(&path).len(), 2);
+}
+
+#[test]
+fn attributes_of_any_length_are_one_value() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let text: VarLenUnicode = "{".parse().unwrap();
+    let file = File::create(&path).unwrap();
+    file.new_attr::<VarLenUnicode>().create("swm_columns").unwrap().write_scalar(&text).unwrap();
+    drop(file);
+    let message = open(&path).err().unwrap().to_string();
+    assert!(message.contains("attribute `swm_columns`: invalid type"), "{message}");
+    for values in [vec![], vec![text.clone(), text]] {
+        let file = File::create(&path).unwrap();
+        file.new_attr::<VarLenUnicode>()
+            .shape(values.len())
+            .create("swm_columns")
+            .unwrap()
+            .write(&values)
+            .unwrap();
+        drop(file);
+        let message = open(&path).err().unwrap().to_string();
+        assert!(message.contains(&format!("has {} values, not one", values.len())), "{message}");
+    }
 }

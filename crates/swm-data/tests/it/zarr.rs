@@ -186,7 +186,7 @@ fn what_is_not_read_is_left_out_by_name() {
 }
 
 #[test]
-fn images_are_told_by_their_shapes_and_cameras_are_named() {
+fn images_are_recognized_by_their_shapes_and_cameras_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let files = Files::new(folder.path().join("a.zarr"), &[2]);
     files.array(
@@ -221,7 +221,7 @@ fn images_are_told_by_their_shapes_and_cameras_are_named() {
 }
 
 #[test]
-fn damage_is_told_where_it_is() {
+fn damage_is_reported_where_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let message = |change: &dyn Fn(&Files)| {
         let files = Files::new(folder.path().join("a.zarr"), &[2, 3]);

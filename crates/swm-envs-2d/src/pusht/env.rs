@@ -1,5 +1,7 @@
 //! `swm/PushT-v1` and its discrete variant as environments: reset, step, observation, saved states.
 
+use std::collections::BTreeMap;
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::env::ResetOptions;
@@ -46,6 +48,8 @@ pub struct PushT<E: Engine = Sim> {
     /// The controller's target of the last step, in pixels.
     target: Option<[f64; 2]>,
     image: Option<Image<Look>>,
+    /// Values of visual factors that images show in place of those of the episode.
+    look: BTreeMap<String, Value>,
 }
 
 /// A saved state. Behind it stands `goal_angle`, if there is one: older states have none.
@@ -134,6 +138,7 @@ impl<E: Engine> PushT<E> {
             contact_points: 0,
             target: None,
             image,
+            look: BTreeMap::new(),
         })
     }
 
@@ -189,7 +194,7 @@ impl<E: Engine> PushT<E> {
     }
 
     /// All of the block's angle in a recorded row, if it has that: `state` holds the angle modulo a full turn.
-    fn whole_angle(row: &std::collections::BTreeMap<String, Value>) -> Result<Option<f64>, EnvError> {
+    fn whole_angle(row: &BTreeMap<String, Value>) -> Result<Option<f64>, EnvError> {
         let Some(pose) = row.get("block_pose") else { return Ok(None) };
         let pose = pose.cast("block_pose", Dtype::F64, &[3])?.to_f64s("block_pose")?;
         if pose.iter().any(|number| !number.is_finite()) {
@@ -204,10 +209,7 @@ impl<E: Engine> PushT<E> {
     }
 
     /// The column `state` of a recorded row.
-    fn recorded_state(
-        &self,
-        row: &std::collections::BTreeMap<String, Value>,
-    ) -> Result<PushTState, EnvError> {
+    fn recorded_state(&self, row: &BTreeMap<String, Value>) -> Result<PushTState, EnvError> {
         let value =
             row.get("state").ok_or_else(|| self.reset_error("start and goal need the column `state`"))?;
         let mut values = value.to_f64s("state")?;
@@ -253,7 +255,9 @@ impl<E: Engine> PushT<E> {
 
     fn refresh_look(&mut self) {
         if let Some(image) = &mut self.image {
-            image.set_look(Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings));
+            let dressed = self.space.dressed(&self.spec.id, &self.fov, &self.look);
+            let fov = dressed.as_ref().unwrap_or(&self.fov);
+            image.set_look(Look::new(fov, self.sim.shape(BodyId::Block), &self.settings));
         }
     }
 }
@@ -353,6 +357,15 @@ impl<E: Engine> Env for PushT<E> {
         (self.fov, self.goal, self.goal_angle, self.sim) = (fov, saved.goal, goal_angle, sim);
         (self.contact_points, self.target) = (saved.contact_points, saved.target);
         if !same_world {
+            self.refresh_look();
+        }
+        Ok(())
+    }
+
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        self.space.dressed(&self.spec.id, &self.fov, look)?;
+        if *look != self.look {
+            self.look.clone_from(look);
             self.refresh_look();
         }
         Ok(())

@@ -13,18 +13,21 @@ use super::settings::Settings;
 pub fn factors() -> FovSpace {
     let angle = std::f64::consts::TAU;
     FovSpace::new(vec![
-        Factor::rgb("background.color", [255, 255, 255]).doc("color of the table"),
+        Factor::rgb("background.color", [255, 255, 255]).doc("color of the table").visual(),
         Factor::scalar("goal.angle", -angle, angle, std::f64::consts::FRAC_PI_4)
-            .doc("angle of the rendered goal, rad; the rewarded goal is goal_state"),
-        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the rendered goal"),
+            .doc("angle of the rendered goal, rad; the rewarded goal is goal_state")
+            .visual(),
+        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the rendered goal").visual(),
         Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0])
-            .doc("position of the rendered goal, px"),
+            .doc("position of the rendered goal, px")
+            .visual(),
         Factor::scalar_f32("goal.scale", 20.0, 60.0, 40.0)
-            .doc("size of the rendered goal, px per cell; the block's size unless sampled or set"),
+            .doc("size of the rendered goal, px per cell; the block's size unless sampled or set")
+            .visual(),
         Factor::scalar("block.angle", -angle, angle, 0.0)
             .doc("start angle of the block, rad")
             .sampled_by_default(),
-        Factor::rgb("block.color", [119, 136, 153]).doc("color of the block"),
+        Factor::rgb("block.color", [119, 136, 153]).doc("color of the block").visual(),
         Factor::scalar_f32("block.scale", 20.0, 60.0, 30.0).doc("size of the block, px per cell"),
         Factor::integer("block.shape", 1, 7, 2)
             .choices(&["L", "T", "Z", "square", "I", "small T", "+"])
@@ -35,7 +38,7 @@ pub fn factors() -> FovSpace {
         Factor::scalar("agent.angle", -angle, angle, 0.0)
             .doc("start angle of the agent, rad; a disc has none")
             .shows_with("agent.shape", 1),
-        Factor::rgb("agent.color", [65, 105, 225]).doc("color of the agent"),
+        Factor::rgb("agent.color", [65, 105, 225]).doc("color of the agent").visual(),
         Factor::scalar_f32("agent.scale", 20.0, 60.0, 40.0).doc("size of the agent, px per cell"),
         Factor::integer("agent.shape", 0, 7, 0)
             .choices(&["disc", "L", "T", "Z", "square", "I", "small T", "+"])

@@ -44,6 +44,8 @@ pub struct TwoRoom {
     goal: Vec2,
     step_state: StepState,
     image: Option<Image<Look>>,
+    /// Values of visual factors that images show in place of those of the episode.
+    look: BTreeMap<String, Value>,
 }
 
 /// What else changes in an episode.
@@ -91,6 +93,7 @@ impl TwoRoom {
             sim,
             step_state: StepState::default(),
             image,
+            look: BTreeMap::new(),
         })
     }
 
@@ -181,7 +184,8 @@ impl TwoRoom {
 
     fn refresh_look(&mut self) {
         if let Some(image) = &mut self.image {
-            image.set_look(Look::new(&self.fov, &self.sim.setup().plan));
+            let dressed = self.space.dressed(&self.spec.id, &self.fov, &self.look);
+            image.set_look(Look::new(dressed.as_ref().unwrap_or(&self.fov), &self.sim.setup().plan));
         }
     }
 }
@@ -279,6 +283,15 @@ impl Env for TwoRoom {
         let same_world = fov == self.fov && goal == self.goal;
         (self.fov, self.sim, self.goal, self.step_state) = (fov, sim, goal, saved.step_state);
         if !same_world {
+            self.refresh_look();
+        }
+        Ok(())
+    }
+
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        self.space.dressed(&self.spec.id, &self.fov, look)?;
+        if *look != self.look {
+            self.look.clone_from(look);
             self.refresh_look();
         }
         Ok(())

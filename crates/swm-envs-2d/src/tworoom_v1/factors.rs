@@ -20,25 +20,25 @@ pub fn factors() -> FovSpace {
     let integers =
         |name, low, high, default| Factor::integers(name, low, high, &[default; 3]).sampled_by_default();
     FovSpace::new(vec![
-        Factor::rgb("background.color", [255, 255, 255]).doc("color of the floor"),
-        Factor::rgb("wall.color", [115, 127, 145]).doc("color of the dividing wall"),
-        Factor::rgb("wall.border_color", [180, 189, 204]).doc("color of the borders"),
+        Factor::rgb("background.color", [255, 255, 255]).doc("color of the floor").visual(),
+        Factor::rgb("wall.color", [115, 127, 145]).doc("color of the dividing wall").visual(),
+        Factor::rgb("wall.border_color", [180, 189, 204]).doc("color of the borders").visual(),
         Factor::integer("wall.thickness", 9, 33, 19).doc("twice what the dividing wall is thick, px"),
         Factor::integer("wall.axis", 0, 1, 1)
             .choices(&["horizontal", "vertical"])
             .doc("0 horizontal, 1 vertical wall"),
-        Factor::rgb("agent.color", [255, 0, 0]).doc("color of the agent"),
+        Factor::rgb("agent.color", [255, 0, 0]).doc("color of the agent").visual(),
         number("agent.radius", 15.0, 30.0, 15.0).doc("radius of the agent, px"),
         place("agent.position", [50.0, 50.0]).doc("start of the agent, px"),
         Factor::integer("agent.max_energy", 50, 199, 100).doc("actions after which the episode is cut off"),
         number("agent.speed", 10.0, 20.0, 10.0).doc("px per step and unit of action"),
-        Factor::rgb("door.color", [255, 255, 255]).doc("color of the doors"),
+        Factor::rgb("door.color", [255, 255, 255]).doc("color of the doors").visual(),
         Factor::integer("door.number", 1, 3, 1)
             .doc("how many of the three doors exist; those in one place are one")
             .shows_with("door.position", json!([100, 247, 400])),
         integers("door.size", 10, 99, 75).doc("lengths of the doors, px"),
         integers("door.position", 0, INNER_PX - 1, 247).doc("starts of the doors along the wall, px"),
-        Factor::rgb("goal.color", [0, 255, 0]).doc("color of the goal"),
+        Factor::rgb("goal.color", [0, 255, 0]).doc("color of the goal").visual(),
         number("goal.radius", 15.0, 30.0, 15.0).doc("radius of the goal, px"),
         place("goal.position", [450.0, 450.0]).doc("the goal, px"),
     ])

@@ -1,5 +1,7 @@
 //! `swm/TwoRoom-v2` as an environment: reset, step, observation, saved states.
 
+use std::collections::BTreeMap;
+
 use swm_core::{Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, RowsMut, Slice, Value};
 use swm_fov::{Fov, FovSpace};
 
@@ -24,6 +26,8 @@ pub struct TwoRoom {
     agent: [f32; 2],
     target: [f32; 2],
     image: Option<Image<Look, Dot>>,
+    /// Values of visual factors that images show in place of those of the episode.
+    look: BTreeMap<String, Value>,
 }
 
 /// The factor table as the settings have it.
@@ -61,6 +65,7 @@ impl TwoRoom {
             agent,
             target,
             image,
+            look: BTreeMap::new(),
         };
         env.refresh_look()?;
         Ok(env)
@@ -83,8 +88,9 @@ impl TwoRoom {
 
     fn refresh_look(&mut self) -> Result<(), EnvError> {
         let Some(image) = &mut self.image else { return Ok(()) };
-        let look = Look::new(&self.fov, self.target, &self.settings);
-        image.set_look(&self.spec.id, Dot::new(&self.fov, self.agent), look)
+        let dressed = self.space.dressed(&self.spec.id, &self.fov, &self.look)?;
+        let look = Look::new(&dressed, self.target, &self.settings);
+        image.set_look(&self.spec.id, Dot::new(&dressed, self.agent), look)
     }
 }
 
@@ -165,6 +171,15 @@ impl Env for TwoRoom {
         (self.fov, self.agent, self.target) = (fov, saved.agent, saved.target);
         if !same_look {
             self.room = Room::new(&self.fov);
+            self.refresh_look()?;
+        }
+        Ok(())
+    }
+
+    fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        self.space.dressed(&self.spec.id, &self.fov, look)?;
+        if *look != self.look {
+            self.look.clone_from(look);
             self.refresh_look()?;
         }
         Ok(())

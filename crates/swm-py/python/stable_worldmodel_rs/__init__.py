@@ -12,8 +12,9 @@ from ._swm import __version__
 
 if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
-    from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world
+    from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world, zoo
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
+    from ._train import train
     from .buffer import HistoryBuffer
     from .planning.mpc import MpcPolicy
     from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
@@ -77,10 +78,12 @@ __all__ = [
     "spaces",
     "sweep",
     "track",
+    "train",
     "vector",
     "verify",
     "wm",
     "world",
+    "zoo",
 ]
 
 # Public name -> the module that defines it.
@@ -111,6 +114,7 @@ _HOMES: dict[str, str] = {
     "Sweep": "world.results",
     "read_sweep": "world.sweeps",
     "sweep": "world.sweeps",
+    "train": "_train",
     "PlanConfig": "policy",
     "WorldModelPolicy": "policy",
     "FeedForwardPolicy": "policy",
@@ -125,7 +129,7 @@ _HOMES: dict[str, str] = {
     "save_pretrained": "wm.utils",
 }
 _MODULES = frozenset(
-    {"buffer", "compat", "data", "envs", "hub", "planning", "policy", "protocols", "spaces", "track", "vector", "wm", "world"}
+    {"buffer", "compat", "data", "envs", "hub", "planning", "policy", "protocols", "spaces", "track", "vector", "wm", "world", "zoo"}
 )
 
 # Without a handler of the program, Python would write warnings to stderr.

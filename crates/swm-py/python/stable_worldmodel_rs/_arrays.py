@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import operator
 import sys
 from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "is_array", "is_module", "is_tensor", "require_torch"]
+__all__ = ["Array", "image_sides", "is_array", "is_module", "is_tensor", "require_torch"]
 
 Array = npt.NDArray[Any]
 """An array of any type; shapes are in the docs."""
+
+
+def image_sides(name: str, value: Any) -> tuple[int, int]:
+    """The height and width of images, given as the argument ``name``.
+
+    Raises:
+        TypeError: It is no pair of whole numbers.
+    """
+    try:
+        height, width = (operator.index(length) for length in value)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"{name}={value!r}: give the height and width of the images, such as {name}=(64, 64)"
+        ) from None
+    return height, width
 
 
 def is_array(value: object) -> TypeGuard[Array]:

@@ -25,6 +25,12 @@ _FIX = (
     "`pip install stable-worldmodel-rs[ogbench]`, those of Meta-World `[metaworld]`; those of Fetch are in no package: let SWM_HOME name a folder that "
     "`cargo xtask setup` filled"
 )
+# The package of the zoo.
+_ZOO = "stable_worldmodel_zoo"
+_ZOO_ADVICE = (
+    "`pip install stable-worldmodel-zoo`, or unpack the folder of a release into `zoo` of the data folder (SWM_HOME); "
+    "`cargo xtask zoo NAME` makes one in a checkout"
+)
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).
 _OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (
     ("manipspace/descriptions", "manipspace", None),
@@ -50,6 +56,16 @@ def choose() -> None:
     folder = _LIB if not chosen and (_LIB / "dm_control").is_dir() else None
     python = sys.executable or None
     _swm.set_files(folder=None if folder is None else str(folder), fix=_FIX, python=python)
+    _swm.set_zoo(_zoo_folders(), _ZOO_ADVICE)
+
+
+def _zoo_folders() -> list[str]:
+    """Where models of the zoo are: in the data folder of the command, and in the installed package of them, which is not imported."""
+    folders = [] if _home is None else [_home / "zoo"]
+    spec = find_spec(_ZOO)
+    found = None if spec is None else spec.submodule_search_locations
+    folders += [Path(place) / "models" for place in found or ()]
+    return [str(folder) for folder in folders]
 
 
 def offer_ogbench() -> None:

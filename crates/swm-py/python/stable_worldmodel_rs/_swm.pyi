@@ -15,6 +15,7 @@ __all__ = [
     "EnvError",
     "EpisodeWriter",
     "Episodes",
+    "HAS_TRAINING",
     "PlanError",
     "PolicyError",
     "Reader",
@@ -27,7 +28,7 @@ __all__ = [
     "collect",
     "compare_receipts",
     "contact_sheet",
-    "copy_datasets",
+    "convert_dataset",
     "dataset_formats",
     "detect_dataset",
     "divisors",
@@ -45,6 +46,7 @@ __all__ = [
     "make_bundle",
     "make_manifest",
     "manifest_json",
+    "merge_datasets",
     "receipt_differences",
     "receipt_json",
     "receipt_to_repeat",
@@ -53,13 +55,19 @@ __all__ = [
     "run_command",
     "save_video",
     "set_files",
+    "set_zoo",
     "solvers",
+    "split_dataset",
     "sweep_json",
     "sweep_manifest",
+    "verify_dataset",
     "verify_receipt",
     "wilson95",
+    "zoo_model",
+    "zoo_models",
 ]
 __version__: str
+HAS_TRAINING: bool
 
 _Path: TypeAlias = str | PathLike[str]
 _Array: TypeAlias = npt.NDArray[Any]
@@ -175,7 +183,14 @@ class Reader:
     def beside(self, other: Reader) -> Reader: ...
     def subset(self, episodes: Sequence[int]) -> Reader: ...
     def cached(self, keys: Sequence[str]) -> Reader: ...
-    def rendered(self, image: tuple[int, int], settings: str = "{}", factors: str = "{}") -> Reader: ...
+    def rendered(
+        self,
+        image: tuple[int, int],
+        settings: str = "{}",
+        factors: str = "{}",
+        looks: str | None = None,
+        canonical: str | None = None,
+    ) -> Reader: ...
     def check_fit(self, env: str, settings: str) -> None: ...
     def resized(self, image: tuple[int, int], fit: str | None = None) -> Reader: ...
     def slice(self, episode: int, start: int, stop: int, frameskip: int, columns: Sequence[int]) -> list[Any]: ...
@@ -242,6 +257,7 @@ class EpisodeWriter:
         quality: int | None = None,
         fps: float | None = None,
         key_frame_period: int | None = None,
+        last_row: str | None = None,
     ) -> EpisodeWriter: ...
     def write_episode(self, columns: Sequence[tuple[str, Any]], constant: Sequence[str] = ...) -> None: ...
     def finish(self) -> None: ...
@@ -274,16 +290,9 @@ def collect(
 ) -> tuple[str, list[str]]: ...
 def compare_receipts(sides: Sequence[tuple[str, Sequence[str]]]) -> str: ...
 def contact_sheet(frames: npt.NDArray[np.uint8]) -> bytes: ...
-def copy_datasets(
-    readers: Sequence[Reader],
-    to: _Path,
-    format: str | None = None,
-    mode: str = "append",
-    quality: int | None = None,
-    fps: float | None = None,
-    key_frame_period: int | None = None,
-    progress: Callable[..., Any] | None = None,
-) -> tuple[int, int, int]: ...
+def convert_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def divisors(
     centers: npt.NDArray[np.float64], scales: npt.NDArray[np.float64], absolute: float
 ) -> npt.NDArray[np.float64]: ...
@@ -315,7 +324,7 @@ def evaluate(
 ) -> tuple[str, list[str]]: ...
 def evaluate_manifest(
     request: str,
-    foreign: _Given | None = None,
+    policy: _Given | None = None,
     begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
 ) -> tuple[str | None, list[str]]: ...
@@ -325,6 +334,9 @@ def make_board(request: str, begin: Callable[[str, int], None] | None = None, ti
 def make_bundle(request: str) -> tuple[str, list[str]]: ...
 def make_manifest(request: str) -> tuple[str, str, list[str]]: ...
 def manifest_json(path: _Path) -> tuple[str, str]: ...
+def merge_datasets(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def receipt_differences(first: str, this: str) -> str: ...
 def receipt_json(path: _Path) -> str: ...
 def receipt_to_repeat(path: _Path) -> str: ...
@@ -343,26 +355,21 @@ def save_video(path: str, frames: npt.NDArray[np.uint8], frames_per_second: floa
 def set_files(
     library: _Path | None = None, folder: _Path | None = None, fix: str | None = None, python: _Path | None = None
 ) -> None: ...
+def set_zoo(folders: Sequence[_Path], advice: str) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
+def split_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def sweep_json(path: _Path) -> str: ...
 def sweep_manifest(
-    manifest: str,
-    policy: str,
-    foreign: _Given | None = None,
-    factors: Sequence[str] = ...,
-    values: str = "sampled",
-    points: int | None = None,
-    policy_seed: int = 0,
-    out: _Path | None = None,
-    num_envs: int = 8,
-    threads: int | None = None,
-    plan_steps: int | None = None,
-    again: bool = False,
-    shard: tuple[int, int] | None = None,
-    join: bool = False,
-    begin: Callable[[int], object] | None = None,
+    request: str,
+    policy: _Given | None = None,
+    begin: Callable[[str, int], object] | None = None,
     tick: _Tick | None = None,
-) -> tuple[str | None, bool]: ...
+) -> tuple[str | None, list[str]]: ...
+def verify_dataset(
+    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def verify_receipt(
     receipt: str,
     policy: tuple[str, _Given] | None = None,
@@ -373,3 +380,5 @@ def verify_receipt(
     tick: _Tick | None = None,
 ) -> str: ...
 def wilson95(successes: int, episodes: int) -> tuple[float, float]: ...
+def zoo_model(name: str) -> str: ...
+def zoo_models() -> tuple[str, list[str]]: ...

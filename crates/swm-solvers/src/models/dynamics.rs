@@ -9,6 +9,7 @@ use crate::context::PlanningContext;
 use crate::control::{ControlModel, Stage};
 use crate::error::PlanError;
 use crate::problem::Candidates;
+use crate::steps::StateSteps;
 
 /// A model that predicts states (usually embeddings) of W values, one after every block of a plan.
 ///
@@ -56,6 +57,11 @@ pub trait Dynamics: Send + Sync {
         Err(PlanError::NoGradient { solver: "the objective" })
     }
 
+    /// Single steps from any state, if it has them: GRASP needs them.
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        None
+    }
+
     /// What descriptions of a planner call it, as settings: `model`.
     fn changed_settings(&self) -> Map<String, Json> {
         Map::new()
@@ -79,11 +85,11 @@ pub(super) fn state_dim(parts: &[Part]) -> usize {
 /// A [`ControlModel`] as [`Dynamics`]: its states without its cost, for objectives of another kind. One candidate after
 /// another: meant for tests and small problems.
 pub struct Stepwise<M> {
-    model: M,
+    pub(super) model: M,
     /// `[n][W]`.
     goals: Vec<Vec<f32>>,
     parts: [Part; 1],
-    tape: Tape,
+    pub(super) tape: Tape,
 }
 
 impl<M: ControlModel> Stepwise<M> {
@@ -140,6 +146,10 @@ impl<M: ControlModel> Dynamics for Stepwise<M> {
 
     fn has_gradients(&self) -> bool {
         true
+    }
+
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        Some(self)
     }
 
     fn pull_back(

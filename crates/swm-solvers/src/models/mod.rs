@@ -17,6 +17,7 @@ mod navigation;
 mod objective;
 mod outputs;
 mod shooting;
+mod single_steps;
 
 pub use crate::control::{ControlModel, Stage};
 pub use control_cost::ControlCost;

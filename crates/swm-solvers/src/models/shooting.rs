@@ -9,6 +9,7 @@ use crate::context::PlanningContext;
 use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 use crate::error::PlanError;
 use crate::problem::Candidates;
+use crate::steps::StateSteps;
 
 /// The cost of plans by the prediction of a model.
 ///
@@ -146,6 +147,10 @@ impl<D: Dynamics> Cost for ShootingCost<D> {
 
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
         self.run(candidates, None, Outputs { costs, ..Outputs::default() })
+    }
+
+    fn steps(&mut self) -> Option<&mut dyn StateSteps> {
+        self.dynamics.steps()
     }
 
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {

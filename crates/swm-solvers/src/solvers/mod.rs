@@ -8,6 +8,7 @@ mod cem;
 mod cma_es;
 #[cfg(feature = "faer")]
 mod full_cem;
+mod grasp;
 mod icem;
 #[cfg(feature = "faer")]
 mod ilqr;
@@ -27,6 +28,7 @@ pub use cem::Cem;
 pub use cma_es::CmaEs;
 #[cfg(feature = "faer")]
 pub use full_cem::FullCem;
+pub use grasp::{Grasp, Sync};
 pub use icem::Icem;
 #[cfg(feature = "faer")]
 pub use ilqr::Ilqr;
@@ -50,6 +52,7 @@ pub const SOLVERS: &[SolverEntry] = &[
     SolverEntry::of::<Sgd>(),
     SolverEntry::of::<Adam>(),
     SolverEntry::of::<AdamW>(),
+    SolverEntry::of::<Grasp>(),
     SolverEntry::of::<Pgd>(),
     SolverEntry::of::<Lagrangian>(),
     #[cfg(feature = "faer")]

@@ -138,7 +138,8 @@ fn a_deadline_ends_every_solver_with_the_plan_of_the_iterations_made() {
         mpc.next(cost, None).unwrap();
         mpc.last_plan().expect("a plan was made").clone()
     };
-    for entry in SOLVERS {
+    // Those that need a model's states have tests of their own.
+    for entry in SOLVERS.iter().filter(|entry| !entry.needs_states) {
         let cut = plan(entry, 9, Some(Duration::ZERO));
         assert_eq!(cut.iterations, [1], "{}", entry.name);
         assert!(cut.cost_of_returned[0].is_finite(), "{}", entry.name);

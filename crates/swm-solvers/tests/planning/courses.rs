@@ -278,7 +278,8 @@ fn every_solver_of_real_actions_solves_95_of_100_courses() {
     let (keys, space, initial) =
         (keys(0..COURSES as u64), Courses::space(), vec![0.0; COURSES * STEPS * WIDTH]);
     let problem = Problem { horizon: STEPS, ..problem(&keys, &space, &initial) };
-    for entry in SOLVERS {
+    // Those that need a model's states have tests of their own.
+    for entry in SOLVERS.iter().filter(|entry| !entry.needs_states) {
         let solver = entry.make(settings(entry.name)).expect("valid settings");
         if solver.check(&space).is_err() {
             continue;

@@ -8,6 +8,7 @@ mod descent;
 mod golden;
 mod golden_sampling;
 mod gradients;
+mod grasp;
 mod ilqr;
 mod models;
 mod mpc;

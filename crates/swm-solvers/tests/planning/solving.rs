@@ -36,7 +36,8 @@ fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
 
 #[test]
 fn the_plan_of_an_episode_is_the_same_alone_and_among_64_on_1_and_2_threads() {
-    for entry in SOLVERS {
+    // Those that need a model's states have tests of their own.
+    for entry in SOLVERS.iter().filter(|entry| !entry.needs_states) {
         // Descent takes many evaluations per iteration here: fewer iterations show the same.
         let descends = entry.settings.iter().any(|setting| setting.name == "action_noise");
         let settings = if descends { json!({"iterations": 5}) } else { json!({}) };

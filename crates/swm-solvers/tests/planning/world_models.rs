@@ -6,7 +6,7 @@ use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{
     BoxError, EnvConfig, EnvEntry, PolicyArgs, PolicyContext, Registry, Row, Setting, WorldError,
 };
-use swm_solvers::{PLANNERS, SOLVERS, WorldModelEntry};
+use swm_solvers::{PLANNERS, SOLVERS, WorldModelEntry, registered_model};
 
 use crate::worlds::{NO_TASK_COST, Setting as Run, run, toward};
 
@@ -100,6 +100,36 @@ fn a_model_is_registered_once_and_planned_with_by_its_name() {
     let context = PolicyContext::new(&TOY, &config);
     let described = registry.policy("line:stride=2,aggregate=best", context).unwrap().describe();
     assert!(described.contains("model=line:stride=2") && described.contains("aggregate=best"), "{described}");
+}
+
+/// A folder of the package, in which tests run, has this name.
+static NAMED_AS_A_FOLDER: [WorldModelEntry; 1] =
+    [WorldModelEntry::new("src", "has the name of a folder", |_, _| Ok(Box::new(Blind)))];
+
+#[test]
+fn the_policy_of_trained_models_takes_registered_ones() {
+    let registry = registry();
+    for (text, same) in [
+        ("mpc:line", "line:"),
+        ("mpc:line:stride=2,samples=8", "line:stride=2,samples=8"),
+        ("mpc:line,solver=icem", "line:solver=icem"),
+        (" mpc : line:data.h5", "line:data.h5"),
+        // Training runs, other policies, and other models.
+        ("mpc:runs/line", "mpc:runs/line"),
+        ("mpc:./line", "mpc:./line"),
+        ("mpc:lines,samples=8", "mpc:lines,samples=8"),
+        ("mpc", "mpc"),
+        ("line:stride=2", "line:stride=2"),
+        ("cem:line", "cem:line"),
+    ] {
+        assert_eq!(registered_model(&registry, text).unwrap(), same, "{text}");
+    }
+    assert_eq!(acts(TOY, &registered_model(&registry, "mpc:line,samples=60").unwrap()).unwrap(), Some(true));
+    let registry = registry.with(&NAMED_AS_A_FOLDER);
+    let message = registered_model(&registry, "mpc:src,samples=8").unwrap_err().to_string();
+    assert!(message.contains("`src:…` for the model") && message.contains("`mpc:./src`"), "{message}");
+    assert_eq!(registered_model(&registry, "mpc:src:samples=8").unwrap(), "src:samples=8");
+    assert_eq!(registered_model(&registry, "mpc:./src").unwrap(), "mpc:./src");
 }
 
 #[test]

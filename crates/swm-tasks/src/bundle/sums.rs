@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn every_change_is_told_by_its_file() {
+    fn every_change_is_reported_by_its_file() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::create_dir(at("model")).unwrap();

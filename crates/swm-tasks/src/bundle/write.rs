@@ -11,6 +11,7 @@ use swm_data::files;
 use super::models::Models;
 use super::{BUNDLE_VERSION, BundleInfo, CARD, INFO, MANIFEST, README, Reported, readme, sums};
 use crate::evaluation::{Candidate, Code, Receipt, contradiction, env_of, write_manifest, write_receipt};
+use crate::zoo;
 
 /// Writes a bundle of `receipt` to the folder `out`, which must not be there; gives how many files it has.
 ///
@@ -51,6 +52,12 @@ fn write_all(
 ) -> Result<usize, BoxError> {
     let entry = env_of(registry, &receipt.manifest)?;
     let mut receipt = receipt.clone();
+    // Names of the zoo become files, so that the bundle is verified where no zoo is.
+    for policy in std::iter::once(&mut receipt.candidate)
+        .chain(receipt.references.iter_mut().map(|one| &mut one.candidate))
+    {
+        policy.policy = zoo::expanded(&policy.policy)?;
+    }
     let is_foreign = match registry.policy_entry(entry, &receipt.candidate.policy.name) {
         Ok(_) => false,
         Err(unknown) if unknown.fix.is_some() => return Err(unknown.into()),
@@ -98,7 +105,7 @@ fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Resu
     let entry = registry.policy_entry(env_of(registry, &receipt.manifest)?, &candidate.policy.name)?;
     let mut files: Vec<PathBuf> = receipt.files.keys().map(PathBuf::from).collect();
     if !files.is_empty() {
-        // Those of a run that has gone on, or that is gone, are told apart by their hashes: as files that are not there.
+        // Those of a run that has gone on, or that is gone, are distinguished by their hashes: as files that are not there.
         files.extend(entry.companion_files(&candidate.policy)?);
     }
     Ok(files)

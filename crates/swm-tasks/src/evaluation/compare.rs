@@ -10,6 +10,7 @@ use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
 
 use super::difference::{Difference, differences};
 use super::receipt::Receipt;
+use super::verify::edited;
 
 /// One side of a comparison: runs of one policy with different seeds on one manifest.
 #[derive(Clone, Debug)]
@@ -46,12 +47,15 @@ pub struct Compared {
 impl Side {
     /// # Errors
     ///
-    /// No runs, runs of different policies or manifests, or two runs with one seed.
+    /// No runs, runs of different policies or manifests, two runs with one seed, or a receipt whose figures are not those of its episodes.
     pub fn new(name: impl Into<String>, runs: Vec<Receipt>) -> Result<Self, BoxError> {
         let name = name.into();
         let Some(first) = runs.first() else {
             return Err(format!("{name}: a side without a result; give one or more").into());
         };
+        if let Some(reason) = runs.iter().find_map(edited) {
+            return Err(format!("{name}: {reason}; the receipt was edited or damaged; evaluate again").into());
+        }
         if let Some(other) = runs.iter().find(|run| run.candidate.policy != first.candidate.policy) {
             let (one, other) = (&first.candidate.policy, &other.candidate.policy);
             let by_setting = |policy: &PolicyArgs| {
@@ -62,10 +66,10 @@ impl Side {
             return Err(match by_setting(one) == by_setting(other) {
                 true => format!(
                     "{name}: `{one}` and `{other}` are not runs of one policy: they differ in its setting `seed`; leave that out, and \
-                     evaluate the policy with --policy-seed 1, --policy-seed 2, …"
+                     evaluate the policy with the policy seeds 1, 2, …"
                 ),
                 false => format!(
-                    "{name}: `{one}` and `{other}` are not runs of one policy; commas join runs, and spaces separate results to compare"
+                    "{name}: `{one}` and `{other}` are not runs of one policy, which alone are joined; compare them as results of their own"
                 ),
             }
             .into());

@@ -14,6 +14,7 @@ use swm_data::rendered::env_named;
 
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
+use super::relative;
 use crate::request::{Assignment, Fix, Message, TaskError};
 use crate::text_file::{json_error, read_text, replace_text, toml_error};
 
@@ -111,7 +112,7 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
         let advice = if path.join("sweep.json").exists() {
             format!("it is the result of a sweep, which `swm report {folder}` shows")
         } else if below.is_empty() {
-            "`swm eval --manifest TASK --out DIR` writes one".to_owned()
+            "an evaluation on a manifest writes one".to_owned()
         } else {
             format!("but these do: {}", below.join(", "))
         };
@@ -122,7 +123,7 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
     let no_json = |error: serde_json::Error| {
         let reason = json_error(&text, &error);
-        wrong(format!("is no receipt, which is JSON that `swm eval --manifest … --out DIR` writes: {reason}"))
+        wrong(format!("is no receipt, which is JSON that an evaluation on a manifest writes: {reason}"))
     };
     let json: Json = serde_json::from_str(&text).map_err(no_json)?;
     match json.get("receipt").and_then(Json::as_u64) {
@@ -132,17 +133,17 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
             return Err(wrong(reason).into());
         }
         None => {
-            return Err(
-                wrong("is no receipt; `swm eval --manifest … --out DIR` writes one".to_owned()).into()
-            );
+            return Err(wrong("is no receipt; an evaluation on a manifest writes one".to_owned()).into());
         }
     }
     // Its version is one of its keys, so it is an object.
     let object = json.as_object().cloned().unwrap_or_default();
     let damaged = |WrongSetting { name, reason }| {
-        wrong(format!("`{name}`: {reason}; it was edited or damaged, so evaluate again with --again"))
+        wrong(format!("`{name}`: {reason}; it was edited or damaged; evaluate again"))
     };
-    Ok(read_settings(&object).map_err(damaged)?)
+    let mut receipt: Receipt = read_settings(&object).map_err(damaged)?;
+    relative::resolve(&mut receipt, path.parent().unwrap_or(Path::new(""))).map_err(wrong)?;
+    Ok(receipt)
 }
 
 /// Folders right below `dir` that hold receipts.
@@ -192,9 +193,7 @@ impl<'a> From<&'a Manifest> for Sealed<'a> {
 
 /// Why a text is no manifest at all.
 fn no_manifest(reason: &str) -> String {
-    format!(
-        "is no manifest, which is TOML, or JSON if its name ends in .json, that `swm manifest make` writes: {reason}"
-    )
+    format!("is no manifest, which is TOML, or JSON if its name ends in .json: {reason}")
 }
 
 /// What a file says its hash is, and the rest of it.

@@ -15,7 +15,9 @@ mod probes;
 mod quality;
 mod receipt;
 mod reference;
+mod relative;
 mod resume;
+mod robustness;
 mod run;
 mod sweep;
 mod tiers;
@@ -36,15 +38,19 @@ pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;
 pub use probes::{NetworkProbe, ProbeScore, ProbeTarget, Probed, Samples, probe};
-pub use quality::{Quality, QualityOptions, Ranking, Surprised, measurements, quality, recorded_episodes};
+pub use quality::{
+    Quality, QualityOptions, Ranking, Surprised, default_probes, measurements, quality, recorded_episodes,
+};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::{Ledger, identity};
+pub use robustness::{Published, ROBUST_TASKS, ROBUSTNESS_VERSION, RobustTask, Robustness, RobustnessRow};
 pub use run::{Candidate, ForeignPolicy, RunEpisodes, RunOptions, run_pairs};
+pub(crate) use sweep::unknown_factor;
 pub use sweep::{
     Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, grid_points, held_sweep, is_sweep,
     read_sweep, write_sweep,
 };
 pub use tiers::{TierRules, ruled_envs, task_probes, tier_rules};
 pub use verify::{Part, Verification, verify, verify_by};
-pub(crate) use verify::{can_be_made, contradiction};
+pub(crate) use verify::{can_be_made, contradiction, edited};

@@ -22,7 +22,7 @@ pub fn changed_model(registry: &Registry, receipt: &Receipt) -> Option<String> {
         hashes.collect()
     });
     let what = difference(&receipt.files, &now)?;
-    Some(format!("{what}; evaluate again, by the same `swm eval` with --again"))
+    Some(format!("{what}; evaluate again, and replace the result"))
 }
 
 /// What differs between the hashes of a model's files, by their names.

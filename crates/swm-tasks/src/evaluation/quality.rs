@@ -2,6 +2,7 @@
 //! were recorded.
 
 use serde::Serialize;
+use serde_json::{Map, Value as Json};
 use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error, surprise, violation_accuracy};
@@ -9,10 +10,11 @@ use swm_core::evaluate::{
     Distances, RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
 };
 use swm_core::moments::{Moments, of_rows};
-use swm_core::{Batch, Env, Field, Schema};
+use swm_core::{Batch, Env, EnvSpec, Field, Schema};
 
 use super::gate::{self, GateCheck};
 use super::probes::{ProbeTarget, Probed, probe};
+use super::tiers::task_probes;
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
@@ -143,6 +145,18 @@ pub fn quality(
 /// How many measurements [`quality`] names: open-loop prediction, probes, ranking, and every violation.
 pub fn measurements(violations: &[(String, Violation)]) -> u64 {
     3 + violations.len() as u64
+}
+
+/// What is probed unless something is named: what decides on success, where that is known and in the rows; else the columns from
+/// which episodes start.
+pub fn default_probes(spec: &EnvSpec, settings: &Map<String, Json>, recorded: &[Batch]) -> Vec<ProbeTarget> {
+    let deciding = task_probes(&spec.id, settings);
+    let is_there =
+        |target: &ProbeTarget| recorded.iter().all(|rows| rows.schema().index(&target.column).is_some());
+    match !deciding.is_empty() && deciding.iter().all(is_there) {
+        true => deciding,
+        false => spec.start_columns.iter().map(|&column| column.into()).collect(),
+    }
 }
 
 /// The ranking of plans by how far they end from the goal in what is `probed`, each value in units of its std over the recorded

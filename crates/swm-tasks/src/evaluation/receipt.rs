@@ -30,6 +30,10 @@ pub struct Receipt {
     /// SHA-256 of every file that the policy's arguments name: its models.
     #[serde(default)]
     pub files: BTreeMap<String, String>,
+    /// Arguments of policies that are paths from the receipt's own folder, as those of [`Receipt::files`] then are: of a result that was
+    /// handed on with its model. Empty once it is read: the paths are those from here.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paths: Vec<String>,
     /// What the result depends on.
     pub fingerprints: Fingerprints,
     /// What made it.
@@ -92,6 +96,7 @@ impl Receipt {
             candidate,
             policy,
             files,
+            paths: Vec::new(),
             fingerprints,
             code: Code::this(),
             summary: Summary::of(&[]),

@@ -15,6 +15,7 @@ use swm_core::evaluate::{PairedTest, Summary};
 
 use super::receipt::Code;
 use super::run::Candidate;
+pub(crate) use changes::unknown_factor;
 pub use changes::{Change, Scope, Values, changes, grid_points};
 pub use folder::{held_sweep, read_sweep, write_sweep};
 pub use run::SweepRun;

@@ -15,7 +15,7 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 
 use crate::evaluation::{
-    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, is_sweep, read_receipt,
+    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, edited, is_sweep, read_receipt,
 };
 use crate::html;
 use crate::plan::PlanFigure;
@@ -62,7 +62,17 @@ impl Item {
                 }
                 Content::Sweep(Box::new(found))
             }
-            _ => Content::Receipt(Box::new(read_receipt(path)?)),
+            _ => {
+                let receipt = read_receipt(path)?;
+                if let Some(reason) = edited(&receipt) {
+                    let path = path.display();
+                    return Err(format!(
+                        "receipt {path}: {reason}; it was edited or damaged; evaluate again"
+                    )
+                    .into());
+                }
+                Content::Receipt(Box::new(receipt))
+            }
         };
         Ok(Self { path: path.to_owned(), content })
     }
@@ -233,7 +243,7 @@ mod tests {
         [PolicyEntry::new("of-file", "acts at random", |_, _| Ok(Box::new(policies::random())))];
 
     #[test]
-    fn a_result_of_a_model_that_was_trained_since_says_so() {
+    fn a_result_of_a_model_that_was_trained_since_is_marked() {
         let folder = tempfile::tempdir().unwrap();
         let (weights, page) = (folder.path().join("weights"), folder.path().join("page.html"));
         std::fs::write(&weights, "100 steps").unwrap();
@@ -268,7 +278,10 @@ mod tests {
         std::fs::write(&weights, "200 steps").unwrap();
         let (notes, html) = written(of(&files));
         let warning = "The model has changed since this result";
-        assert!(notes.len() == 1 && notes[0].contains(warning) && notes[0].contains("--again"), "{notes:?}");
+        assert!(
+            notes.len() == 1 && notes[0].contains(warning) && notes[0].contains("evaluate again"),
+            "{notes:?}"
+        );
         assert!(html.contains(&format!("<strong>{warning}")), "the page says it too");
         assert!(!html.contains("data:image/gif"), "a video would be of the newer model");
         let (notes, html) = written(of(&BTreeMap::new()));

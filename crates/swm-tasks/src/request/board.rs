@@ -6,7 +6,8 @@ use serde::Serialize;
 use swm_core::Registry;
 
 use super::report::apart;
-use super::{Fix, Message, Report, Request, Stage, TaskError, must_be_given, wrong};
+use super::source::claim;
+use super::{Fix, Message, Report, Request, Stage, TaskError, create_parent, must_be_given, wrong};
 use crate::board::{Board, holds_board, write_board};
 use crate::bundle::Bundle;
 use crate::evaluation::{Role, RunOptions, Verification, verify};
@@ -78,6 +79,9 @@ impl Request for MakeBoard {
             }
         }
         let board = Board::new(&self.title, &bundles)?;
+        // The page and the data of one board, also if two are written at once.
+        create_parent(&self.out)?;
+        let _claim = claim(&self.out)?;
         Ok(BoardMade { page: write_board(&board, &self.out)?, board })
     }
 }

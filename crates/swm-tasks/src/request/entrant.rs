@@ -7,9 +7,11 @@ use serde_json::{Map, Value as Json};
 use swm_core::error::BoxError;
 use swm_core::{EnvEntry, Manifest, PolicyArgs, Recorder, Registry, Rollout};
 
-use super::policy::policy_args;
-use super::{Assignment, Fix, Message, Report, TaskError, failed, report::apart, wrong};
-use crate::evaluation::{Candidate, ForeignPolicy, env_of, file_hash};
+use super::policy::{policy_args, policy_files};
+use super::{Assignment, Fix, ManifestSource, Message, Report, TaskError, failed, report::apart, wrong};
+use crate::evaluation::{
+    Candidate, ForeignPolicy, Receipt, RunOptions, Verification, env_of, file_hash, verify_by,
+};
 
 /// A policy that no registry has, such as an object of Python. Results call it what the request names as its policy.
 pub struct Foreign<'a> {
@@ -53,7 +55,7 @@ impl Entrant {
         let entry = env_of(registry, &manifest).map_err(wrong)?;
         let (candidate, description, files) = match foreign {
             None => {
-                let candidate = Candidate::new(policy_args(policy)?).seeded(seed);
+                let candidate = Candidate::new(policy_args(registry, policy)?).seeded(seed);
                 let candidate = candidate.on(registry, entry, &manifest);
                 let made = candidate.make(registry, entry, &manifest)?;
                 let files = apart(report, || candidate.files(registry, entry))??;
@@ -108,4 +110,42 @@ impl Entrant {
     pub(super) fn check_made(&self, registry: &Registry, other: &Candidate) -> Result<(), TaskError> {
         other.make(registry, self.entry, &self.manifest).map(drop).map_err(failed)
     }
+}
+
+/// The files that an evaluation on a manifest reads: the manifest, and those of policies.
+pub(super) fn inputs<'a>(
+    registry: &Registry,
+    entry: &EnvEntry,
+    source: Option<&ManifestSource>,
+    policies: impl IntoIterator<Item = &'a String>,
+) -> Result<Vec<PathBuf>, TaskError> {
+    let mut inputs: Vec<PathBuf> = match source {
+        Some(ManifestSource::File(path)) => vec![path.clone()],
+        _ => Vec::new(),
+    };
+    for policy in policies {
+        inputs.extend(policy_files(registry, entry, policy)?);
+    }
+    Ok(inputs)
+}
+
+/// As [`crate::evaluation::verify`], of a receipt of a policy that the registry does not have: what it is called and the policy;
+/// `steps`: actions of one plan.
+///
+/// # Errors
+///
+/// As of [`crate::evaluation::verify_by`]; one of the policy's files cannot be read.
+pub fn verify_foreign(
+    registry: &Registry,
+    receipt: &Receipt,
+    (name, foreign): (&str, &mut Foreign<'_>),
+    steps: Option<u64>,
+    options: &RunOptions,
+    oracle: bool,
+    each: impl FnMut() + Send,
+) -> Result<Verification, TaskError> {
+    let (manifest, seed) = (receipt.manifest.clone(), receipt.candidate.seed);
+    let entrant = Entrant::new(registry, manifest, name, seed, steps, Some(&*foreign), &mut ())?;
+    let policy = (&entrant.candidate, entrant.foreign(foreign));
+    Ok(verify_by(registry, receipt, Some(policy), options, oracle, each)?)
 }

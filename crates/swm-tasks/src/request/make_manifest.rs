@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json, json};
+use swm_core::Settings as _;
 use swm_core::evaluate::{ChosenPair, ManifestOptions, Tier, make_manifest};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Manifest, Registry, SuccessRule};
 use swm_data::OpenOptions;
 
+use super::clear::ClearManifest;
 use super::source::check_opening;
 use super::stream::read_stream;
 use super::{
@@ -46,6 +48,10 @@ swm_core::settings! {
         ///
         /// In place of `episodes`, `goal_offset` and `held_out`.
         pairs: Option<Vec<ChosenPair>> = None => "sampled",
+        /// With a dataset: pairs, test of success, budget and seed of this manifest of CLEAR-LeWM.
+        ///
+        /// In place of `tier`, `pairs`, `episodes`, `goal_offset`, `held_out`, `budget` and `seed`.
+        clear: Option<PathBuf> = None => "none",
         /// With a dataset: the goal is this many steps after the start.
         goal_offset: usize = 25,
         /// With a dataset and the tier moderate or strict: the fraction of episodes that is held out from training. 1: all.
@@ -127,6 +133,7 @@ impl MakeManifest {
             ("goal_offset", json!(self.goal_offset), self.goal_offset != default.goal_offset),
             ("held_out", json!(self.held_out), self.held_out != default.held_out),
         ];
+        self.check_clear()?;
         let needs_dataset = |name: &'static str, value: Json| {
             let setting = Assignment::name("dataset");
             Message::about(name, value, "is about a dataset, and none is named")
@@ -135,6 +142,9 @@ impl MakeManifest {
         if let (Some(pairs), None) = (&self.pairs, &self.dataset) {
             return Err(needs_dataset("pairs", json!(pairs)).into());
         }
+        if let (Some(clear), None) = (&self.clear, &self.dataset) {
+            return Err(needs_dataset("clear", json!(clear)).into());
+        }
         for (name, value, is_given) in given {
             if is_given && self.pairs.is_some() {
                 let message = Message::about(name, value, "does not go with pairs that are chosen");
@@ -142,6 +152,25 @@ impl MakeManifest {
             }
             if is_given && name != "episodes" && self.dataset.is_none() {
                 return Err(needs_dataset(name, value).into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses what a manifest of CLEAR-LeWM says itself.
+    fn check_clear(&self) -> Result<(), TaskError> {
+        if self.clear.is_none() {
+            return Ok(());
+        }
+        let changed = self.changed();
+        for name in ["tier", "pairs", "episodes", "goal_offset", "held_out", "budget", "seed", "stream"] {
+            if let Some(value) = changed.get(name) {
+                let message = Message::about(
+                    name,
+                    value.clone(),
+                    "does not go with a manifest of CLEAR-LeWM, which has its own",
+                );
+                return Err(message.fix(Fix::Any(vec![Fix::Leave(name), Fix::Leave("clear")])).into());
             }
         }
         Ok(())
@@ -158,7 +187,11 @@ impl MakeManifest {
         let mut settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         settings.extend(self.env_option.clone());
         let config = EnvConfig { image: self.image_size, settings };
-        let rules = tier_rules(entry.id, &config.settings, self.tier).map_err(wrong)?;
+        let clear = self.clear.as_deref().map(ClearManifest::read).transpose()?;
+        let rules = match &clear {
+            Some(clear) => clear.rules(entry.id, &config.settings, report)?,
+            None => tier_rules(entry.id, &config.settings, self.tier).map_err(wrong)?,
+        };
         if self.tier == Tier::Moderate && rules == TierRules::default() {
             report.note(&Message::new(format!(
                 "{} has no moderate rules of its own: success is the environment's test, starts may move, and goals may be near",
@@ -173,14 +206,15 @@ impl MakeManifest {
             None => scenario.options(entry, &factors, report)?,
             Some(_) => scenario.recorded_options(entry, &factors, report)?,
         };
-        let budget = self.budget.unwrap_or(if dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
+        let usual = if dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE };
+        let budget = self.budget.or(clear.as_ref().map(ClearManifest::budget)).unwrap_or(usual);
         let options = ManifestOptions {
-            tier: self.tier,
+            tier: clear.as_ref().map_or(self.tier, |clear| clear.tier),
             pairs: self.episodes,
             budget,
             frame_skip: self.frame_skip.or(recorded.map(|recorded| recorded.frame_skip)).unwrap_or(1),
             image: config.image,
-            seed: self.seed,
+            seed: clear.as_ref().map_or(self.seed, ClearManifest::seed),
             distractors: self.distractor.clone(),
             vary: scenario.variation,
             set: scenario.variation_values,
@@ -190,10 +224,11 @@ impl MakeManifest {
         };
         let pairs = match (&mut dataset, &self.dataset) {
             (Some(dataset), Some(path)) => {
+                let listed = clear.as_ref().map(|clear| clear.pairs(dataset.as_ref())).transpose()?;
                 let mut recorded = recorded_pairs(dataset, path)?;
                 recorded.goal_offset = self.goal_offset;
                 recorded.held_out = self.held_out;
-                recorded.chosen.clone_from(&self.pairs);
+                recorded.chosen = listed.or_else(|| self.pairs.clone());
                 Some(recorded)
             }
             _ => None,

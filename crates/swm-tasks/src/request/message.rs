@@ -62,6 +62,8 @@ pub enum Fix {
 pub enum List {
     /// The factors of variation of this environment.
     Factors(String),
+    /// The solvers.
+    Solvers,
 }
 
 /// A note, or the reason why a request is refused: about a setting, what is the matter, what helps.
@@ -93,8 +95,11 @@ impl Words for Plain {
         value.map_or_else(|| name.to_owned(), |value| format!("{name}={}", value_text(value)))
     }
 
-    fn list(&self, List::Factors(env): &List) -> String {
-        format!("the description of {env}")
+    fn list(&self, list: &List) -> String {
+        match list {
+            List::Factors(env) => format!("the description of {env}"),
+            List::Solvers => "the table of solvers".to_owned(),
+        }
     }
 }
 
@@ -245,8 +250,11 @@ mod tests {
             value.map_or(option.clone(), |value| format!("{option} {}", value_text(value)))
         }
 
-        fn list(&self, List::Factors(env): &List) -> String {
-            format!("`swm fovs {env}`")
+        fn list(&self, list: &List) -> String {
+            match list {
+                List::Factors(env) => format!("`swm fovs {env}`"),
+                List::Solvers => "`swm solvers`".to_owned(),
+            }
         }
     }
 

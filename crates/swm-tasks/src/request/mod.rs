@@ -6,20 +6,28 @@
 
 mod board;
 mod bundle;
+mod clear;
+mod copies;
 mod defaults;
+mod divided;
 mod entrant;
 mod evaluate;
 mod image_choice;
 mod make_manifest;
+mod measure;
 mod message;
+mod plan;
 mod policy;
 mod record;
+mod render;
 mod report;
 mod scenario;
 mod shard;
 mod source;
 mod stream;
+mod sweep;
 mod training_note;
+mod verify;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
@@ -28,22 +36,29 @@ use swm_core::settings::{Settings, read_of};
 
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
+pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
-pub use entrant::{Foreign, RunOn};
-pub use evaluate::{Evaluate, Evaluated, Needs};
+pub use divided::{Divided, Needs};
+pub use entrant::{Foreign, RunOn, verify_foreign};
+pub use evaluate::{Evaluate, Evaluated};
 pub use image_choice::ImageChoice;
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
+pub use measure::Measure;
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
+pub use plan::{Plan, Planned};
 pub use policy::{make_policy, model_image, note_elites, note_images, policy_args, policy_files};
 pub use record::{Count, Record, Recorded};
+pub use render::{EpisodeImages, Render};
 pub use report::{Progress, Report, Stage};
-pub use scenario::{Scenario, factor_values};
+pub use scenario::{Scenario, factor_values, look_of};
 pub use shard::Shard;
 pub use source::{
     ManifestSource, check_opening, check_recorded_in, create_parent, make_folder, open_dataset,
     open_dataset_with,
 };
+pub use sweep::{Sweep, Swept};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
+pub use verify::{Verified, Verify};
 
 /// A request that can be checked and run.
 pub trait Request: Settings {

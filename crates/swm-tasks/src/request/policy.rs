@@ -4,17 +4,20 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json};
 use swm_core::{EnvEntry, ImageSize, Policy, PolicyArgs, Registry, World};
+use swm_solvers::registered_model;
 
 use super::training_note::{Ask, note_training};
 use super::{Message, Report, TaskError, failed, wrong};
 use crate::text_file::{json_error, read_text, toml_error};
 
 /// Reads `NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value` after it override the file's.
+/// `mpc:NAME` is the policy of the registry's world model of that name ([`registered_model`]).
 ///
 /// # Errors
 ///
 /// It is no policy with arguments, or the file cannot be read.
-pub fn policy_args(text: &str) -> Result<PolicyArgs, TaskError> {
+pub fn policy_args(registry: &Registry, text: &str) -> Result<PolicyArgs, TaskError> {
+    let text = &*registered_model(registry, text).map_err(failed)?;
     let parse = |text: &str| PolicyArgs::parse(text).map_err(failed);
     let Some((name, rest)) = text.split_once(":@") else { return Ok(named(parse(text)?)) };
     let (path, overrides) = rest.split_once(',').unwrap_or((rest, ""));
@@ -49,7 +52,7 @@ fn settings_file(path: &Path) -> Result<Map<String, Json>, TaskError> {
 ///
 /// There is no such policy, or its arguments cannot be read.
 pub fn policy_files(registry: &Registry, env: &EnvEntry, text: &str) -> Result<Vec<PathBuf>, TaskError> {
-    let args = policy_args(text)?;
+    let args = policy_args(registry, text)?;
     let mut files =
         registry.policy_entry(env, &args.name).map_err(failed)?.model_files(&args).map_err(failed)?;
     files.extend(text.split_once(":@").map(|(_, rest)| rest.split(',').next().unwrap_or_default().into()));
@@ -58,7 +61,7 @@ pub fn policy_files(registry: &Registry, env: &EnvEntry, text: &str) -> Result<V
 
 /// The image size that the model behind a policy was trained on, for worlds that no image size is asked for.
 pub fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Option<ImageSize> {
-    let args = policy_args(text).ok()?;
+    let args = policy_args(registry, text).ok()?;
     registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
@@ -75,7 +78,7 @@ pub fn make_policy(
     ask: Ask,
     report: &mut dyn Report,
 ) -> Result<Box<dyn Policy>, TaskError> {
-    let args = policy_args(text)?;
+    let args = policy_args(registry, text)?;
     let policy = registry.policy_from(&args, world).map_err(failed)?;
     note_elites(registry, world.entry(), &args, report);
     note_training(registry, &args, &world.into(), ask, report);

@@ -58,6 +58,13 @@ pub trait Progress: Send + Sync {
     /// One more is done; of an episode, whether it was a success, where that is known.
     fn done(&self, success: Option<bool>);
 
+    /// So many more are done.
+    fn advance(&self, units: u64) {
+        for _ in 0..units {
+            self.done(None);
+        }
+    }
+
     /// So many units were there before.
     fn before(&self, _units: u64) {}
 
@@ -72,6 +79,8 @@ pub trait Progress: Send + Sync {
 
 impl Progress for () {
     fn done(&self, _success: Option<bool>) {}
+
+    fn advance(&self, _units: u64) {}
 }
 
 /// Ignores everything.

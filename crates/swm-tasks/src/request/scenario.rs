@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value as Json, json};
 use swm_core::env::{nearest_factor, selects};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::{EnvEntry, FactorSpec, ResetOptions, Value};
+use swm_core::{EnvConfig, EnvEntry, FactorSpec, Metadata, Registry, ResetOptions, Value};
+use swm_data::Dataset;
+use swm_data::rendered::env_named;
 use swm_fov::color_values;
 
-use super::{Assignment, Fix, List, Message, Report, TaskError, value_text};
+use super::{Assignment, Fix, List, Message, Report, TaskError, failed, value_text, wrong};
 
 /// Which factors vary, which are set.
 #[derive(Clone, Copy, Debug)]
@@ -132,7 +134,7 @@ fn check_selected<'a>(
 }
 
 /// Why there is no factor `name`: it is a setting, a group, or nothing.
-fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> Message {
+pub(super) fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors: &[FactorSpec]) -> Message {
     let names = || factors.iter().map(|factor| factor.name.as_str());
     let below: Vec<&str> = names().filter(|factor| selects(name, factor)).collect();
     let id = env.id;
@@ -148,6 +150,32 @@ fn no_factor(setting: Assignment, name: &str, env: &EnvEntry, factors: &[FactorS
         (format!("unknown factor `{name}`{meant}"), Some(Fix::List(List::Factors(id.to_owned()))))
     };
     Message { setting: Some(setting), text, fix }
+}
+
+/// The values of `set`, by the names of factors of the environment that a dataset was recorded in, for images that are rendered anew.
+///
+/// # Errors
+///
+/// The dataset does not say how it was recorded, its environment cannot be made, or has no such factor or value.
+pub fn look_of(
+    dataset: &dyn Dataset,
+    registry: &Registry,
+    set: &Map<String, Json>,
+    report: &mut dyn Report,
+) -> Result<BTreeMap<String, Value>, TaskError> {
+    if set.is_empty() {
+        return Ok(BTreeMap::new());
+    }
+    let path = dataset.path().display();
+    let Some(metadata) = dataset.metadata().and_then(Metadata::of_known_env) else {
+        let text =
+            format!("{path} does not say how it was recorded, so that its images cannot be rendered anew");
+        return Err(Message::about("set", set.clone(), text).fix(Fix::Leave("set")).into());
+    };
+    let entry = env_named(registry, &metadata.env, &format!("{path} was recorded in")).map_err(wrong)?;
+    let config = EnvConfig { image: None, settings: metadata.settings.clone() };
+    let factors = entry.make(&config).map_err(failed)?.spec().factors.clone();
+    factor_values(set, entry, &factors, report)
 }
 
 /// Values of factors. What the environment cannot take, it refuses itself.

@@ -17,6 +17,11 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// Part `index`, counted from 1, of `count`; `None`: there is no such part.
+    pub fn new(index: u64, count: u64) -> Option<Self> {
+        (1..=count).contains(&index).then_some(Self { index, count })
+    }
+
     /// The part of `0..total` that it is.
     pub fn of(self, total: u64) -> Range<u64> {
         parts::range(self.index, self.count, total)
@@ -41,10 +46,8 @@ impl FromStr for Shard {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-        match parts {
-            Some((index, count)) if (1..=count).contains(&index) => Ok(Self { index, count }),
-            _ => Err("must be part I of N parts, I/N with I of 1..=N, such as 3/16".to_owned()),
-        }
+        let shard = parts.and_then(|(index, count)| Self::new(index, count));
+        shard.ok_or_else(|| "must be part I of N parts, I/N with I of 1..=N, such as 3/16".to_owned())
     }
 }
 

@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::settings::read as read_settings;
-use swm_core::{EnvEntry, Manifest, Metadata, Registry};
+use swm_core::{EnvEntry, ImageSize, Manifest, Metadata, Registry};
 use swm_data::recording::WriterLock;
 use swm_data::remote::is_remote;
-use swm_data::{DataError, Dataset, OpenOptions};
+use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered};
+use swm_media::Format;
 
 use super::{Fix, Message, TaskError, failed, wrong};
 use crate::evaluation::read_manifest;
@@ -95,6 +96,15 @@ pub fn check_recorded_in(
     }
 }
 
+/// The dataset with images of this size, in place of those that it holds.
+pub(super) fn rendered(
+    dataset: Box<dyn Dataset>,
+    registry: &Registry,
+    size: ImageSize,
+) -> Result<Box<dyn Dataset>, TaskError> {
+    Ok(Box::new(Rendered::new(dataset, registry, &RenderOptions::default().image(size)).map_err(wrong)?))
+}
+
 /// Makes a folder for results.
 ///
 /// # Errors
@@ -119,6 +129,30 @@ pub fn create_parent(path: &Path) -> Result<(), TaskError> {
 /// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
 pub(super) fn claim(path: &Path) -> Result<WriterLock, TaskError> {
     WriterLock::take(path).map_err(failed)
+}
+
+/// The format of videos of this name; `None`: mp4 where this build can make it.
+pub(super) fn video_format_of(name: Option<&str>) -> Result<Format, TaskError> {
+    match name {
+        Some("gif") => Ok(Format::Gif),
+        Some("mp4") => Ok(Format::Mp4),
+        None if Format::Mp4.is_built() => Ok(Format::Mp4),
+        None => Ok(Format::Gif),
+        Some(other) => {
+            let message = Message::about("video_format", other, "no format of videos");
+            Err(message.fix(Fix::Choose(vec!["mp4".to_owned(), "gif".to_owned()])).into())
+        }
+    }
+}
+
+/// Refuses a format of videos that this build cannot make.
+pub(super) fn check_built(format: Format) -> Result<(), TaskError> {
+    if format.is_built() {
+        return Ok(());
+    }
+    let message =
+        Message::about("video_format", "mp4", "this build is without the feature `mp4`, the encoder");
+    Err(message.fix(Fix::set("video_format", "gif")).into())
 }
 
 /// A manifest: the path of its file, or its JSON.

@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn both_values_and_the_fix_are_told() {
+    fn both_values_and_the_fix_are_noted() {
         let told =
             |differences: &[TrainingDifference], ask| message("agent:runs/a", differences, ask).to_string();
         let here = told(&differences("walk", 1), Ask::Here);

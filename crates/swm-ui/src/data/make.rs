@@ -5,12 +5,12 @@ use std::sync::Arc;
 use axum::body::Bytes;
 use axum::extract::State;
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use swm_core::evaluate::{ChosenPair, Tier};
 use swm_core::settings::Settings as _;
 use swm_tasks::request::{MakeManifest, Message, Request as _, value_text};
 
-use super::blocking;
+use super::{blocking, opening_of};
 use crate::error::{Answer, Refusal, json};
 use crate::server::App;
 
@@ -20,6 +20,9 @@ use crate::server::App;
 struct Asked {
     /// The dataset.
     id: String,
+    /// How it is opened, as the JSON of `OpenOptions`.
+    #[serde(default)]
+    opening: Option<String>,
     /// As `swm manifest make --pairs` takes them: `3:10-35`.
     pairs: Vec<String>,
     tier: Tier,
@@ -32,7 +35,7 @@ struct Asked {
 /// Makes a manifest, and names in its answer the command that makes the same.
 pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> Answer {
     blocking(move || {
-        let Asked { id, pairs, tier, budget, file } = serde_json::from_slice(&body)
+        let Asked { id, opening, pairs, tier, budget, file } = serde_json::from_slice(&body)
             .map_err(|error| Refusal::bad(format!("the page sent `{error}`")))?;
         if pairs.is_empty() {
             return Err(Refusal::bad("no pairs are picked; write EPISODE:START-GOAL, such as 3:10-35"));
@@ -44,7 +47,8 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
             return Err(Refusal::bad(format!("`{file}` is no name of a manifest; end it in .json or .toml")));
         }
         let dataset = app.roots.resolve(&id)?;
-        let opened = app.store.open(&app.roots, &dataset)?;
+        let opening = opening_of(opening.as_deref())?;
+        let opened = app.store.open(&app.roots, &dataset, &opening)?;
         let env = opened.info().runs.first().map(|(_, run)| run.env.as_str()).unwrap_or_default();
         let env = app.registry.env(env).map_err(|error| {
             Refusal::bad(format!("the dataset does not say in which environment it was recorded: {error}"))
@@ -52,6 +56,7 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
         let request = MakeManifest {
             env: env.id.to_owned(),
             dataset: Some(dataset),
+            opening,
             pairs: Some(pairs),
             tier,
             budget: Some(budget),
@@ -78,6 +83,20 @@ fn command_line(request: &MakeManifest) -> Vec<String> {
     let mut changed = request.changed();
     let [env, out] = ["env", "out"].map(|name| changed.shift_remove(name));
     let mut words: Vec<String> = env.iter().map(value_text).collect();
+    if let Some(Json::Object(opening)) = changed.shift_remove("opening") {
+        for (name, value) in opening {
+            let option = format!("--{}", name.replace('_', "-"));
+            match value {
+                Json::Object(each) => {
+                    words.extend(
+                        each.iter()
+                            .flat_map(|(new, old)| [option.clone(), format!("{new}={}", value_text(old))]),
+                    );
+                }
+                value => words.extend([option, value_text(&value)]),
+            }
+        }
+    }
     for (name, value) in changed.into_iter().chain(out.map(|out| ("out".to_owned(), out))) {
         words.extend([format!("--{}", name.replace('_', "-")), value_text(&value)]);
     }

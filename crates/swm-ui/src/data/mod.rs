@@ -12,7 +12,9 @@ use axum::extract::{Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Map, Value as Json, json};
+use swm_core::settings;
+use swm_data::OpenOptions;
 use swm_media::Format;
 
 use crate::error::{Answer, Refusal, json};
@@ -37,22 +39,45 @@ pub(crate) async fn blocking(work: impl FnOnce() -> Answer + Send + 'static) -> 
 }
 
 /// Opens the dataset, and works on it.
-async fn with(app: Arc<App>, id: String, work: impl FnOnce(&Opened) -> Answer + Send + 'static) -> Answer {
+async fn with(
+    app: Arc<App>,
+    Named { id, opening }: Named,
+    work: impl FnOnce(&Opened) -> Answer + Send + 'static,
+) -> Answer {
     blocking(move || {
         let path = app.roots.resolve(&id)?;
-        work(app.store.open(&app.roots, &path)?.as_ref())
+        let opening = opening_of(opening.as_deref())?;
+        work(app.store.open(&app.roots, &path, &opening)?.as_ref())
     })
     .await
 }
 
-#[derive(Deserialize)]
+/// A dataset: its id, and how one of another program is opened, as the JSON of `OpenOptions`.
+#[derive(Clone, Deserialize)]
 pub(crate) struct Named {
     id: String,
+    #[serde(default)]
+    opening: Option<String>,
+}
+
+/// The options of opening that a page may ask for: nothing is written for it.
+pub(super) fn opening_of(json: Option<&str>) -> Result<OpenOptions, Refusal> {
+    let Some(json) = json else { return Ok(OpenOptions::default()) };
+    let given: Map<String, Json> = serde_json::from_str(json)
+        .map_err(|error| Refusal::bad(format!("the options of opening: {error}")))?;
+    if given.contains_key("storage") {
+        return Err(Refusal::bad(
+            "storage: the page decodes nothing into a folder; use the command, or convert the dataset first",
+        ));
+    }
+    let options: OpenOptions = settings::read(&given).map_err(|wrong| Refusal::bad(wrong.to_string()))?;
+    options.check().map_err(|error| Refusal::bad(error.to_string()))?;
+    Ok(options)
 }
 
 /// Columns, runs and sizes.
-pub(crate) async fn about(State(app): State<Arc<App>>, Query(Named { id }): Query<Named>) -> Answer {
-    with(app, id, |opened| {
+pub(crate) async fn about(State(app): State<Arc<App>>, Query(named): Query<Named>) -> Answer {
+    with(app, named, |opened| {
         let info = opened.info();
         let steps: usize = info.lengths.iter().sum();
         let runs = info.runs.iter().map(|(first, run)| json!({ "first_episode": first, "run": run }));
@@ -69,6 +94,9 @@ pub(crate) async fn about(State(app): State<Arc<App>>, Query(Named { id }): Quer
             "can_render": opened.can_render(),
             "runs": runs.collect::<Vec<_>>(),
             "skipped": skipped.collect::<Vec<_>>(),
+            "mapping": *info.mapping,
+            "notes": *info.notes,
+            "opening": *info.opening,
         }))
     })
     .await
@@ -77,6 +105,8 @@ pub(crate) async fn about(State(app): State<Arc<App>>, Query(Named { id }): Quer
 #[derive(Deserialize)]
 pub(crate) struct Episodes {
     id: String,
+    #[serde(default)]
+    opening: Option<String>,
     #[serde(default)]
     first: usize,
     #[serde(default = "page")]
@@ -91,8 +121,8 @@ fn page() -> usize {
 
 /// Episodes that pass a filter, with length, return and success, a page at a time.
 pub(crate) async fn episodes(State(app): State<Arc<App>>, Query(asked): Query<Episodes>) -> Answer {
-    let Episodes { id, first, count, filter } = asked;
-    with(app, id, move |opened| {
+    let Episodes { id, opening, first, count, filter } = asked;
+    with(app, Named { id, opening }, move |opened| {
         let (matching, known) = query::matching(opened, &filter)?;
         let shown = matching.iter().skip(first).take(count.min(500));
         let shown = shown.map(|&episode| query::summary(opened, episode)).collect::<Result<Vec<_>, _>>()?;
@@ -104,6 +134,8 @@ pub(crate) async fn episodes(State(app): State<Arc<App>>, Query(asked): Query<Ep
 #[derive(Deserialize)]
 pub(crate) struct Image {
     id: String,
+    #[serde(default)]
+    opening: Option<String>,
     episode: usize,
     /// Of a video: nothing.
     #[serde(default)]
@@ -122,14 +154,16 @@ pub(crate) struct Image {
 /// One image as PNG.
 pub(crate) async fn image(State(app): State<Arc<App>>, Query(asked): Query<Image>) -> Answer {
     let registry = app.registry.clone();
-    with(app, asked.id.clone(), move |opened| Ok(file("image/png", image::still(opened, &registry, &asked)?)))
-        .await
+    let named = Named { id: asked.id.clone(), opening: asked.opening.clone() };
+    let still = move |opened: &Opened| Ok(file("image/png", image::still(opened, &registry, &asked)?));
+    with(app, named, still).await
 }
 
 /// An episode as a video.
 pub(crate) async fn video(State(app): State<Arc<App>>, Query(asked): Query<Image>) -> Answer {
     let registry = app.registry.clone();
-    with(app, asked.id.clone(), move |opened| {
+    let named = Named { id: asked.id.clone(), opening: asked.opening.clone() };
+    with(app, named, move |opened| {
         let (format, bytes) = image::video(opened, &registry, &asked)?;
         Ok(file(if format == Format::Gif { "image/gif" } else { "video/mp4" }, bytes))
     })
@@ -143,27 +177,31 @@ fn file(kind: &'static str, bytes: Vec<u8>) -> Response {
 #[derive(Deserialize)]
 pub(crate) struct Values {
     id: String,
+    #[serde(default)]
+    opening: Option<String>,
     episode: usize,
 }
 
 /// The values of all columns of an episode, images apart.
 pub(crate) async fn values(
     State(app): State<Arc<App>>,
-    Query(Values { id, episode }): Query<Values>,
+    Query(Values { id, opening, episode }): Query<Values>,
 ) -> Answer {
-    with(app, id, move |opened| json(&sample::episode(opened, episode)?)).await
+    with(app, Named { id, opening }, move |opened| json(&sample::episode(opened, episode)?)).await
 }
 
 #[derive(Deserialize)]
 pub(crate) struct Sample {
     id: String,
+    #[serde(default)]
+    opening: Option<String>,
     column: String,
 }
 
 /// Values of a column from all over the dataset, for histograms and coverage.
 pub(crate) async fn sample(
     State(app): State<Arc<App>>,
-    Query(Sample { id, column }): Query<Sample>,
+    Query(Sample { id, opening, column }): Query<Sample>,
 ) -> Answer {
-    with(app, id, move |opened| json(&sample::column(opened, &column)?)).await
+    with(app, Named { id, opening }, move |opened| json(&sample::column(opened, &column)?)).await
 }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use swm_core::{Dtype, Registry};
-use swm_data::{Dataset, DatasetInfo, Rendered};
+use swm_data::{Dataset, DatasetInfo, OpenOptions, Rendered};
 
 use super::query::Summaries;
 use crate::error::Refusal;
@@ -27,6 +27,7 @@ pub(crate) struct Store {
 /// One open dataset.
 pub(crate) struct Opened {
     path: PathBuf,
+    opening: OpenOptions,
     stamp: Vec<(PathBuf, u64, Option<SystemTime>)>,
     checked: Mutex<Instant>,
     info: DatasetInfo,
@@ -41,13 +42,19 @@ impl Store {
         Self { registry, open: Mutex::default() }
     }
 
-    /// The dataset at a path, as it is now.
+    /// The dataset at a path, as it is now, opened with these options.
     ///
     /// # Errors
     ///
-    /// What is there is no dataset, is damaged, or has links out of the roots.
-    pub(crate) fn open(&self, roots: &Roots, path: &Path) -> Result<Arc<Opened>, Refusal> {
-        let known = self.list().iter().find(|opened| opened.path == path).cloned();
+    /// What is there is no dataset, is damaged, or has links out of the roots; or an option is wrong, or missing.
+    pub(crate) fn open(
+        &self,
+        roots: &Roots,
+        path: &Path,
+        opening: &OpenOptions,
+    ) -> Result<Arc<Opened>, Refusal> {
+        let is_it = |opened: &Opened| opened.path == path && opened.opening == *opening;
+        let known = self.list().iter().find(|opened| is_it(opened)).cloned();
         if let Some(opened) = known
             && opened.is_current()
         {
@@ -55,9 +62,10 @@ impl Store {
         }
         let stamp = stamp(path);
         roots.check_links(path)?;
-        let dataset = swm_data::open_in(&self.registry, path)?;
+        let dataset = swm_data::open_with(&self.registry, path, opening)?;
         let opened = Arc::new(Opened {
             path: path.to_owned(),
+            opening: opening.clone(),
             stamp,
             checked: Mutex::new(Instant::now()),
             info: dataset.info().clone(),
@@ -66,7 +74,7 @@ impl Store {
             summaries: Mutex::default(),
         });
         let mut list = self.list();
-        list.retain(|other| other.path != path);
+        list.retain(|other| !is_it(other));
         list.push_back(Arc::clone(&opened));
         if list.len() > MAX_OPEN {
             list.pop_front();

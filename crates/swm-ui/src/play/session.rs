@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::{Value as Json, json};
 use swm_core::settings::describe;
 use swm_core::{ImageSize, PolicyArgs};
+use swm_solvers::registered_model;
 use tokio::sync::mpsc::Sender;
 
 use super::inbox::Inbox;
@@ -113,7 +114,8 @@ impl Session<'_> {
             }
             Command::Pointer { at } => self.stage()?.set_pointer(at),
             Command::Policy { text } => {
-                let args = text.map(|text| PolicyArgs::parse(&text)).transpose()?;
+                let parse = |text: String| PolicyArgs::parse(&registered_model(registry, &text)?);
+                let args = text.map(parse).transpose()?;
                 args.iter().try_for_each(|args| self.app.roots.check_policy(args))?;
                 self.stage()?.choose_policy(registry, args)?;
                 self.frame();

@@ -3,11 +3,13 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::io::Read as _;
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use swm_core::testing::TOY;
 use swm_core::{EnvConfig, ImageSize, Rollout, World, WorldOptions};
@@ -134,4 +136,55 @@ fn strangers_do_not_lock_the_owner_out() {
     let mut first = idle.into_iter().next().unwrap();
     let mut byte = [0];
     assert!(matches!(first.read(&mut byte), Ok(0) | Err(_)));
+}
+
+/// Sends one request after the other, on a connection that stays open while the server lets it; returns how many were answered.
+fn keep_asking(server: &Running, cookie: Option<&str>, is_over: &AtomicBool) -> usize {
+    let cookie = cookie.map(|cookie| format!("{cookie}\r\n")).unwrap_or_default();
+    let request = format!("GET /api/about HTTP/1.1\r\nHost: {}\r\n{cookie}\r\n", server.host());
+    let mut answered = 0;
+    while !is_over.load(Ordering::Relaxed) {
+        let Ok(mut stream) = TcpStream::connect(server.address) else { continue };
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let mut answer = [0; 4096];
+        while !is_over.load(Ordering::Relaxed)
+            && stream.write_all(request.as_bytes()).is_ok()
+            && matches!(stream.read(&mut answer), Ok(1..))
+        {
+            answered += 1;
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+    answered
+}
+
+#[test]
+fn the_owner_is_answered_within_a_second_among_idle_and_busy_connections() {
+    let (server, cookie) = Running::entered(Options::new(registry()));
+    let idle: Vec<TcpStream> = (0..200).map(|_| TcpStream::connect(server.address).unwrap()).collect();
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        // Half of them are strangers, half are other tabs of the owner.
+        let busy: Vec<_> = (0..200)
+            .map(|index| {
+                let cookie = (index % 2 == 0).then_some(cookie.as_str());
+                let (server, is_over) = (&server, &is_over);
+                scope.spawn(move || keep_asking(server, cookie, is_over))
+            })
+            .collect();
+        let answers: Vec<_> = (0..50)
+            .map(|_| {
+                std::thread::sleep(Duration::from_millis(10));
+                let asked = Instant::now();
+                (server.ask("/api/about", std::slice::from_ref(&cookie)), asked.elapsed())
+            })
+            .collect();
+        is_over.store(true, Ordering::Relaxed);
+        let longest = answers.iter().map(|(_, took)| *took).max().unwrap();
+        answers.iter().for_each(|(answer, _)| assert_eq!(status(answer), 200, "{answer}"));
+        let answered: usize = busy.into_iter().map(|thread| thread.join().unwrap()).sum();
+        assert!(answered > 400, "{answered} requests of the others were answered: they were not busy");
+        assert!(longest < Duration::from_secs(1), "{longest:?}");
+    });
+    drop(idle);
 }

@@ -22,6 +22,7 @@ export interface Dataset {
   path: string; format: string; episodes: number; steps: number; shortest: number | null; longest: number | null;
   columns: Column[]; images: string[]; can_render: boolean; runs: { first_episode: number; run: Run }[];
   skipped: { name: string; reason: string }[];
+  mapping: [string, string][]; notes: string[]; opening: Record<string, unknown>;
 }
 export interface Episode { episode: number; length: number; total_reward: number | null; success: boolean | null }
 export interface Episodes { matching: number; known: number; of: number; episodes: Episode[] }
@@ -29,7 +30,15 @@ export interface Values {
   length: number; stride: number; columns: Record<string, (number | null)[][]>; constants: Record<string, (number | null)[]>;
 }
 
+/** A dataset: its id, and how one of another program is opened, as JSON. */
+export interface Chosen { id: string; opening: string | null }
+
 export type Query = Record<string, string | number | boolean | null | undefined>;
+
+/** The query of a dataset. */
+export function chosen({ id, opening }: Chosen): Query {
+  return { id, opening };
+}
 
 export function url(path: string, query: Query = {}): string {
   const pairs = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== "");

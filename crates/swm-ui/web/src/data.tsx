@@ -1,7 +1,7 @@
 // Data: a dataset, or two side by side: episodes, player, distributions.
 
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { type About, type Dataset, type Env, type Episodes, type File, url, type Values } from "./api";
+import { type About, type Chosen, chosen, type Dataset, type Env, type Episodes, type File, url, type Values } from "./api";
 import { Coverage, Histograms } from "./distribution";
 import { Factors, type Scenario } from "./factors";
 import { Button, CommandLine, Field, Notice, Panel, Save, csv, download, number, quoted, savePlots, useGet } from "./kit";
@@ -13,8 +13,9 @@ export function Data({ about, query }: { about: About; query: URLSearchParams })
   const datasets = files.value?.files.filter((file) => file.kind === "dataset") ?? [];
   const id = query.get("id") ?? datasets[0]?.id ?? null;
   const other = query.get("beside");
+  const [opening, otherOpening] = [query.get("opening"), query.get("beside_opening")];
   const go = (next: Record<string, string | null>) => {
-    const to = new URLSearchParams(Object.entries({ id, beside: other, ...next }).filter((pair): pair is [string, string] => !!pair[1]));
+    const to = new URLSearchParams(Object.entries({ id, beside: other, opening, beside_opening: otherOpening, ...next }).filter((pair): pair is [string, string] => !!pair[1]));
     location.hash = `#data?${to}`;
   };
   if (files.value && datasets.length === 0) {
@@ -22,7 +23,7 @@ export function Data({ about, query }: { about: About; query: URLSearchParams })
   }
   const choice = (value: string | null, label: string, key: string, none?: string) => (
     <Field label={label}>
-      <select value={value ?? ""} onChange={(event) => go({ [key]: event.currentTarget.value })}>
+      <select value={value ?? ""} onChange={(event) => go({ [key]: event.currentTarget.value, [key === "id" ? "opening" : "beside_opening"]: null })}>
         {none && <option value="">{none}</option>}
         {datasets.map((file) => <option key={file.id} value={file.id}>{short(file.name)} ({file.format})</option>)}
       </select>
@@ -33,8 +34,8 @@ export function Data({ about, query }: { about: About; query: URLSearchParams })
       <Notice text={files.error} />
       <div class="choice wide">{choice(id, "Dataset", "id")}{choice(other, "Side by side with", "beside", "–")}</div>
       <div class={other ? "panes two" : "panes"}>
-        {id && <Pane key={id} id={id} about={about} />}
-        {other && <Pane key={"b" + other} id={other} about={about} />}
+        {id && <Pane key={id + opening} of={{ id, opening }} about={about} onOpen={(next) => go({ opening: next })} />}
+        {other && <Pane key={"b" + other + otherOpening} of={{ id: other, opening: otherOpening }} about={about} onOpen={(next) => go({ beside_opening: next })} />}
       </div>
     </div>
   );
@@ -44,14 +45,15 @@ function short(name: string): string {
   return name.split("/").slice(-2).join("/");
 }
 
-function Pane({ id, about }: { id: string; about: About }) {
+function Pane({ of, about, onOpen }: { of: Chosen; about: About; onOpen: (opening: string | null) => void }) {
   // A dataset that is being recorded grows.
-  const found = useGet<Dataset>("data", { id }, 2000);
+  const found = useGet<Dataset>("data", chosen(of), 2000);
   const [picks, setPicks] = useState<Picks>({ start: null, pairs: [] });
   const [tab, setTab] = useState<"episodes" | "distributions" | "about">("episodes");
   const [episode, setEpisode] = useState<number | null>(null);
   const data = found.value;
-  if (!data) return <div><Notice text={found.error} /></div>;
+  const options = <Opening given={of.opening} shown={!data && !!found.error} onOpen={onOpen} />;
+  if (!data) return <div><Notice text={found.error} />{options}</div>;
   return (
     <div class="pane">
       <Notice text={found.error} />
@@ -67,31 +69,74 @@ function Pane({ id, about }: { id: string; about: About }) {
         ))}
       </div>
       {tab === "episodes" && (episode === null
-        ? <Grid id={id} data={data} onOpen={setEpisode} />
-        : <Player id={id} data={data} episode={episode} picks={picks} onPick={setPicks} onMove={setEpisode} onClose={() => setEpisode(null)} />)}
+        ? <Grid of={of} data={data} onOpen={setEpisode} />
+        : <Player of={of} data={data} episode={episode} picks={picks} onPick={setPicks} onMove={setEpisode} onClose={() => setEpisode(null)} />)}
       {tab === "episodes" && (episode !== null || picks.start !== null || picks.pairs.length > 0) && (
-        <PickedPairs about={about} id={id} data={data} picks={picks} onChange={setPicks} image={([episode, step]) => imageUrl(id, data, episode, step, 96)} />
+        <PickedPairs about={about} of={of} data={data} picks={picks} onChange={setPicks} image={([episode, step]) => imageUrl(of, data, episode, step, 96)} />
       )}
-      {tab === "distributions" && <Distributions id={id} data={data} />}
+      {tab === "distributions" && <Distributions of={of} data={data} />}
       {tab === "about" && <AboutData data={data} />}
+      {tab === "about" && options}
     </div>
   );
 }
 
-function imageUrl(id: string, data: Dataset, episode: number, step: number, side: number, set?: Record<string, unknown>): string | null {
+/** How a dataset of another program is opened: what its files do not say, or say in several forms. */
+function Opening({ given, shown, onOpen }: { given: string | null; shown: boolean; onOpen: (opening: string | null) => void }) {
+  const known = useMemo(() => {
+    try { return JSON.parse(given ?? "{}") as Record<string, unknown>; } catch { return {}; }
+  }, [given]);
+  const sized = known.image_size as { height: number; width: number } | undefined;
+  const [form, setForm] = useState<Record<string, string>>({
+    camera: String(known.camera ?? ""), split: String(known.split ?? ""), flip: String(known.flip ?? ""), fit: String(known.fit ?? ""),
+    image_size: sized ? `${sized.height}x${sized.width}` : "",
+    map: Object.entries((known.map ?? {}) as Record<string, string>).map(([to, from]) => `${to}=${from}`).join(","),
+  });
+  const field = (name: string, label: string, hint: string) => (
+    <Field label={label}><input value={form[name]} placeholder={hint} onInput={(event) => setForm({ ...form, [name]: event.currentTarget.value })} /></Field>
+  );
+  const choice = (name: string, label: string, values: string[]) => (
+    <Field label={label}><select value={form[name]} onChange={(event) => setForm({ ...form, [name]: event.currentTarget.value })}>
+      <option value="">–</option>{values.map((value) => <option key={value}>{value}</option>)}
+    </select></Field>
+  );
+  const open = () => {
+    const next: Record<string, unknown> = { ...known };
+    for (const name of ["camera", "split", "flip", "fit"]) next[name] = form[name] || undefined;
+    const pairs = (form.map ?? "").split(",").map((pair) => pair.split("=").map((part) => part.trim())).filter(([to, from]) => to && from);
+    next.map = pairs.length ? Object.fromEntries(pairs) : undefined;
+    const [height, width] = (form.image_size ?? "").split("x").map(Number);
+    next.image_size = height ? { height, width: width || height } : undefined;
+    const text = JSON.stringify(next);
+    onOpen(text === "{}" ? null : text);
+  };
+  return (
+    <details open={shown}><summary><b>How it is opened</b>{given && <span class="badge">changed</span>}</summary>
+      <p class="muted">For datasets of other programs: what their files do not say, or say in several forms.</p>
+      <form class="filters" onSubmit={(event) => { event.preventDefault(); open(); }}>
+        {field("camera", "Camera", "top")}{field("split", "Part", "val")}{field("map", "Names of columns", "new=old,…")}
+        {choice("flip", "Turn images", ["vertical", "180"])}{field("image_size", "Size of images", "64x64")}{choice("fit", "Fit", ["stretch", "crop", "pad"])}
+        <Button primary type="submit">Open</Button>
+        {given && <Button onClick={() => onOpen(null)}>Without options</Button>}
+      </form>
+    </details>
+  );
+}
+
+function imageUrl(of: Chosen, data: Dataset, episode: number, step: number, side: number, set?: Record<string, unknown>): string | null {
   const isChanged = set && Object.keys(set).length > 0;
-  if (data.images.length > 0 && !isChanged) return url("data/image", { id, episode, step });
+  if (data.images.length > 0 && !isChanged) return url("data/image", { ...chosen(of), episode, step });
   if (!data.can_render) return null;
-  return url("data/image", { id, episode, step, render: side, set: isChanged ? JSON.stringify(set) : null });
+  return url("data/image", { ...chosen(of), episode, step, render: side, set: isChanged ? JSON.stringify(set) : null });
 }
 
 const PAGE = 48;
 
-function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episode: number) => void }) {
+function Grid({ of, data, onOpen }: { of: Chosen; data: Dataset; onOpen: (episode: number) => void }) {
   const [filter, setFilter] = useState<Record<string, string>>({});
   const [first, setFirst] = useState(0);
   const [pending, setPending] = useState(false);
-  const found = useGet<Episodes>("data/episodes", { id, first, count: PAGE, grown: data.episodes, ...filter }, pending ? 300 : 0);
+  const found = useGet<Episodes>("data/episodes", { ...chosen(of), first, count: PAGE, grown: data.episodes, ...filter }, pending ? 300 : 0);
   const list = found.value;
   useEffect(() => setPending(!!list && list.known < list.of), [list]);
   const change = (next: Record<string, string>) => {
@@ -134,7 +179,7 @@ function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episod
           </div>
           <div class="thumbs">
             {list.episodes.map((episode) => {
-              const src = imageUrl(id, data, episode.episode, Math.max(0, Math.floor((episode.length - 1) * 0.75)), 96);
+              const src = imageUrl(of, data, episode.episode, Math.max(0, Math.floor((episode.length - 1) * 0.75)), 96);
               return (
                 <button type="button" key={episode.episode} onClick={() => onOpen(episode.episode)} class="thumb">
                   {src ? <img src={src} loading="lazy" alt={`Episode ${episode.episode}`} width="96" height="96" /> : <span class="blank">no image</span>}
@@ -159,12 +204,12 @@ function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episod
 }
 
 interface PlayerProps {
-  id: string; data: Dataset; episode: number; picks: Picks; onPick: (picks: Picks) => void;
+  of: Chosen; data: Dataset; episode: number; picks: Picks; onPick: (picks: Picks) => void;
   onMove: (episode: number) => void; onClose: () => void;
 }
 
-function Player({ id, data, episode, picks, onPick, onMove, onClose }: PlayerProps) {
-  const values = useGet<Values>("data/values", { id, episode });
+function Player({ of, data, episode, picks, onPick, onMove, onClose }: PlayerProps) {
+  const values = useGet<Values>("data/values", { ...chosen(of), episode });
   const env = useGet<Env>(data.can_render && data.runs[0] ? "env" : null, { id: data.runs[0]?.run.env });
   const [step, setStep] = useState(0);
   const [playing, setPlaying] = useState(false);
@@ -184,7 +229,7 @@ function Player({ id, data, episode, picks, onPick, onMove, onClose }: PlayerPro
   }, [playing, last]);
   const numeric = useMemo(() => Object.entries(values.value?.columns ?? {}).filter(([name]) => !["ep_idx", "checkpoint"].includes(name)), [values.value]);
   const x = useMemo(() => Array.from({ length: numeric[0]?.[1][0]?.length ?? 0 }, (_, row) => row * (values.value?.stride ?? 1)), [numeric]);
-  const src = imageUrl(id, data, episode, step, 256, scenario.set);
+  const src = imageUrl(of, data, episode, step, 256, scenario.set);
   const plots = useRef<HTMLDivElement>(null);
   const here: Step = [episode, step];
   const pickGoal = () => {
@@ -278,12 +323,12 @@ function recorded(values: Values | null, scenario: Scenario): Record<string, unk
   return { ...Object.fromEntries(stored.map(([name, list]) => [name.slice("variation.".length), list.length === 1 ? list[0] : list])), ...scenario.set };
 }
 
-function Distributions({ id, data }: { id: string; data: Dataset }) {
+function Distributions({ of, data }: { of: Chosen; data: Dataset }) {
   const names = data.columns
     .filter((column) => column.dtype !== "string" && column.shape.reduce((a, b) => a * b, 1) <= 32 && column.name !== "ep_idx")
     .map((column) => column.name);
   const [name, setName] = useState(names.includes("state") ? "state" : names[0] ?? "");
-  const sample = useGet<{ name: string; values: (number | null)[][] }>(name ? "data/sample" : null, { id, column: name, grown: data.episodes });
+  const sample = useGet<{ name: string; values: (number | null)[][] }>(name ? "data/sample" : null, { ...chosen(of), column: name, grown: data.episodes });
   const groups = [["Columns", names.filter((known) => !known.startsWith("variation."))], ["Factors", names.filter((known) => known.startsWith("variation."))]] as const;
   return (
     <div class="distributions">
@@ -311,6 +356,8 @@ function AboutData({ data }: { data: Dataset }) {
       {data.runs.map(({ first_episode, run }) => (
         <p key={first_episode}>From episode {first_episode}: <code>{run.env}</code>, policy <code>{run.policy}</code>, seed {run.seed}{run.variation?.length ? `, sampled ${run.variation.join(", ")}` : ""}</p>
       ))}
+      {data.mapping.length > 0 && <p>Columns in the files: {data.mapping.map(([to, from]) => <span key={to}><code>{to}</code> ← <code>{from}</code>{" "}</span>)}</p>}
+      {data.notes.map((note) => <p key={note} class="muted">{note}</p>)}
       {data.runs.length === 0 && <p class="muted">The dataset does not say how it was recorded.</p>}
       <CommandLine text={`swm inspect ${quoted(data.path)}`} />
     </div>

@@ -1,7 +1,7 @@
 // Steps of a dataset picked as starts and goals: a list of pairs that becomes a manifest.
 
 import { useState } from "preact/hooks";
-import { type About, type Dataset, post } from "./api";
+import { type About, type Chosen, type Dataset, post } from "./api";
 import { Button, CommandLine, Field, Notice, NumberInput, Panel, quoted } from "./kit";
 
 /** Episode and step, counted from 0. */
@@ -15,10 +15,10 @@ export function text({ start, goal }: Pick): string {
 }
 
 interface Props {
-  about: About; id: string; data: Dataset; picks: Picks; onChange: (picks: Picks) => void; image: (step: Step) => string | null;
+  about: About; of: Chosen; data: Dataset; picks: Picks; onChange: (picks: Picks) => void; image: (step: Step) => string | null;
 }
 
-export function PickedPairs({ about, id, data, picks, onChange, image }: Props) {
+export function PickedPairs({ about, of, data, picks, onChange, image }: Props) {
   const [tier, setTier] = useState("moderate");
   const [budget, setBudget] = useState(50);
   const [file, setFile] = useState("pairs.toml");
@@ -31,7 +31,7 @@ export function PickedPairs({ about, id, data, picks, onChange, image }: Props) 
     setError(null);
     setSaved(null);
     try {
-      setSaved(await post("manifest", { id, pairs: pairs.map(text), tier, budget, file }));
+      setSaved(await post("manifest", { ...of, pairs: pairs.map(text), tier, budget, file }));
     } catch (error) {
       setError((error as Error).message);
     }

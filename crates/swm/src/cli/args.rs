@@ -4,14 +4,13 @@ use std::path::Path;
 
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, Registry, World, WorldOptions};
-use swm_tasks::request::{self, Ask, NUM_ENVS};
-pub(super) use swm_tasks::request::{Shard, model_image, policy_args, policy_files};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry};
+use swm_tasks::request::NUM_ENVS;
+pub(super) use swm_tasks::request::{Shard, policy_args};
 
 use super::output::counted;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
-use crate::evaluation::RunOptions;
 
 /// The environment and how it is made.
 #[derive(Args, Clone)]
@@ -36,15 +35,7 @@ impl EnvArgs {
     }
 
     pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {
-        self.config_like(Map::new(), image)
-    }
-
-    /// As [`EnvArgs::config`], on top of given settings: those of a dataset.
-    pub(super) fn config_like(
-        &self,
-        mut settings: Map<String, Json>,
-        image: Option<ImageSize>,
-    ) -> Result<EnvConfig, Failure> {
+        let mut settings = Map::new();
         for option in &self.env_options {
             let (name, value) = assignment(option, "--env-option")?;
             settings.insert(name.to_owned(), json_value(value));
@@ -71,12 +62,6 @@ impl OptionalEnvArgs {
         let id = if env.env.is_empty() { String::new() } else { env.entry(registry)?.id.to_owned() };
         Ok((id, env.config(None)?.settings))
     }
-
-    /// The environment that was named.
-    pub(super) fn take(&mut self) -> Result<EnvArgs, Failure> {
-        let env = self.env.take().ok_or_else(|| usage("name an environment, or give --manifest"))?;
-        Ok(EnvArgs { env, env_options: std::mem::take(&mut self.env_options) })
-    }
 }
 
 /// How many environments run at once.
@@ -90,18 +75,6 @@ pub(super) struct WorldArgs {
     /// How often each action is applied per step. Default: 1, or as in the dataset that is named.
     #[arg(long, value_name = "F")]
     pub frame_skip: Option<u32>,
-}
-
-impl WorldArgs {
-    /// How a run on a manifest is spread.
-    pub(super) fn run_options(&self) -> RunOptions {
-        RunOptions { num_envs: self.num_envs, threads: self.threads.count(), ..RunOptions::default() }
-    }
-
-    pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
-        let options = WorldOptions::new(self.num_envs).env(env).max_episode_steps(max_steps);
-        options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads.count())
-    }
 }
 
 /// An image size: `64x64`, `96`, or `none`.
@@ -135,7 +108,7 @@ impl std::str::FromStr for ImageArg {
 }
 
 /// Which part of an evaluation is run, or that the parts are joined.
-#[derive(Args, Clone)]
+#[derive(Args, Clone, Default)]
 pub(super) struct PartArgs {
     /// With --out: run the I-th of N parts of the episodes of all policies or changes. When all parts are done, --join in place
     /// of it makes the result, which equals the undivided one but for the wall time.
@@ -146,35 +119,21 @@ pub(super) struct PartArgs {
     pub join: bool,
 }
 
-impl PartArgs {
-    /// Says that a part is done.
-    pub(super) fn done(
-        &self,
-        dir: Option<&Path>,
-        shard: Shard,
-        episodes: u64,
-        output: &Output,
-    ) -> Result<(), Failure> {
-        let (index, count) = shard.numbers();
-        let result = json!({ "out": dir, "shard": index, "of": count, "episodes": episodes });
-        output.result(&result, || {
-            format!(
-                "part {index}/{count} is done ({}); when all parts are, --join in place of --shard joins them",
-                counted(episodes, "episode")
-            )
-        })
-    }
-}
-
-/// As [`request::make_policy`].
-pub(super) fn policy(
-    registry: &Registry,
-    text: &str,
-    world: &World,
-    ask: Ask,
+/// Prints that a part is done.
+pub(super) fn part_done(
+    dir: Option<&Path>,
+    shard: Shard,
+    episodes: u64,
     output: &Output,
-) -> Result<Box<dyn Policy>, Failure> {
-    Ok(request::make_policy(registry, text, world, ask, &mut &*output)?)
+) -> Result<(), Failure> {
+    let (index, count) = shard.numbers();
+    let result = json!({ "out": dir, "shard": index, "of": count, "episodes": episodes });
+    output.result(&result, || {
+        format!(
+            "part {index}/{count} is done ({}); when all parts are, --join in place of --shard joins them",
+            counted(episodes, "episode")
+        )
+    })
 }
 
 pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Failure> {

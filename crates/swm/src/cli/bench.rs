@@ -85,7 +85,7 @@ impl Bench {
         }
         let options = WorldOptions::new(num_envs).env(config).threads(threads);
         let mut world = World::new(entry, options)?;
-        world.set_policy(registry.policy_from(&policy_args(&self.policy)?, &world)?)?;
+        world.set_policy(registry.policy_from(&policy_args(registry, &self.policy)?, &world)?)?;
         let mut watch = Stopwatch::new(Duration::from_secs_f64(self.seconds));
         let rollout = Rollout::new(0..u64::MAX);
         if let Err(error) = world.run(&rollout, &mut watch)

@@ -16,11 +16,13 @@ use swm_tasks::request::{Message, Progress, Record, Recorded, Report, Request as
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs};
 use super::output::{counted, print_to_stderr};
 use super::scenario::ScenarioArgs;
-use super::work::Plan;
 use super::{Failure, Output, interrupt};
 
 /// The defaults of a request, for help and for what is not given.
 static DEFAULT: LazyLock<Record> = LazyLock::new(Record::default);
+
+/// Seconds between lines, where there is no bar.
+const REPORT_EVERY: u64 = 10;
 
 /// Record episodes of a policy to a dataset.
 #[derive(Args)]
@@ -71,8 +73,8 @@ pub(super) struct Collect {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
     /// The file to write.
-    #[arg(long, short)]
-    out: PathBuf,
+    #[arg(long, short, required = true)]
+    out: Option<PathBuf>,
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
@@ -80,7 +82,7 @@ pub(super) struct Collect {
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// Without a terminal: say every so many seconds which episode was written; 0: after every one.
-    #[arg(long, default_value_t = 10, value_name = "SECONDS")]
+    #[arg(long, default_value_t = REPORT_EVERY, value_name = "SECONDS")]
     report_every: u64,
     /// If the file exists: `append`, `overwrite` or `error`.
     #[arg(long, default_value_t = DEFAULT.mode)]
@@ -90,36 +92,52 @@ pub(super) struct Collect {
     mix: bool,
 }
 
+/// Records, and prints what was recorded. `report_every`: seconds between lines where there is no bar.
+pub(super) fn run(
+    request: &Record,
+    report_every: Option<u64>,
+    registry: &Registry,
+    output: &Output,
+) -> Result<(), Failure> {
+    let started = Instant::now();
+    let report_every = Duration::from_secs(report_every.unwrap_or(REPORT_EVERY));
+    let mut shown = Shown::new(request, report_every, output);
+    let recorded = request.run(registry, &mut shown);
+    shown.bar.finish_and_clear();
+    let Recorded { episodes, total_episodes, rows, success_rate } = recorded?;
+    let seconds = started.elapsed().as_secs_f64();
+    let result = json!({
+        "out": request.out,
+        "episodes": episodes,
+        "total_episodes": total_episodes,
+        "rows": rows,
+        "success_rate": success_rate,
+        "frames_per_second": rows as f64 / seconds,
+        "wall_time_s": seconds,
+    });
+    output.result(&result, || {
+        let success = success_rate.map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
+        format!(
+            "wrote {} ({}{success}) to {} in {seconds:.1} s; it holds {total_episodes}",
+            counted(episodes, "episode"),
+            counted(rows, "row"),
+            request.out.display(),
+        )
+    })
+}
+
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let request = self.request(registry, output)?;
-        let started = Instant::now();
-        let mut shown = Shown::new(&request, Duration::from_secs(self.report_every), output);
-        let recorded = request.run(registry, &mut shown);
-        shown.bar.finish_and_clear();
-        let Recorded { episodes, total_episodes, rows, success_rate } = recorded?;
-        let seconds = started.elapsed().as_secs_f64();
-        let result = json!({
-            "out": self.out,
-            "episodes": episodes,
-            "total_episodes": total_episodes,
-            "rows": rows,
-            "success_rate": success_rate,
-            "frames_per_second": rows as f64 / seconds,
-            "wall_time_s": seconds,
-        });
-        output.result(&result, || {
-            let success = success_rate.map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
-            format!(
-                "wrote {} ({}{success}) to {} in {seconds:.1} s; it holds {total_episodes}",
-                counted(episodes, "episode"),
-                counted(rows, "row"),
-                self.out.display(),
-            )
-        })
+        run(&self.request(registry, output)?, self.report_every(), registry, output)
     }
 
-    fn request(&self, registry: &Registry, output: &Output) -> Result<Record, Failure> {
+    /// Seconds between lines, where others than the default were given.
+    pub(super) fn report_every(&self) -> Option<u64> {
+        Some(self.report_every).filter(|&seconds| seconds != REPORT_EVERY)
+    }
+
+    /// What is asked for.
+    pub(super) fn request(&self, registry: &Registry, output: &Output) -> Result<Record, Failure> {
         Ok(Record {
             env: self.env.entry(registry)?.id.to_owned(),
             env_option: self.env.config(None)?.settings,
@@ -137,21 +155,12 @@ impl Collect {
             vary: self.scenario.vary.clone(),
             set: self.scenario.set(output)?,
             without: self.without.clone(),
-            out: self.out.clone(),
+            out: self.out.clone().unwrap_or_default(),
             format: self.format.clone(),
             quality: self.quality,
             mode: self.mode,
             mix: self.mix,
         })
-    }
-
-    /// What a job needs to know before it is submitted, and how many steps it records at most.
-    pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
-        let request = self.request(registry, output)?;
-        request.check(registry)?;
-        request.prepare(registry, &mut &*output)?;
-        let (episodes, inputs) = (request.wanted(), request.inputs(registry)?);
-        Ok((Plan { episodes, inputs }, episodes.saturating_mul(self.max_steps)))
     }
 }
 

@@ -6,7 +6,7 @@ use std::num::{ParseFloatError, ParseIntError};
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 
-use super::work::Kind;
+use super::work::is_divided;
 
 /// An option, and the remedy for whoever gives it with one that it excludes.
 const REMEDIES: &[(&str, &str)] = &[
@@ -84,7 +84,7 @@ pub(super) fn explained(mut error: Error) -> Error {
         ErrorKind::UnknownArgument if names.trim().parse::<f64>().is_ok() => {
             Some("most options take numbers of 0 or more; one that takes others is written --option=-3")
         }
-        ErrorKind::UnknownArgument if Kind::of(&[names.trim().to_owned()]).is_ok() => Some(DIVIDED),
+        ErrorKind::UnknownArgument if is_divided(names.trim()) => Some(DIVIDED),
         ErrorKind::UnknownArgument => of(ELSEWHERE),
         ErrorKind::ValueValidation => error.source().and_then(number_tip),
         _ => None,

@@ -1,27 +1,24 @@
 //! `swm convert`, `swm merge` and `swm split`: copies of datasets, in any format.
 
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_core::{ImageSize, Metadata, Registry};
-use swm_data::adapt::{Fit, Resized, fill_factors, split_episodes};
-use swm_data::format::StoredImages;
-use swm_data::tools::alike::check_recordings;
-use swm_data::tools::copy::{Copied, Piece, all, copy_in};
-use swm_data::tools::part_folder::datasets_in;
-use swm_data::tools::parts::{arrange, beside_parts};
-use swm_data::{DataError, Dataset, OpenOptions, WriteMode, WriteOptions};
+use swm_core::error::BoxError;
+use swm_core::{Cancel, Registry};
+use swm_data::LastRow;
+use swm_data::adapt::Fit;
+use swm_tasks::request::{
+    self, CopyOptions, DatasetCopy, ImageChoice, Message, Parts, Progress, Report, Request as _, Stage,
+};
 
 use super::args::ImageArg;
 use super::opening::OpenArgs;
-use super::output::{counted, create_parent};
+use super::output::counted;
+use super::reporter::Reporter;
+use super::scenario::set;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, images, inputs, interrupt, usage};
-
-/// The size of images where a recording without images is copied to a format that is for them.
-const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
+use super::{Failure, Output, interrupt};
 
 /// A number of rows per second.
 fn rate(text: &str) -> Result<f64, String> {
@@ -55,6 +52,14 @@ pub(super) struct TargetArgs {
     /// shape than theirs.
     #[arg(long, value_name = "HOW", requires = "image_size")]
     fit: Option<Fit>,
+    /// What becomes of the last row of an episode, which has no action, in `lerobot`: `drop` it from the tables that LeRobot reads (it is
+    /// beside them, and read back here), or `keep` it there. Default: drop.
+    #[arg(long, value_name = "HOW")]
+    last_row: Option<LastRow>,
+    /// Render images with this value of a visual factor, `NAME=VALUE`, such as `background.color=black`; may be repeated. The copy has
+    /// that factor in its column, and is otherwise the same. Needs a recording of this program.
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    set: Vec<String>,
     /// Replace an existing dataset. Without it, a dataset that holds the first episodes of this copy is continued, and anything else
     /// is refused.
     #[arg(long)]
@@ -64,148 +69,80 @@ pub(super) struct TargetArgs {
 }
 
 impl TargetArgs {
-    fn options(&self) -> WriteOptions {
-        let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
-        let options = WriteOptions::default().mode(mode).frames_per_second(self.fps);
-        options.quality(self.quality).key_frame_period(self.key_frames)
+    fn options(&self, output: &Output) -> Result<CopyOptions, Failure> {
+        Ok(CopyOptions {
+            format: self.format.clone(),
+            quality: self.quality,
+            key_frames: self.key_frames,
+            fps: self.fps,
+            image_size: self.image_size.map(|size| ImageChoice(size.0)),
+            fit: self.fit,
+            set: set(&self.set, output)?,
+            last_row: self.last_row,
+            overwrite: self.overwrite,
+        })
     }
 
-    /// Refuses a format that there is not, before anything is opened.
-    fn check(&self, registry: &Registry) -> Result<(), Failure> {
-        if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format)?;
-        }
-        Ok(())
-    }
-
-    /// Opens a source of a copy to `to`, with the images that the copy shall have.
-    fn open(
-        &self,
-        registry: &Registry,
-        source: &Path,
-        to: &Path,
-        how: &OpenOptions,
-        output: &Output,
-    ) -> Result<Box<dyn Dataset>, Failure> {
-        let dataset = inputs::open_with(registry, source, how)?;
-        for (column, reason) in &*dataset.info().skipped {
-            output.note(format!("note: the copy has no column `{column}` of {}: {reason}", source.display()));
-        }
-        let is_of_images = || {
-            let extension = to.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-            let format = swm_data::format::by_name(registry, self.format.as_deref().unwrap_or(extension));
-            format.is_ok_and(|format| format.images == StoredImages::Video)
-        };
-        let size = match self.image_size {
-            Some(size) => size.0,
-            None if images::holds_images(dataset.as_ref()) || !is_of_images() => None,
-            None if dataset.metadata().and_then(Metadata::known_env).is_none() => {
-                let (source, to) = (source.display(), to.display());
-                output.note(format!(
-                    "note: {source} holds no images and does not say how it was recorded, so that none can be rendered: {to} \
-                     holds none either"
-                ));
-                None
-            }
-            None => {
-                output.note(images::note(source, RENDERED, images::BY_DEFAULT));
-                Some(RENDERED)
-            }
-        };
-        match size {
-            Some(size) if self.resizes(dataset.as_ref()) => {
-                Ok(Box::new(Resized::new(dataset, size, self.fit)?))
-            }
-            Some(size) => images::rendered(dataset, registry, size),
-            None if self.fit.is_some() => {
-                Err(usage("--fit: no image is resized; give --image-size 64x64, or leave it out"))
-            }
-            None => Ok(dataset),
-        }
-    }
-
-    /// Whether images are resized, and not rendered anew.
-    fn resizes(&self, dataset: &dyn Dataset) -> bool {
-        let is_own = dataset.metadata().is_some_and(|run| run.known_env().is_some() && run.source.is_none());
-        self.fit.is_some() || !is_own && images::holds_images(dataset)
-    }
-
-    /// Copies, with a bar.
-    fn copy(
-        &self,
-        registry: &Registry,
-        sources: &mut [Box<dyn Dataset>],
-        pieces: &[Piece],
-        to: &Path,
-        output: &Output,
-    ) -> Result<Json, Failure> {
-        inputs::check_target(sources, to)?;
-        create_parent(to)?;
-        let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
-        let started = Instant::now();
-        let bar = output.bar(rows as u64, "rows");
-        bar.set_message(to.display().to_string());
-        let mut watch = |rows: usize| bar.inc(rows as u64);
-        let out = to.display().to_string();
-        // Copied episodes survive a kill, so nothing has to be ended by hand.
+    /// The reports of a copy.
+    fn report<'a>(&self, output: &'a Output) -> Copying<'a> {
         let is_continued = if self.overwrite { " without --overwrite" } else { "" };
         let how = format!("{}{is_continued}", interrupt::REPEAT);
-        interrupt::watch_resumable(move || format!("copied episodes are safe in {out}"), how);
-        let how = (self.format.as_deref(), &self.options());
-        let copied = copy_in(registry, sources, pieces, to, how, &mut watch);
-        bar.finish_and_clear();
-        let is_source = |path: &Path| sources.iter().any(|source| source.path() == path);
-        let Copied { resumed, episodes, rows, assumed_rate, .. } = copied.map_err(|error| match error {
-            DataError::Request { path, reason } if is_source(&path) => {
-                usage(DataError::Request { path, reason })
-            }
-            DataError::Mismatch { path, reason } => usage(format!(
-                "{} exists and is another dataset: {reason}; write to another place, or replace it by --overwrite",
-                path.display()
-            )),
-            error => error.into(),
-        })?;
-        let is_changed = self.quality.is_some() || self.key_frames.is_some() || self.fps.is_some();
-        if resumed > 0 && episodes == 0 && is_changed {
-            output.note(format!(
-                "note: {} was complete, and keeps the rate and the quality of images that it has; --overwrite writes it anew",
-                to.display()
-            ));
-        } else if resumed > 0 {
-            output.note(format!("{}: {} there already", to.display(), counted(resumed, "episode")));
-        }
-        if let Some(rate) = assumed_rate {
-            let (source, to) = (sources[0].path().display(), to.display());
-            output.note(format!(
-                "note: {source} does not say how many rows it has per second, and {to} needs a rate: {rate} is assumed; --fps RATE \
-                 --overwrite gives the right one"
-            ));
-        }
-        let seconds = started.elapsed().as_secs_f64();
-        Ok(json!({
-            "out": to,
-            "episodes": episodes + resumed,
-            "resumed": resumed,
-            "rows": rows,
-            "rows_per_second": rows as f64 / seconds,
-            "wall_time_s": seconds,
-        }))
+        Copying { output, cancel: Cancel::new(), how }
     }
 }
 
-/// One line for people.
-fn line(result: &Json) -> String {
-    let number = |key: &str| result[key].as_f64().unwrap_or_default();
-    let out = result["out"].as_str().unwrap_or_default();
-    if result["rows"] == 0 {
-        return format!("{out} holds all {}; nothing to copy", counted(number("episodes"), "episode"));
+/// Notes of copies, a bar for each, and what is safe when it is interrupted.
+struct Copying<'a> {
+    output: &'a Output,
+    cancel: Cancel,
+    how: String,
+}
+
+impl Report for Copying<'_> {
+    fn note(&mut self, note: &Message) {
+        Report::note(&mut self.output, note);
     }
-    format!(
-        "wrote {out} ({}, {} copied, {:.0} rows/s)",
-        counted(number("episodes"), "episode"),
-        counted(number("rows"), "row"),
-        number("rows_per_second"),
-    )
+
+    fn info(&mut self, info: &Message) {
+        Report::info(&mut Reporter::new(self.output, self.cancel.clone()), info);
+    }
+
+    fn cancel(&self) -> Cancel {
+        self.cancel.clone()
+    }
+
+    fn begin(&mut self, stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
+        // Copied episodes survive a kill, so nothing has to be ended by hand.
+        let out = stage.name.to_owned();
+        let safe = move || format!("copied episodes are safe in {out}");
+        self.cancel = interrupt::watch_resumable(safe, self.how.clone());
+        let progress = Reporter::new(self.output, self.cancel.clone()).begin(stage)?;
+        progress.now(stage.name);
+        Ok(progress)
+    }
+}
+
+/// A copy as JSON.
+fn result(copy: &DatasetCopy) -> Json {
+    let DatasetCopy { out, episodes, resumed, rows, wall_time_s, .. } = copy;
+    json!({
+        "out": out,
+        "episodes": episodes,
+        "resumed": resumed,
+        "rows": rows,
+        "rows_per_second": *rows as f64 / wall_time_s,
+        "wall_time_s": wall_time_s,
+    })
+}
+
+/// One line for people.
+fn line(copy: &DatasetCopy) -> String {
+    let (out, episodes) = (copy.out.display(), counted(copy.episodes, "episode"));
+    if copy.rows == 0 {
+        return format!("{out} holds all {episodes}; nothing to copy");
+    }
+    let rate = copy.rows as f64 / copy.wall_time_s;
+    format!("wrote {out} ({episodes}, {} copied, {rate:.0} rows/s)", counted(copy.rows, "row"))
 }
 
 /// Copy a dataset into another format.
@@ -216,6 +153,7 @@ Examples:
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
   swm convert small.h5 pusht.video --image-size 96x96    (images of a recording without images are rendered)
+  swm convert small.h5 dark.h5 --image-size 64x64 --set background.color=black    (the same states in another look)
   swm convert robomimic.hdf5 small.h5 --camera agentview --image-size 64x64 --fit crop
   swm convert pusht.video again.h5 --overwrite
 
@@ -240,13 +178,14 @@ pub(super) struct Convert {
 
 impl Convert {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        self.to.check(registry)?;
-        let how = self.opening.options()?;
-        let mut sources = vec![self.to.open(registry, &self.source, &self.target, &how, output)?];
-        let pieces = all(&sources);
-        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
-        let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
-        output.result(&result, || line(&result))
+        let request = request::Convert {
+            opening: self.opening.options()?,
+            to: self.to.options(output)?,
+            source: self.source,
+            target: self.target,
+        };
+        let copy = request.run(registry, &mut self.to.report(output))?;
+        output.result(&result(&copy), || line(&copy))
     }
 }
 
@@ -280,44 +219,15 @@ pub(super) struct Merge {
 
 impl Merge {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        self.to.check(registry)?;
-        let mut paths = Vec::with_capacity(self.sources.len());
-        for source in &self.sources {
-            inputs::check_exists(source)?;
-            let parts = datasets_in(registry, source)?;
-            paths.extend(if parts.is_empty() { vec![source.clone()] } else { parts });
-        }
-        if paths == self.sources && paths.len() == 1 {
-            return Err(usage("one dataset was given; name two or more, or a folder of parts"));
-        }
-        inputs::check_distinct(&paths)?;
-        let how = self.opening.options()?;
-        let mut sources = Vec::with_capacity(paths.len());
-        for source in &paths {
-            sources.push(self.to.open(registry, source, &self.out, &how, output)?);
-        }
-        check_recordings(&sources, &all(&sources)).map_err(usage)?;
-        images::check_alike(&sources, &self.command())?;
-        for other in beside_parts(&sources) {
-            output.note(format!(
-                "note: {} is no part of the recording that the other datasets are parts of; it is joined at its place in the list",
-                other.display()
-            ));
-        }
-        let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
-        let mut sources = fill_factors(sources, registry)?;
-        let pieces = all(&sources);
-        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
-        let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
-        output.result(&result, || line(&result))
-    }
-}
-
-impl Merge {
-    /// The command that was called, as far as it says what is joined.
-    fn command(&self) -> String {
-        let sources: Vec<String> = self.sources.iter().map(|source| source.display().to_string()).collect();
-        format!("swm merge {} --out {}", sources.join(" "), self.out.display())
+        let request = request::Merge {
+            opening: self.opening.options()?,
+            to: self.to.options(output)?,
+            sources: self.sources,
+            out: self.out,
+            partial: self.partial,
+        };
+        let copy = request.run(registry, &mut self.to.report(output))?;
+        output.result(&result(&copy), || line(&copy))
     }
 }
 
@@ -346,8 +256,8 @@ pub(super) struct Split {
     #[arg(long, value_enum, default_value = "episode")]
     by: Unit,
     /// Names and fractions of the parts.
-    #[arg(long, value_name = "NAME=FRACTION", value_delimiter = ',', default_value = "train=0.9,val=0.1")]
-    parts: Vec<String>,
+    #[arg(long, value_name = "NAME=FRACTION,…", default_value_t = Parts::default())]
+    parts: Parts,
     /// Seed of the division.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -363,73 +273,16 @@ pub(super) struct Split {
 impl Split {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Unit::Episode = self.by;
-        self.to.check(registry)?;
-        let (names, fractions) = parts(&self.parts)?;
-        if !self.out.contains("{}") {
-            return Err(usage(format!(
-                "--out {}: write `{{}}` where the name of the part shall stand",
-                self.out
-            )));
-        }
-        let how = self.opening.options()?;
-        let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), &how, output)?];
-        let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed)
-            .map_err(|error| usage(format!("--parts {}: {error}", self.parts.join(","))))?;
-        let sum: f64 = fractions.iter().sum();
-        if (sum - 1.0).abs() > 1e-9 {
-            let shares = names
-                .iter()
-                .zip(&fractions)
-                .map(|(name, part)| format!("{name} {:.1} %", 100.0 * part / sum));
-            output.note(format!(
-                "note: --parts sum to {sum}; the parts are {}",
-                shares.collect::<Vec<_>>().join(", ")
-            ));
-        }
-        if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
-            let count = sources[0].num_episodes();
-            return Err(usage(format!("--parts: `{name}` would get none of the {count} episodes")));
-        }
-        let pieces = all(&sources);
-        inputs::check_rate(&mut sources, &pieces, self.to.fps, output)?;
-        let mut results = Vec::new();
-        for (name, episodes) in names.iter().zip(divided) {
-            let to = PathBuf::from(self.out.replace("{}", name));
-            let pieces: Vec<Piece> = episodes.into_iter().map(|episode| (0, episode)).collect();
-            results.push(self.to.copy(registry, &mut sources, &pieces, &to, output)?);
-        }
-        output.result(&results, || results.iter().map(line).collect::<Vec<_>>().join("\n"))
-    }
-}
-
-/// `train=0.9` … as names and fractions.
-fn parts(texts: &[String]) -> Result<(Vec<String>, Vec<f64>), Failure> {
-    let (mut names, mut fractions) = (Vec::new(), Vec::new());
-    for text in texts {
-        let wrong = |why: &str| usage(format!("--parts {text}: {why}"));
-        let (name, fraction) = text.split_once('=').ok_or_else(|| wrong("write NAME=FRACTION"))?;
-        let fraction: f64 = fraction.trim().parse().map_err(|_| wrong("the fraction is no number"))?;
-        let name = name.trim();
-        if name.is_empty() || name.contains(['/', '\\']) || names.iter().any(|there| there == name) {
-            return Err(wrong("each part needs a name of its own, without slashes"));
-        }
-        names.push(name.to_owned());
-        fractions.push(fraction);
-    }
-    Ok((names, fractions))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_have_names_and_fractions() {
-        let read = |texts: &[&str]| parts(&texts.iter().map(|&text| text.to_owned()).collect::<Vec<_>>());
-        let (names, fractions) = read(&["train=0.9", " val = .1"]).unwrap();
-        assert_eq!((names, fractions), (vec!["train".to_owned(), "val".to_owned()], vec![0.9, 0.1]));
-        for wrong in [&["train"][..], &["a=x"], &["a=1", "a=2"], &["../a=1"]] {
-            assert!(read(wrong).is_err(), "{wrong:?}");
-        }
+        let request = request::Split {
+            opening: self.opening.options()?,
+            to: self.to.options(output)?,
+            source: self.source,
+            parts: self.parts,
+            seed: self.seed,
+            out: self.out,
+        };
+        let copies = request.run(registry, &mut self.to.report(output))?;
+        let results: Vec<Json> = copies.iter().map(result).collect();
+        output.result(&results, || copies.iter().map(line).collect::<Vec<_>>().join("\n"))
     }
 }

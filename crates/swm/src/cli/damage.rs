@@ -1,7 +1,7 @@
 //! Parts of a job that are gone or are not what their shards wrote: which shards they are of, and what to do.
 
 use super::Failure;
-use super::work::{self, Kind};
+use super::work;
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
 use crate::jobs::files::{bytes, ranges};
@@ -20,14 +20,14 @@ pub(super) fn lost(folder: &JobFolder, progress: &Progress) -> String {
 }
 
 /// Refuses to join parts that are not what their shards wrote, byte for byte, and says of which shards they are and what to do.
-pub(super) fn check_parts(folder: &JobFolder, kind: Kind, progress: &Progress) -> Result<(), Failure> {
-    if kind == Kind::Train {
+pub(super) fn check_parts(folder: &JobFolder, progress: &Progress) -> Result<(), Failure> {
+    if folder.job.request.is_none() {
         // Runs are not joined, and go on when they are resumed.
         return Ok(());
     }
     let (mut shards, mut parts) = (Vec::new(), Vec::new());
     for (shard, done) in Done::all(folder, progress)? {
-        let part = work::shard_output(folder, kind, shard);
+        let part = work::shard_output(folder, shard);
         if bytes(&part)? != done.bytes || file_hash(&part)? != done.sha256 {
             shards.push(shard);
             parts.push(part);

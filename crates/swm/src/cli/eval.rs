@@ -8,13 +8,12 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use swm_core::{Cancel, Evaluation, Registry};
 use swm_tasks::request::{Evaluate, Evaluated, ImageChoice, ManifestSource, Request as _};
 
-use super::args::{ImageArg, OptionalEnvArgs, PartArgs, WorldArgs};
+use super::args::{ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, part_done};
 use super::opening::DataArgs;
 use super::output::key_values;
 use super::receipt_text::receipt_text;
 use super::reporter::Reporter;
 use super::scenario::ScenarioArgs;
-use super::work::Plan;
 use super::{Failure, Output, interrupt};
 
 /// The defaults of a request, for help and for what is not given.
@@ -106,7 +105,7 @@ fn references() -> PossibleValuesParser {
 
 impl Eval {
     /// What is asked for.
-    fn request(&self, registry: &Registry, output: &Output) -> Result<Evaluate, Failure> {
+    pub(super) fn request(&self, registry: &Registry, output: &Output) -> Result<Evaluate, Failure> {
         let (env, env_option) = self.env.named(registry)?;
         Ok(Evaluate {
             env,
@@ -138,41 +137,40 @@ impl Eval {
         })
     }
 
-    /// What a job needs to know before it is submitted.
-    pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<Plan, Failure> {
-        let needs = self.request(registry, output)?.needs(registry)?;
-        Ok(Plan { episodes: needs.episodes, inputs: needs.inputs })
-    }
-
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let request = self.request(registry, output)?;
-        request.check(registry)?;
-        match request.run(registry, &mut Reporter::new(output, self.watch()))? {
-            Evaluated::Receipt(receipt, path) => {
-                output.result(&receipt, || receipt_text(&receipt, path.as_deref()))
-            }
-            Evaluated::Part(shard, episodes) => self.part.done(self.out.as_deref(), shard, episodes, output),
-            Evaluated::Episodes(evaluation, written) => {
-                // The figures first: they are printed even where a video fails.
-                let files = written.as_deref().unwrap_or_default();
-                output.result(&evaluation, || text(&evaluation, &self.policy, files))?;
-                written.map(drop).map_err(Failure::from)
-            }
-            _ => Ok(()),
-        }
+        run(&self.request(registry, output)?, registry, output)
     }
+}
 
-    /// What ends an evaluation when the command is interrupted.
-    fn watch(&self) -> Cancel {
-        match (&self.manifest, &self.out) {
-            (Some(_), Some(dir)) => {
-                interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT)
-            }
-            (Some(_), None) => interrupt::watch(|| {
-                "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned()
-            }),
-            (None, _) => interrupt::watch(|| "nothing is kept of this evaluation; run it again".to_owned()),
+/// Evaluates, and prints what came out.
+pub(super) fn run(request: &Evaluate, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    request.check(registry)?;
+    let out = request.out.as_deref();
+    match request.run(registry, &mut Reporter::new(output, watch(request)))? {
+        Evaluated::Receipt(receipt, path) => {
+            output.result(&receipt, || receipt_text(&receipt, path.as_deref()))
         }
+        Evaluated::Part(shard, episodes) => part_done(out, shard, episodes, output),
+        Evaluated::Episodes(evaluation, written) => {
+            // The figures first: they are printed even where a video fails.
+            let files = written.as_deref().unwrap_or_default();
+            output.result(&evaluation, || text(&evaluation, &request.policy, files))?;
+            written.map(drop).map_err(Failure::from)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What ends an evaluation when the command is interrupted.
+fn watch(request: &Evaluate) -> Cancel {
+    match (&request.manifest, &request.out) {
+        (Some(_), Some(dir)) => {
+            interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT)
+        }
+        (Some(_), None) => interrupt::watch(|| {
+            "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned()
+        }),
+        (None, _) => interrupt::watch(|| "nothing is kept of this evaluation; run it again".to_owned()),
     }
 }
 

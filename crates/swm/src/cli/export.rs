@@ -1,6 +1,6 @@
 //! `swm export`: a run as a checkpoint that others load.
 //!
-//! Without the feature `baselines` the command is there and says how to build it.
+//! Without the feature `baselines` the command is there and prints how to build it.
 
 use std::path::PathBuf;
 

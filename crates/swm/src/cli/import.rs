@@ -1,6 +1,6 @@
 //! `swm import`: a run of a checkpoint that others published.
 //!
-//! Without the feature `baselines` the command is there and says how to build it.
+//! Without the feature `baselines` the command is there and prints how to build it.
 
 use std::path::PathBuf;
 

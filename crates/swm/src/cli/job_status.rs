@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
 use swm_data::recording::WriterLock;
+use swm_tasks::request::Divided;
 
 use super::Failure;
 use super::output::{key_values, table};
-use super::work::{self, Kind};
+use super::work;
 use crate::jobs::JobFolder;
 use crate::jobs::engine::{Queued, Submission};
 use crate::jobs::files::{ranges, read_json};
@@ -234,7 +235,10 @@ impl<'a> Status<'a> {
         let mut rows = vec![("job", dir), ("command", format!("swm {}", job.command.join(" ")))];
         rows.push(("shards", self.line()));
         if job.episodes > 0 {
-            rows.push(("episodes", format!("{} of {}{}", self.episodes(), job.episodes, what(&job.command))));
+            rows.push((
+                "episodes",
+                format!("{} of {}{}", self.episodes(), job.episodes, what(job.request.as_ref())),
+            ));
         }
         let took: f64 = self.done.values().map(|done| done.seconds).sum();
         if !self.done.is_empty() {
@@ -274,11 +278,11 @@ impl<'a> Status<'a> {
     }
 }
 
-/// What the episodes of a command are, where they are more than those of its manifest.
-fn what(command: &[String]) -> &'static str {
-    match Kind::of(command) {
-        Ok(Kind::Eval) => " (every pair, with the policy and with each reference policy)",
-        Ok(Kind::Sweep) => " (every pair, unchanged and with each change)",
+/// What the episodes of a job are, where they are more than those of its manifest.
+fn what(request: Option<&Divided>) -> &'static str {
+    match request {
+        Some(Divided::Evaluate(_)) => " (every pair, with the policy and with each reference policy)",
+        Some(Divided::Sweep(_)) => " (every pair, unchanged and with each change)",
         _ => "",
     }
 }
@@ -288,11 +292,9 @@ fn episodes_of(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
     let range = folder.job.range(shard);
     let logged =
         last_episode(&folder.log(shard)).unwrap_or(range.start).clamp(range.start, range.end) - range.start;
-    match Kind::of(&folder.job.command) {
-        Ok(kind @ (Kind::Collect | Kind::Eval | Kind::Sweep)) => {
-            work::held(registry, folder, kind, shard).min(range.end - range.start).max(logged)
-        }
-        _ => logged,
+    match folder.job.request {
+        Some(_) => work::held(registry, folder, shard).min(range.end - range.start).max(logged),
+        None => logged,
     }
 }
 
@@ -328,9 +330,10 @@ mod tests {
 
     #[test]
     fn episodes_are_explained_where_a_pair_counts_several_times() {
-        let told = |command: &str| what(&command.split(' ').map(str::to_owned).collect::<Vec<_>>());
-        assert!(told("eval --manifest m.toml --policy cem").contains("each reference policy"));
-        assert!(told("sweep --manifest m.toml --policy cem").contains("each change"));
-        assert_eq!(told("collect swm/PushT-v1 --episodes 3"), "");
+        let evaluate = Divided::Evaluate(Box::default());
+        assert!(what(Some(&evaluate)).contains("each reference policy"));
+        let sweep = Divided::Sweep(Box::default());
+        assert!(what(Some(&sweep)).contains("each change"));
+        assert_eq!(what(Some(&Divided::Record(Box::default()))), "");
     }
 }

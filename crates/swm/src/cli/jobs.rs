@@ -13,7 +13,7 @@ use swm_core::Registry;
 
 use super::job_status::{Held, Status, text};
 use super::output::{counted, print};
-use super::{Failure, Output, usage};
+use super::{Failure, Output, usage, work};
 use crate::jobs::JobFolder;
 use crate::jobs::engine::{Submission, engine};
 use crate::jobs::progress::Progress;
@@ -57,12 +57,12 @@ impl Jobs {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let folders = match &self.job {
             Some(job) => {
-                let folder = JobFolder::open(job).map_err(usage)?;
+                let folder = work::open(registry, job).map_err(usage)?;
                 vec![folder.ok_or_else(|| {
                     usage(format!("{} holds no job; `swm submit` makes one", job.display()))
                 })?]
             }
-            None => jobs_in(Path::new("."))?,
+            None => jobs_in(registry, Path::new("."))?,
         };
         if let (true, [folder]) = (self.logs, folders.as_slice()) {
             return self.print_log(folder);
@@ -122,7 +122,7 @@ impl Jobs {
 }
 
 /// The jobs in a folder, by name.
-fn jobs_in(dir: &Path) -> Result<Vec<JobFolder>, Failure> {
+fn jobs_in(registry: &Registry, dir: &Path) -> Result<Vec<JobFolder>, Failure> {
     let entries = std::fs::read_dir(dir).map_err(|error| format!("cannot read the folder: {error}"))?;
     let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
     paths.sort();
@@ -132,7 +132,7 @@ fn jobs_in(dir: &Path) -> Result<Vec<JobFolder>, Failure> {
     }
     let mut folders = Vec::new();
     for path in paths {
-        folders.extend(JobFolder::open(&path).map_err(usage)?);
+        folders.extend(work::open(registry, &path).map_err(usage)?);
     }
     Ok(folders)
 }
@@ -176,7 +176,7 @@ impl Watched {
     ///
     /// The folder holds no job, or one that cannot be read.
     pub(super) fn status(&self, registry: &Registry, dir: &Path) -> Result<Json, Failure> {
-        let folder = JobFolder::open(dir)?.ok_or_else(|| format!("{} holds no job", dir.display()))?;
+        let folder = work::open(registry, dir)?.ok_or_else(|| format!("{} holds no job", dir.display()))?;
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if all.get(dir).is_none_or(|(time, ..)| time.elapsed() >= ASK_EVERY) {
             let (held, note) = Held::of(&folder);

@@ -27,6 +27,7 @@ Examples:
   swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out pusht-strict.toml
   swm manifest make swm/TwoRoom-v2 --tier moderate --episodes 100 --out two-room.toml
   swm manifest make swm/PushT-v1 --dataset pusht.h5 --pairs 3:10-35,4:0-25 --tier historic --out two.toml
+  swm manifest make swm/PushT-v1 --dataset pusht_expert_train.h5 --clear moderate-seed42-n100.json --image-size 224 --out clear.toml
   swm manifest show pusht-strict.toml
   swm eval --manifest pusht-strict.toml --policy cem --out results")]
 pub(super) struct ManifestCommand {
@@ -73,6 +74,9 @@ struct Make {
     #[arg(long, value_name = "EPISODE:START-GOAL", value_delimiter = ',', requires = "dataset")]
     #[arg(conflicts_with_all = ["episodes", "goal_offset", "held_out"])]
     pairs: Option<Vec<ChosenPair>>,
+    /// With --dataset: the pairs, test of success, budget and seed of this manifest of the benchmark CLEAR-LeWM.
+    #[arg(long, value_name = "FILE", requires = "dataset")]
+    clear: Option<PathBuf>,
     /// With --dataset: the goal is this many steps after the start.
     #[arg(long, default_value_t = DEFAULT.goal_offset, requires = "dataset")]
     goal_offset: usize,
@@ -158,6 +162,7 @@ impl Make {
             dataset: self.dataset.clone(),
             opening: self.opening.options()?,
             pairs: self.pairs.clone(),
+            clear: self.clear.clone(),
             goal_offset: self.goal_offset,
             held_out: self.held_out,
             budget: self.budget,

@@ -26,6 +26,7 @@ mod inspect;
 mod interrupt;
 mod job_status;
 mod jobs;
+mod looks;
 mod man;
 mod manifest;
 #[cfg(feature = "baselines")]
@@ -34,10 +35,8 @@ mod new_env;
 mod opening;
 mod output;
 mod plan;
-mod plan_problem;
 mod preview;
 mod quality;
-mod quality_checks;
 mod rates;
 mod receipt_text;
 mod regret;
@@ -45,6 +44,8 @@ mod render;
 mod replay;
 mod report;
 mod reporter;
+mod reproduce;
+mod robustness;
 mod scenario;
 mod solvers;
 mod stats;
@@ -54,6 +55,7 @@ mod sweep;
 mod table;
 mod task;
 mod threads;
+mod track;
 mod train;
 #[cfg(feature = "baselines")]
 mod train_quality;
@@ -66,6 +68,7 @@ mod verify_result;
 mod version;
 mod words;
 mod work;
+mod zoo;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -121,6 +124,7 @@ enum Command {
     Compare(compare::Compare),
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
+    Robustness(robustness::RobustnessCommand),
     Report(report::ReportCommand),
     Bundle(bundle::BundleCommand),
     Board(board::BoardCommand),
@@ -133,6 +137,8 @@ enum Command {
     Import(Box<import::Import>),
     Export(export::Export),
     Fetch(fetch::Fetch),
+    Zoo(zoo::Zoo),
+    Reproduce(Box<reproduce::ReproduceCommand>),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -163,6 +169,10 @@ pub fn main(registry: &Registry) -> ExitCode {
 pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let mut args = args.into_iter().peekable();
     called::take(args.peek().map(OsString::as_os_str));
+    #[cfg(feature = "mujoco")]
+    if let Some(home) = swm_envs_mujoco::assets::data_folder() {
+        swm_tasks::zoo::add_folder(home.join("zoo"));
+    }
     // The version names the physics, which may not be installed: known at run time only.
     let parsed = Cli::command().long_version(version::long()).try_get_matches_from(args);
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
@@ -206,11 +216,13 @@ impl Command {
             Self::Eval(command) => command.world.threads,
             Self::VerifyResult(command) => command.threads,
             Self::Sweep(command) => command.world.threads,
+            Self::Robustness(command) => command.threads,
             Self::Report(command) => command.threads,
             Self::Board(command) => command.threads,
             Self::Quality(command) => command.threads,
             Self::Train(command) => command.threads,
             Self::Plan(command) => command.threads,
+            Self::Reproduce(command) => command.threads,
             Self::Render(command) => command.threads,
             _ => ThreadsArg::default(),
         }
@@ -240,6 +252,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Compare(command) => command.run(output),
         Command::VerifyResult(command) => command.run(registry, output),
         Command::Sweep(command) => command.run(registry, output),
+        Command::Robustness(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Bundle(command) => command.run(registry, output),
         Command::Board(command) => command.run(registry, output),
@@ -247,11 +260,13 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
-        Command::Train(command) => command.run(registry, output),
+        Command::Train(command) => command.tracked(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
         Command::Fetch(command) => command.run(output),
+        Command::Zoo(command) => command.run(output),
+        Command::Reproduce(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),
@@ -318,12 +333,14 @@ mod tests {
             "eval",
             "verify-result",
             "sweep",
+            "robustness",
             "report",
             "board",
             "quality",
             "train",
             "plan",
             "render",
+            "reproduce",
         ];
         each(&Cli::command(), "", &mut |name, command| {
             let threads = command.get_arguments().any(|argument| argument.get_long() == Some("threads"));

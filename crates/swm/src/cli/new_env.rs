@@ -169,6 +169,9 @@ impl NewEnv {
         let tools = fs::canonicalize(self.checkout.as_ref()?.join(".tools")).ok()?;
         let at = |path: &str| Some(toml::Value::from(existing(&tools.join(path))?).to_string());
         let (cmake, ninja) = (at("cmake/cmake/data/bin/cmake")?, at("ninja/bin")?);
+        // Tables, as in a checkout: cargo joins its configuration with those of the folders around, and refuses a text beside a table.
+        let place = |path: String| format!("{{ value = {path}, relative = false }}");
+        let (cmake, ninja) = (place(cmake), place(ninja));
         Some(format!(
             "# Build tools for the bundled HDF5.\n[env]\nCMAKE = {cmake}\nCMAKE_GENERATOR = \"Ninja\"\nCMAKE_PROGRAM_PATH = {ninja}\n"
         ))

@@ -7,8 +7,10 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_data::{Flip, OpenOptions};
 
+use super::Failure;
 use super::args::{assignment, json_value};
-use super::{Failure, usage};
+#[cfg(feature = "baselines")]
+use super::usage;
 
 /// What becomes of the columns of a dataset of another program.
 #[derive(Args, Clone, Default)]
@@ -77,6 +79,7 @@ impl DataArgs {
     }
 
     /// As [`DataArgs::options`], of a dataset that may not be named.
+    #[cfg(feature = "baselines")]
     pub(super) fn options_of(&self, dataset: Option<&PathBuf>) -> Result<OpenOptions, Failure> {
         let options = self.options()?;
         match (dataset, options.given().first()) {

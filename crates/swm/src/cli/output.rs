@@ -50,7 +50,6 @@ impl Failure {
     }
 
     /// Why, for who is no person at a terminal.
-    #[cfg(feature = "ui")]
     pub(super) fn into_source(self) -> BoxError {
         self.source
     }

@@ -1,28 +1,23 @@
 //! `swm plan`: trace a planner.
 
-use std::fs::{self, File};
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::sync::LazyLock;
 
-use clap::{Args, ValueEnum};
-use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{
-    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveStep, Policy, PolicyArgs, Recorder, Registry, World,
-};
-use swm_media::Format;
-use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
-use swm_tasks::request::note_images;
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use swm_core::{Cancel, Registry};
+use swm_tasks::request::{self, ImageChoice, ManifestSource, Planned, Request as _};
 
-use super::args::{ImageArg, OptionalEnvArgs, WorldArgs, model_image, policy_args};
-use super::output::{claim, counted, table};
-use super::plan_problem::Problem;
+use super::args::{ImageArg, OptionalEnvArgs};
+use super::output::table;
+use super::reporter::Reporter;
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, usage};
-use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
-use crate::video::Video;
+use super::{Failure, Output};
+use crate::plan::{PlanFigures, PlanSummary};
+
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<request::Plan> = LazyLock::new(request::Plan::default);
 
 /// Plan with a solver on the true simulator or a model, carry the plans out, and show the search.
 #[derive(Args)]
@@ -48,13 +43,13 @@ pub(super) struct Plan {
     #[arg(long)]
     policy: String,
     /// Episodes to plan for, one after the other.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = DEFAULT.episodes)]
     episodes: u64,
     /// Seed of starts, goals and noise.
-    #[arg(long, default_value_t = 42)]
+    #[arg(long, default_value_t = DEFAULT.seed)]
     seed: u64,
     /// Actions allowed per episode.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = DEFAULT.budget)]
     budget: u64,
     /// Only make the first plan of each episode, and take its first action.
     #[arg(long, conflicts_with = "budget")]
@@ -66,10 +61,10 @@ pub(super) struct Plan {
     #[arg(long, requires = "trace")]
     overwrite: bool,
     /// With --trace: what trace.jsonl holds of each iteration.
-    #[arg(long, value_enum, default_value_t, requires = "trace")]
-    details: DetailArg,
+    #[arg(long, value_parser = details(), default_value_t = DEFAULT.details.clone(), requires = "trace")]
+    details: String,
     /// With --trace: how many plans get figures, from the first on.
-    #[arg(long, default_value_t = 6)]
+    #[arg(long, default_value_t = DEFAULT.drawn)]
     drawn: usize,
     /// With --trace: kind of video. Default: mp4 where this build can make it.
     #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
@@ -80,235 +75,59 @@ pub(super) struct Plan {
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
     /// How often each action is applied per step.
-    #[arg(long, default_value_t = 1, value_name = "F")]
+    #[arg(long, default_value_t = DEFAULT.frame_skip, value_name = "F")]
     frame_skip: u32,
     #[command(flatten)]
     scenario: ScenarioArgs,
 }
 
-/// How much of each iteration is written.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum DetailArg {
-    /// Its figures.
-    #[default]
-    Figures,
-    /// Also the elites and the search distribution.
-    Elites,
-    /// Also every candidate: megabytes per plan.
-    Candidates,
+/// How much of each iteration is written, by name.
+fn details() -> PossibleValuesParser {
+    [
+        PossibleValue::new("figures").help("Its figures"),
+        PossibleValue::new("elites").help("Also the elites and the search distribution"),
+        PossibleValue::new("candidates").help("Also every candidate: megabytes per plan"),
+    ]
+    .into()
 }
 
-/// Elites of an iteration that are drawn.
-const DRAWN_ELITES: usize = 16;
 /// Plans that the summary for people lists.
 const LISTED: usize = 20;
 
 impl Plan {
-    pub(super) fn run(mut self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let problem = self.problem(registry)?;
-        let entry = problem.entry;
-        let of_model = model_image(registry, entry, &self.policy);
-        let traced = || problem.image.or(Some(ImageSize { height: 224, width: 224 }));
-        let image = self.trace.as_ref().and_then(|_| self.image_size.map_or_else(traced, |size| size.0));
-        let seen = image.or(problem.image);
-        note_images(&self.policy, of_model, seen, &mut &*output);
-        let format = video_format(self.video_format.as_deref())?;
-        let config = EnvConfig { image: seen, settings: problem.settings.clone() };
-        let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(problem.frame_skip) };
-        let mut world = World::new(entry, args.options(config.clone(), problem.budget))?;
-        let asked = problem.policy(registry, policy_args(&self.policy)?);
-        let mut policy = self.planner(registry, &asked, &world)?;
-        problem.note_training(registry, &asked, &world, output);
-        let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
-        let actions = planner.actions(&world.spec().action)?;
-        // A scenario that cannot be is found out before the folder is made.
-        let rollout = problem.rollout(&mut world, &self.scenario, output)?;
-        let _claim = self.trace.as_deref().map(claim).transpose()?;
-        let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
-        let trace: Box<dyn Trace> = match &lines {
-            Some(lines) => Box::new(Arc::clone(lines)),
-            None => Box::new(NoTrace),
-        };
-        let watched = Watched::new(policy, DRAWN_ELITES, trace);
-        let (policy, session) = watched.map_err(|_| makes_no_plans(registry, &self.policy))?;
-        world.set_policy(policy)?;
-        let episodes = problem.episodes.end - problem.episodes.start;
-        let bar = output.bar(episodes * problem.budget, "steps");
-        let mut video = Video::first(if image.is_some() { episodes } else { 0 });
-        let mut watch = (&mut video, Episodes { bar: bar.clone(), list: Vec::new() });
-        let started = Instant::now();
-        let ran = problem.run(&mut world, &rollout, &mut watch);
-        bar.finish_and_clear();
-        let finished = lines.map(|lines| lines.lock().unwrap_or_else(PoisonError::into_inner).finish());
-        ran?;
-        if let (Some(Err(error)), Some(dir)) = (finished, &self.trace) {
-            return Err(format!("cannot write to the folder {}: {error}", dir.display()).into());
-        }
-        let Episodes { list, .. } = watch.1;
-        let session = session.lock().unwrap_or_else(PoisonError::into_inner);
-        let summary = PlanSummary {
-            env: entry.id.to_owned(),
-            policy: world.policy_description().unwrap_or_default(),
-            seed: problem.seed,
-            frame_skip: problem.frame_skip,
-            episodes: list,
-            plans: PlanFigures::of(&session),
-            wall_time_s: started.elapsed().as_secs_f64(),
-        };
-        let written = match &self.trace {
-            Some(dir) => {
-                let (video, session, summary) = (&video, &*session, &summary);
-                let (config, actions, drawn): (_, &ActionMap, _) = (&config, &actions, self.drawn);
-                let stops_at_success = stops_at_success(&asked);
-                let report = Report {
-                    entry,
-                    config,
-                    actions,
-                    session,
-                    summary,
-                    video,
-                    format,
-                    drawn,
-                    stops_at_success,
-                };
-                write_report(dir, &report)
-            }
-            None => Ok(Vec::new()),
-        };
-        if let Some(note) = self.worse_than_best(registry, entry, &summary.plans) {
-            output.note(note);
-        }
-        let page = written.as_ref().ok().and_then(|files| files.first());
-        output.result(&summary, || text(&summary, &self.policy, page.map(PathBuf::as_path)))?;
-        written.map(drop).map_err(Failure::from)
-    }
-
-    /// What is planned for.
-    fn problem(&mut self, registry: &Registry) -> Result<Problem, Failure> {
-        if let Some(manifest) = &self.manifest {
-            return Problem::pair(registry, manifest, self.pair.unwrap_or(0), self.plan_only);
-        }
-        if let Some(pair) = self.pair {
-            return Err(usage(format!("--pair {pair} is a pair of a manifest; give --manifest FILE, too")));
-        }
-        let (env, budget) = (self.env.take()?, if self.plan_only { 1 } else { self.budget });
-        let (policy, episodes, seed) = (&self.policy, self.episodes, self.seed);
-        Problem::new_episodes(registry, &env, policy, episodes, seed, budget, self.frame_skip)
-    }
-
-    /// The policy, or why there is none that plans.
-    fn planner(
-        &self,
-        registry: &Registry,
-        args: &PolicyArgs,
-        world: &World,
-    ) -> Result<Box<dyn Policy>, Failure> {
-        let name = &args.name;
-        if registry.policy_entry(world.entry(), name).is_ok() {
-            return Ok(registry.policy_from(args, world)?);
-        }
-        if registry.find::<SolverEntry>(name).is_ok() {
-            let reason = format!(
-                "the solver `{name}` cannot plan on the true simulator, it needs a model of the dynamics"
-            );
-            return Err(usage(format!("{reason}; solvers that can are {}", planners(registry).join(", "))));
-        }
-        let meant = did_you_mean(nearest(name, planners(registry)).as_deref());
-        Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")))
-    }
-
-    /// A note where plans cost more than candidates that were known: solvers return a mean of samples unless told otherwise.
-    fn worse_than_best(
-        &self,
-        registry: &Registry,
-        entry: &EnvEntry,
-        plans: &[PlanFigures],
-    ) -> Option<String> {
-        let is_worse = |plan: &&PlanFigures| {
-            plan.cost.zip(plan.last_best).is_some_and(|(cost, best)| cost > best + 1e-9 * best.abs())
-        };
-        let worse = plans.iter().filter(is_worse).count();
-        let name = policy_args(&self.policy).ok()?.name;
-        let policy = registry.policy_entry(entry, &name).ok()?;
-        let fix = match policy.settings.iter().any(|setting| setting.name == "return_best") {
-            true => "; return_best=true takes the best candidate",
-            false => "",
-        };
-        (worse > 0).then(|| {
-            format!(
-                "note: {worse} of {} cost more than their best candidate: `{name}` returns a mean of its samples{fix}",
-                counted(plans.len(), "plan")
-            )
+    /// What is asked for.
+    fn request(&self, registry: &Registry, output: &Output) -> Result<request::Plan, Failure> {
+        let (env, env_option) = self.env.named(registry)?;
+        Ok(request::Plan {
+            env,
+            env_option,
+            manifest: self.manifest.clone().map(ManifestSource::File),
+            pair: self.pair,
+            policy: self.policy.clone(),
+            episodes: self.episodes,
+            seed: self.seed,
+            budget: self.budget,
+            plan_only: self.plan_only,
+            trace: self.trace.clone(),
+            overwrite: self.overwrite,
+            details: self.details.clone(),
+            drawn: self.drawn,
+            video_format: self.video_format.clone(),
+            image_size: self.image_size.map(|size| ImageChoice(size.0)),
+            threads: self.threads.count(),
+            frame_skip: self.frame_skip,
+            vary: self.scenario.vary.clone(),
+            set: self.scenario.set(output)?,
         })
     }
 
-    /// Where the lines of the trace go; nowhere without `--trace`. Makes the folder.
-    fn open_trace(&self) -> Result<Option<JsonLines<BufWriter<File>>>, Failure> {
-        let detail = match self.details {
-            DetailArg::Figures => Detail::Figures,
-            DetailArg::Elites => Detail::Elites,
-            DetailArg::Candidates => Detail::Candidates,
-        };
-        let Some(dir) = &self.trace else { return Ok(None) };
-        let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
-        prepare_folder(dir, self.overwrite)?;
-        let file = File::create(dir.join("trace.jsonl")).map_err(failed)?;
-        Ok(Some(JsonLines::new(BufWriter::new(file), detail)))
-    }
-}
-
-/// The solvers that plan on the true simulator.
-fn planners(registry: &Registry) -> Vec<&'static str> {
-    registry
-        .all::<SolverEntry>()
-        .filter(|solver| solver.plans_on_simulator)
-        .map(|solver| solver.name)
-        .collect()
-}
-
-fn makes_no_plans(registry: &Registry, policy: &str) -> Failure {
-    let name = policy.split(':').next().unwrap_or_default();
-    usage(format!(
-        "the policy `{name}` makes no plans; solvers that do are {}",
-        planners(registry).join(", ")
-    ))
-}
-
-/// Makes the folder, or empties it of an earlier report: of nothing else.
-fn prepare_folder(dir: &Path, overwrite: bool) -> Result<(), Failure> {
-    let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
-    fs::create_dir_all(dir).map_err(failed)?;
-    let files: Vec<PathBuf> = fs::read_dir(dir)
-        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
-        .map_err(failed)?;
-    if files.is_empty() {
-        return Ok(());
-    }
-    if !overwrite {
-        let reason = "is not empty; give a new one, or --overwrite to replace an earlier trace in it";
-        return Err(usage(format!("the folder {} {reason}", dir.display())));
-    }
-    if !dir.join("trace.jsonl").is_file() {
-        let reason = "holds no earlier trace (trace.jsonl), so nothing in it is replaced; give a new one";
-        return Err(usage(format!("the folder {} {reason}", dir.display())));
-    }
-    let ours = |path: &&PathBuf| {
-        let name = path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
-        ["index.html", "costs.svg", "result.json", "trace.jsonl"].contains(&name.as_ref())
-            || (name.starts_with("episode_")
-                && [".svg", ".gif", ".mp4"].iter().any(|end| name.ends_with(end)))
-    };
-    files.iter().filter(ours).try_for_each(fs::remove_file).map_err(failed)
-}
-
-fn video_format(asked: Option<&str>) -> Result<Format, Failure> {
-    match asked {
-        Some("gif") => Ok(Format::Gif),
-        None if !Format::Mp4.is_built() => Ok(Format::Gif),
-        _ if Format::Mp4.is_built() => Ok(Format::Mp4),
-        _ => Err(usage(
-            "this build has no MP4 encoder; use --video-format gif, or build with the feature `mp4`",
-        )),
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let request = self.request(registry, output)?;
+        let planned = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
+        let Planned { summary, written, .. } = planned;
+        let page = written.as_ref().ok().and_then(|files| files.first());
+        output.result(&summary, || text(&summary, &self.policy, page.map(PathBuf::as_path)))?;
+        written.map(drop).map_err(Failure::from)
     }
 }
 
@@ -362,22 +181,4 @@ fn text(summary: &PlanSummary, policy: &str, page: Option<&Path>) -> String {
         if count == 1 { "plan" } else { "plans" },
         time / count.max(1) as f64,
     )
-}
-
-/// Remembers how episodes end, and counts steps.
-struct Episodes {
-    bar: indicatif::ProgressBar,
-    list: Vec<EpisodeSummary>,
-}
-
-impl Recorder for Episodes {
-    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
-        self.bar.inc(1);
-        Ok(())
-    }
-
-    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.list.push(EpisodeSummary { episode: end.index, steps: end.steps, success: end.success });
-        Ok(())
-    }
 }

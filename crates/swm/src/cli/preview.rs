@@ -77,6 +77,12 @@ impl Preview {
         if let Some(size) = size {
             dataset = images::rendered(dataset, registry, size)?;
         }
+        if size.is_none() && missing {
+            return Err(usage(format!(
+                "{} holds no images, and does not say how they could be rendered; `swm inspect` lists its columns",
+                self.file.display()
+            )));
+        }
         let column = dataset.schema().require(&self.column).map_err(usage)?;
         let field = dataset.schema().fields()[column].clone();
         let (&[height, width, channels @ (1 | 3)], Dtype::U8) = (&field.shape[..], field.dtype) else {

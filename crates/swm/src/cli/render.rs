@@ -1,19 +1,21 @@
 //! `swm render`: an image or video of an episode.
 
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use clap::Args;
-use serde_json::json;
-use swm_core::{Registry, Rollout, World};
-use swm_media::{Clip, Format};
-use swm_tasks::request::Ask;
+use swm_core::{Cancel, Registry};
+use swm_tasks::request::{self, Request as _};
 
-use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
-use super::output::{counted, create_parent};
+use super::args::{EnvArgs, ImageArg};
+use super::output::counted;
+use super::reporter::Reporter;
 use super::scenario::ScenarioArgs;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, usage};
-use crate::video::Video;
+use super::{Failure, Output};
+
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<request::Render> = LazyLock::new(request::Render::default);
 
 /// Render an episode: `.png` its last frame, `.gif` and `.mp4` all of it.
 #[derive(Args)]
@@ -26,16 +28,16 @@ pub(super) struct Render {
     #[command(flatten)]
     env: EnvArgs,
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
-    #[arg(long, default_value = "random")]
+    #[arg(long, default_value = DEFAULT.policy.as_str())]
     policy: String,
     /// Seed of the run.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = DEFAULT.seed)]
     seed: u64,
     /// Steps to take; 0 shows the state after reset.
-    #[arg(long, default_value_t = 50)]
+    #[arg(long, default_value_t = DEFAULT.steps)]
     steps: u64,
     /// Image size, HEIGHTxWIDTH.
-    #[arg(long, default_value = "224x224")]
+    #[arg(long, default_value_t = ImageArg(DEFAULT.image_size))]
     image_size: ImageArg,
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -47,41 +49,31 @@ pub(super) struct Render {
 }
 
 impl Render {
+    /// What is asked for.
+    fn request(&self, registry: &Registry, output: &Output) -> Result<request::Render, Failure> {
+        Ok(request::Render {
+            env: self.env.entry(registry)?.id.to_owned(),
+            env_option: self.env.config(None)?.settings,
+            policy: self.policy.clone(),
+            seed: self.seed,
+            steps: self.steps,
+            image_size: self.image_size.0,
+            vary: self.scenario.vary.clone(),
+            set: self.scenario.set(output)?,
+            threads: self.threads.count(),
+            out: self.out.clone(),
+        })
+    }
+
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let Some(size) = self.image_size.0 else {
-            return Err(usage("an image needs a size; remove `none`"));
-        };
-        let format = Format::from_path(&self.out).map_err(usage)?;
-        let entry = self.env.entry(registry)?;
-        let config = self.env.config(Some(size))?;
-        let world = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: None };
-        let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
-        world.set_policy(policy(registry, &self.policy, &world, Ask::Here, output)?)?;
-        let mut video = Video::first(1);
-        let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options(
-            entry,
-            &world.spec().factors,
-            output,
-        )?);
-        world.run(&rollout, &mut video)?;
-        let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
-        let wanted = usize::try_from(self.steps)?.saturating_add(1);
-        let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };
-        let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());
-        for frame in scene.clip.frames().take(wanted).skip(skipped) {
-            clip.push(frame)?;
-        }
-        create_parent(&self.out)?;
-        clip.save(&self.out)?;
-        let result =
-            json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
-        let end = scene.end.as_ref().filter(|_| scene.clip.len() < wanted);
-        let end = end.map_or("", |end| match end.success {
+        let request = self.request(registry, output)?;
+        let made = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
+        let end = made.end.as_ref().map_or("", |end| match end.success {
             Some(true) => "; the episode ended with success",
             _ => "; the episode ended",
         });
-        output.result(&result, || {
-            format!("wrote {} ({}{end})", self.out.display(), counted(clip.len(), "frame"))
+        output.result(&made, || {
+            format!("wrote {} ({}{end})", made.out.display(), counted(made.frames, "frame"))
         })
     }
 }

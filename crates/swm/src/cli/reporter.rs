@@ -62,6 +62,10 @@ impl Progress for Bar {
         }
     }
 
+    fn advance(&self, units: u64) {
+        self.bar.inc(units);
+    }
+
     fn now(&self, what: &str) {
         self.bar.set_message(what.to_owned());
     }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvEntry, FactorSpec, ResetOptions, Value};
-use swm_tasks::request::{self, Scenario};
+use swm_core::{EnvEntry, FactorSpec, Value};
+use swm_tasks::request;
 
 use super::args::assignment;
 use super::{Failure, Output};
@@ -25,17 +25,6 @@ pub(super) struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// As [`Scenario::options`].
-    pub(super) fn options(
-        &self,
-        env: &EnvEntry,
-        factors: &[FactorSpec],
-        output: &Output,
-    ) -> Result<ResetOptions, Failure> {
-        let set = self.set(output)?;
-        Ok(Scenario { vary: self.vary.as_deref(), set: &set }.options(env, factors, &mut &*output)?)
-    }
-
     /// The values of `--set` as a request has them.
     pub(super) fn set(&self, output: &Output) -> Result<Map<String, Json>, Failure> {
         set(&self.set, output)
@@ -43,7 +32,7 @@ impl ScenarioArgs {
 }
 
 /// Reads `--set NAME=VALUE` options.
-fn set(options: &[String], output: &Output) -> Result<Map<String, Json>, Failure> {
+pub(super) fn set(options: &[String], output: &Output) -> Result<Map<String, Json>, Failure> {
     let mut values = Map::new();
     for option in options {
         let (name, text) = assignment(option, "--set")?;

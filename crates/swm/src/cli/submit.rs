@@ -7,11 +7,11 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
+use swm_tasks::request::Needs;
 
 use super::output::counted;
-use super::task::Redirected;
-use super::work::{self, Kind};
-use super::{Failure, Output, usage, version};
+use super::work::Work;
+use super::{Failure, Output, usage, version, work};
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
 use crate::jobs::files::{bytes, now, ranges};
 use crate::jobs::held::{held_shards, queued};
@@ -101,7 +101,7 @@ impl Submit {
             })?;
         }
         let _lock = if self.dry_run { None } else { Some(JobFolder::lock(&self.job)?) };
-        let folder = match (JobFolder::open(&self.job).map_err(usage)?, asked) {
+        let folder = match (work::open(registry, &self.job).map_err(usage)?, asked) {
             (Some(held), Some(asked)) => {
                 if let Some(difference) = held.job.difference(&asked) {
                     let dir = held.dir.display();
@@ -154,10 +154,11 @@ impl Submit {
 
     /// The job that is asked for. Environment and policy are made, and manifests read.
     fn job(&self, registry: &Registry, output: &Output) -> Result<Job, Failure> {
-        let kind = Kind::of(&self.command)?;
+        let Work { request, report_every } = work::work(registry, &self.command, output)?;
+        let is_train = request.is_none();
         let each = match &self.each {
             None => Vec::new(),
-            Some(_) if kind != Kind::Train => return Err(usage("--each is for `swm train`; use --shards")),
+            Some(_) if !is_train => return Err(usage("--each is for `swm train`; use --shards")),
             Some(path) => {
                 let text =
                     read_text(path).map_err(|error| usage(format!("--each {}: {error}", path.display())))?;
@@ -165,9 +166,9 @@ impl Submit {
                 lines.map(|line| line.split_whitespace().map(str::to_owned).collect()).collect()
             }
         };
-        let shards = match (kind, self.shards) {
-            (Kind::Train, None | Some(1)) => each.len().max(1) as u64,
-            (Kind::Train, _) => {
+        let shards = match (is_train, self.shards) {
+            (true, None | Some(1)) => each.len().max(1) as u64,
+            (true, _) => {
                 return Err(usage("a training run is not divided; --each FILE submits several runs"));
             }
             (_, Some(shards)) => shards,
@@ -178,22 +179,22 @@ impl Submit {
             }
         };
         let program = Program::this(version::long(), !self.no_copy)?;
-        let mut job = Job::new(self.command.clone(), each, (shards, 0), program, Vec::new())?;
-        let mut inputs: BTreeSet<PathBuf> = BTreeSet::new();
+        let mut job = Job::new(request, self.command.clone(), each, shards, program)?;
+        job.report_every = report_every;
         let folder = JobFolder::planned(&self.job, job.clone())?;
-        for shard in 1..=if kind == Kind::Train { shards } else { 1 } {
-            let plan = work::plan(registry, &work::shard_line(&folder, kind, shard), output)?;
-            job.episodes = plan.episodes;
-            inputs.extend(plan.inputs);
-        }
-        if kind != Kind::Train && shards > job.episodes {
-            let episodes = counted(job.episodes, "episode");
+        let Needs { episodes, inputs } = match work::part(&folder, 1)? {
+            Some(part) => part.needs(registry, &mut &*output)?,
+            None => Needs { episodes: 0, inputs: work::inputs_of_runs(&folder)? },
+        };
+        let inputs: BTreeSet<PathBuf> = inputs.into_iter().collect();
+        if !is_train && shards > episodes {
+            let episodes = counted(episodes, "episode");
             return Err(usage(format!(
                 "--shards {shards}: there are {episodes}; use as many shards or fewer"
             )));
         }
         let inputs = inputs.iter().map(|path| Input::of(path)).collect::<Result<_, _>>().map_err(usage)?;
-        Ok(Job::new(job.command, job.each, (shards, job.episodes), job.program, inputs)?)
+        Ok(job.with(episodes, inputs)?)
     }
 
     /// Records some episodes and compares the space of all with what is free.
@@ -201,14 +202,7 @@ impl Submit {
         if self.pilot == 0 || self.dry_run {
             return Ok(());
         }
-        if Kind::of(&folder.job.command)? != Kind::Collect {
-            return Err(usage("--pilot records episodes; it is for `swm collect`"));
-        }
-        let (line, path) = work::pilot_line(folder, self.pilot);
-        {
-            let _redirected = Redirected::to(&folder.dir.join("logs/pilot.log"))?;
-            work::run(registry, &line, &Output::new(false, false))?;
-        }
+        let path = work::run_pilot(registry, folder, self.pilot)?;
         let recorded = swm_data::open_in(registry, &path)?.num_episodes().max(1) as u64;
         let bytes = bytes(&path)?;
         let removed =

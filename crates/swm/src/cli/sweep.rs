@@ -1,20 +1,22 @@
 //! `swm sweep`: does a policy generalize to changed factors of variation?
 
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
-use clap::{Args, ValueEnum};
-use swm_core::{Cancel, Manifest, Registry};
-use swm_tasks::request::{note_rewards_only, note_training_on};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use swm_core::Registry;
+use swm_tasks::evaluation;
+use swm_tasks::request::{Fix, ManifestSource, Message, Request as _, Sweep, Swept, TaskError};
 
-use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
-use super::output::{claim, create_folder, table};
+use super::args::{PartArgs, WorldArgs, part_done};
+use super::output::table;
 use super::rates::{at_reset, p_value, rate};
-use super::work::Plan;
-use super::{Failure, Output, interrupt, usage};
-use crate::evaluation::{
-    Candidate, CellLedger, Change, Division, RunOptions, Sweep, SweepRun, Values, changes, env_of,
-    grid_points, held_sweep, read_manifest, write_sweep,
-};
+use super::reporter::Reporter;
+use super::{Failure, Output, interrupt};
+
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<Sweep> = LazyLock::new(Sweep::default);
 
 /// Evaluate a policy under every factor of variation, one by one, by group and together.
 #[derive(Args)]
@@ -38,14 +40,14 @@ pub(super) struct SweepCommand {
     #[arg(long)]
     policy: String,
     /// Seed of the policy's noise.
-    #[arg(long, default_value_t = 0, value_name = "SEED")]
+    #[arg(long, default_value_t = DEFAULT.policy_seed, value_name = "SEED")]
     policy_seed: u64,
     /// Factors: names, groups, or `all`, separated by commas; `NAME+NAME` changes several together.
     #[arg(long, default_value = "all", value_delimiter = ',', value_name = "NAMES")]
     factors: Vec<String>,
     /// Which values they get.
-    #[arg(long, value_enum, default_value_t)]
-    values: ValuesArg,
+    #[arg(long, value_parser = values(), default_value_t = DEFAULT.values.clone())]
+    values: String,
     /// With --values grid: how many. Default: 5, or every value where the factors are choices of up to 16.
     #[arg(long)]
     points: Option<usize>,
@@ -61,126 +63,59 @@ pub(super) struct SweepCommand {
     part: PartArgs,
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum ValuesArg {
-    /// Sampled for every episode.
-    #[default]
-    Sampled,
-    /// The smallest, then the largest.
-    Extremes,
-    /// Evenly from the smallest to the largest.
-    Grid,
-}
-
-/// One policy in all cells; each cell's changes are tried once in a part that has some of its pairs.
-const DIVISION: Division = Division::ByCell;
-
-impl SweepCommand {
-    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let (manifest, candidate, values, changes) = self.asked(registry)?;
-        let entry = env_of(registry, &manifest).map_err(usage)?;
-        note_rewards_only(entry, &manifest.success, &mut &*output);
-        note_training_on(registry, entry, &manifest, &candidate.policy, &mut &*output);
-        let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
-        let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
-        let (cells, pairs) = (run.cells(), run.pairs());
-        // Shards write parts of their own.
-        let whole = self.out.as_ref().filter(|_| self.part.shard.is_none());
-        let claimed = |dir: &PathBuf| create_folder(dir).and_then(|()| claim(&dir.join("sweep.json")));
-        let _claim = whole.map(claimed).transpose()?;
-        if let Some(dir) = &self.out {
-            create_folder(dir)?;
-            if !self.again
-                && let Some(held) = held_sweep(
-                    dir,
-                    &manifest,
-                    &candidate,
-                    &candidate.files(registry, entry)?,
-                    values,
-                    &changes,
-                )?
-            {
-                output.note(format!("{}: already done; --again repeats it", dir.display()));
-                return output.result(&held, || text(&held, Some(dir)));
-            }
-        }
-        let bar = output.bar(cells, "evaluations");
-        let told = |name: &str| {
-            bar.inc(1);
-            bar.set_message(name.to_owned());
-        };
-        let mut ledger = match (&self.out, self.part.shard) {
-            (None, _) => CellLedger::in_memory(cells, pairs),
-            (Some(dir), Some(shard)) => {
-                let mut ledger =
-                    CellLedger::open_part(dir, shard.numbers(), DIVISION, &run.identity()?, cells, pairs)?;
-                let done = run.run_part(&mut ledger, None, told);
-                bar.finish_and_clear();
-                done?;
-                ledger.finish_part()?;
-                let episodes = shard.of(cells * pairs);
-                return self.part.done(Some(dir), shard, episodes.end - episodes.start, output);
-            }
-            (Some(dir), None) if self.part.join => {
-                CellLedger::join(dir, DIVISION, &run.identity()?, cells, pairs)?
-            }
-            (Some(dir), None) => CellLedger::open(&dir.join("sweep.jsonl"), &run.identity()?, cells, pairs)?,
-        };
-        let result = run.run(&mut ledger, None, |cell| told(&cell.name));
-        bar.finish_and_clear();
-        let result = result?;
-        if let Some(dir) = &self.out {
-            write_sweep(dir, &result)?;
-        }
-        ledger.close()?;
-        output.result(&result, || text(&result, self.out.as_deref()))
-    }
-}
-
 impl SweepCommand {
     /// What is asked for.
-    fn asked(&self, registry: &Registry) -> Result<(Manifest, Candidate, Values, Vec<Change>), Failure> {
-        let manifest = read_manifest(&self.manifest).map_err(usage)?;
-        if self.world.frame_skip.is_some() {
-            return Err(usage("--frame-skip: the manifest says how often actions are applied"));
+    pub(super) fn request(&self) -> Result<Sweep, Failure> {
+        if let Some(given) = self.world.frame_skip {
+            let message = Message::about("frame_skip", given, "the manifest fixes it");
+            return Err(TaskError::from(message.fix(Fix::Leave("frame_skip"))).into());
         }
-        let entry = env_of(registry, &manifest).map_err(usage)?;
-        let candidate = Candidate::new(policy_args(&self.policy)?).seeded(self.policy_seed);
-        let candidate = candidate.on(registry, entry, &manifest);
-        if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
-            return Err(usage("--points is for --values grid; give both"));
-        }
-        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
-        let factors = entry.make(&config)?.spec().factors.clone();
-        let values = match self.values {
-            ValuesArg::Sampled => Values::Sampled,
-            ValuesArg::Extremes => Values::Extremes,
-            ValuesArg::Grid => {
-                Values::Grid(self.points.unwrap_or_else(|| grid_points(&factors, &self.factors)))
-            }
-        };
-        candidate.make(registry, entry, &manifest)?;
-        let changes = changes(&factors, &self.factors, values).map_err(usage)?;
-        Ok((manifest, candidate, values, changes))
+        Ok(Sweep {
+            manifest: Some(ManifestSource::File(self.manifest.clone())),
+            policy: self.policy.clone(),
+            policy_seed: self.policy_seed,
+            plan_steps: None,
+            factors: self.factors.clone(),
+            values: self.values.clone(),
+            points: self.points,
+            num_envs: self.world.num_envs,
+            threads: self.world.threads.count(),
+            out: self.out.clone(),
+            again: self.again,
+            shard: self.part.shard,
+            join: self.part.join,
+        })
     }
 
-    /// What a job needs to know before it is submitted.
-    pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
-        let (manifest, _, _, changes) = self.asked(registry)?;
-        let mut inputs = vec![self.manifest.clone()];
-        inputs.extend(policy_files(registry, env_of(registry, &manifest).map_err(usage)?, &self.policy)?);
-        Ok(Plan { episodes: (changes.len() as u64 + 1) * manifest.pairs.len() as u64, inputs })
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        run(&self.request()?, registry, output)
     }
+}
 
-    /// What ends the sweep when the command is interrupted.
-    fn watch(&self) -> Cancel {
-        match &self.out {
-            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
-            None => interrupt::watch(|| {
-                "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
-            }),
-        }
+/// Sweeps, and prints what came out.
+pub(super) fn run(request: &Sweep, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let out = request.out.as_deref();
+    let cancel = match out {
+        Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
+        None => interrupt::watch(|| {
+            "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
+        }),
+    };
+    match request.run(registry, &mut Reporter::new(output, cancel))? {
+        Swept::Sweep(sweep) => output.result(&sweep, || text(&sweep, out)),
+        Swept::Part(shard, episodes) => part_done(out, shard, episodes, output),
+        _ => Ok(()),
     }
+}
+
+/// Which values factors get, by name.
+fn values() -> PossibleValuesParser {
+    [
+        PossibleValue::new("sampled").help("Sampled for every episode"),
+        PossibleValue::new("extremes").help("The smallest, then the largest"),
+        PossibleValue::new("grid").help("Evenly from the smallest to the largest"),
+    ]
+    .into()
 }
 
 /// A note without its reason.
@@ -189,7 +124,7 @@ fn short(note: &str) -> &str {
 }
 
 /// Reasons, which are longer than a line of the table; each once, with the changes that it holds for.
-fn reasons(sweep: &Sweep) -> Vec<(&str, Vec<String>)> {
+fn reasons(sweep: &evaluation::Sweep) -> Vec<(&str, Vec<String>)> {
     let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
     for cell in &sweep.cells {
         let Some((_, reason)) = cell.note.as_deref().and_then(|note| note.split_once(": ")) else { continue };
@@ -202,7 +137,7 @@ fn reasons(sweep: &Sweep) -> Vec<(&str, Vec<String>)> {
     reasons
 }
 
-fn text(sweep: &Sweep, out: Option<&Path>) -> String {
+fn text(sweep: &evaluation::Sweep, out: Option<&Path>) -> String {
     let rows: Vec<Vec<String>> = sweep
         .cells
         .iter()

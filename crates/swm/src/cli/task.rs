@@ -11,7 +11,7 @@ use swm_data::recording::WriterLock;
 
 use super::damage;
 use super::output::{Postponed, counted, print_to_stderr};
-use super::work::{self, Kind};
+use super::work;
 use super::{Failure, Output, interrupt, usage, version};
 use crate::evaluation::file_hash;
 use crate::jobs::JobFolder;
@@ -73,7 +73,7 @@ const TIME_MARGIN: f64 = 1.3;
 impl Task {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let started = Instant::now();
-        let folder = JobFolder::open(&self.job).map_err(usage)?;
+        let folder = work::open(registry, &self.job).map_err(usage)?;
         let folder = folder
             .ok_or_else(|| usage(format!("{} holds no job; `swm submit` makes one", self.job.display())))?;
         let dir = folder.dir.display().to_string();
@@ -87,8 +87,7 @@ impl Task {
                 here.display()
             ))
         })?;
-        let kind = Kind::of(&folder.job.command)?;
-        let run = Run { registry, folder: &folder, kind, output };
+        let run = Run { registry, folder: &folder, output };
         if self.finish {
             return run.finish();
         }
@@ -174,14 +173,13 @@ fn engine_job() -> String {
 struct Run<'a> {
     registry: &'a Registry,
     folder: &'a JobFolder,
-    kind: Kind,
     output: &'a Output,
 }
 
 impl Run<'_> {
     /// Runs a shard, or the rest of it.
     fn shard(&self, shard: u64) -> Result<(), Failure> {
-        let Self { registry, folder, kind, output } = *self;
+        let Self { registry, folder, output } = *self;
         let done = folder.done(shard);
         let of = folder.job.shards;
         let lock = WriterLock::take(&folder.shard_lock(shard))?;
@@ -193,7 +191,7 @@ impl Run<'_> {
             return Ok(());
         }
         let log_path = folder.log(shard);
-        let (earlier, held) = (attempts(&log_path), work::held(registry, folder, kind, shard));
+        let (earlier, held) = (attempts(&log_path), work::held(registry, folder, shard));
         let attempt = Attempt {
             number: earlier.last().map_or(0, |last| last.number) + 1,
             node: node(),
@@ -212,9 +210,9 @@ impl Run<'_> {
         } else {
             Redirected::to(&log_path).and_then(|_redirected| {
                 print_to_stderr(&format!("{attempt}\n"));
-                let line = work::shard_line(folder, kind, shard);
-                let ran = again_after_io_error(|| work::run(registry, &line, &Output::new(false, false)));
-                let ran = ran.and_then(|()| work::check_shard(registry, folder, kind, shard));
+                let output = Output::new(false, false);
+                let ran = again_after_io_error(|| work::run_shard(registry, folder, shard, &output));
+                let ran = ran.and_then(|()| work::check_shard(registry, folder, shard));
                 match &ran {
                     Err(failure) if failure.is_cancelled() => interrupt::say(),
                     Err(failure) => print_to_stderr(&format!("{failure}\n")),
@@ -244,9 +242,9 @@ impl Run<'_> {
     }
 
     fn write_done(&self, shard: u64, attempt: &Attempt, took: Duration) -> Result<(), Failure> {
-        let Self { folder, kind, .. } = *self;
+        let Self { folder, .. } = *self;
         let range = folder.job.range(shard);
-        let path = work::shard_output(folder, kind, shard);
+        let path = work::shard_output(folder, shard);
         let done = Done {
             shard,
             range: [range.start, range.end],
@@ -268,10 +266,10 @@ impl Run<'_> {
 
     /// Joins the shards, if all are done.
     fn finish(&self) -> Result<(), Failure> {
-        let Self { registry, folder, kind, output } = *self;
+        let Self { registry, folder, output } = *self;
         let dir = folder.dir.display();
         let _lock = WriterLock::take(&folder.dir.join("finish"))?;
-        let result = kind.result(&folder.job.command);
+        let result = folder.result();
         let path = folder.dir.join(&result);
         let progress = Progress::of(folder)?;
         if progress.finished.is_some() {
@@ -303,20 +301,21 @@ impl Run<'_> {
         }
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;
-            let joined = damage::check_parts(folder, kind, &progress)
-                .and_then(|()| work::join(registry, folder, kind, &Output::new(false, false)));
+            let joined = damage::check_parts(folder, &progress)
+                .and_then(|()| work::join(registry, folder, &Output::new(false, false)));
             if let Err(failure) = &joined {
                 print_to_stderr(&format!("{failure}\n"));
             }
             joined?;
         }
-        let sha256 = if kind == Kind::Train { String::new() } else { file_hash(&path)? };
+        let is_divided = folder.job.request.is_some();
+        let sha256 = if is_divided { file_hash(&path)? } else { String::new() };
         let finished = Finished { result, bytes: bytes(&path)?, sha256, episodes: folder.job.episodes };
         write_json(&folder.finished(), &finished)?;
         let told = json!({ "job": folder.dir, "result": path, "bytes": finished.bytes, "episodes": finished.episodes });
-        output.result(&told, || match kind {
-            Kind::Train => format!("all runs are in {}", path.display()),
-            _ => format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")),
+        output.result(&told, || match is_divided {
+            false => format!("all runs are in {}", path.display()),
+            true => format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")),
         })
     }
 }

@@ -5,9 +5,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use swm_core::Registry;
 
+use super::looks::LookArgs;
 use super::opening::ColumnArgs;
 use super::threads::ThreadsArg;
+use super::track::TrackArgs;
+use super::{Failure, Output};
 
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
@@ -17,6 +21,7 @@ Examples:
   swm train lewm --dataset tworoom.h5 --preset small --out runs/lewm --epochs 10
   swm train pldm --dataset tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume runs/lewm
+  swm train canonical --dataset small.h5 --vary visual --canonical background.color=black --canonical agent.color=red --out runs/canonical
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --observe pixels --preset small --steps 100000 --out runs/tdmpc2-pixels
@@ -48,6 +53,10 @@ pub(super) struct Train {
     /// for `keypoint-wm`, or of a world model for `gc-idm`.
     #[arg(long, value_name = "FILE|RUN", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
+    /// Optimizer steps of the encoder that keypoint-wm trains first, in RUN/encoder, where no --encoder is given: `keypoints`, which
+    /// learns to draw the images.
+    #[arg(long, value_name = "STEPS", default_value_t = 1500, conflicts_with_all = ["encoder", "resume"])]
+    encoder_steps: u64,
     /// Resume the run in this folder, or in --out, possibly with more epochs or steps.
     #[arg(long, value_name = "RUN", conflicts_with = "baseline")]
     #[expect(clippy::option_option, reason = "clap: not given, given alone, or with a folder")]
@@ -99,7 +108,11 @@ pub(super) struct Train {
     #[command(flatten)]
     pub(super) threads: ThreadsArg,
     #[command(flatten)]
+    pub(super) track: TrackArgs,
+    #[command(flatten)]
     online: OnlineArgs,
+    #[command(flatten)]
+    looks: LookArgs,
     #[command(flatten)]
     opening: ColumnArgs,
     /// A part of the dataset, such as `val`.
@@ -108,6 +121,12 @@ pub(super) struct Train {
     /// Rows of an episode that ran into its time limit, where a file of D4RL does not mark these.
     #[arg(long, value_name = "N", help_heading = OTHERS)]
     dataset_max_steps: Option<usize>,
+    /// Resize the dataset's images, by area, when they are read: HEIGHTxWIDTH. Needed where they are not square.
+    #[arg(long, value_name = "SIZE", help_heading = OTHERS)]
+    image_size: Option<super::args::ImageArg>,
+    /// How: `stretch` them, `crop` their middle, or `pad` them with black. Needed where --image-size has another shape than theirs.
+    #[arg(long, value_name = "HOW", requires = "image_size", help_heading = OTHERS)]
+    fit: Option<swm_data::adapt::Fit>,
 }
 
 /// Where help lists what is about datasets of other programs.
@@ -138,19 +157,31 @@ struct OnlineArgs {
     eval_episodes: Option<u64>,
 }
 
+impl Train {
+    /// Runs it, while trackers follow.
+    pub(super) fn tracked(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let run = self.resume.clone().flatten().or_else(|| self.out.clone());
+        let is_training = cfg!(feature = "baselines") && !self.list;
+        self.track
+            .clone()
+            .around(run.as_deref().filter(|_| is_training), output, || self.run(registry, output))
+    }
+}
+
 /// The default of `--split`.
 const SPLIT: f64 = 0.9;
 
 #[cfg(feature = "baselines")]
 impl Train {
     /// How the dataset of a new run is opened; a run that is resumed knows it.
-    fn opening(&self) -> Result<swm_data::OpenOptions, super::Failure> {
+    fn opening(&self) -> Result<swm_data::OpenOptions, Failure> {
         let options = self.opening.options()?;
         let options = options.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
+        let options = options.image_size(self.image_size.and_then(|size| size.0)).fit(self.fit);
         let Some(&option) = options.given().first() else { return Ok(options) };
         let option = match option {
             "split" | "max_steps" => format!("dataset-{}", option.replace('_', "-")),
-            option => option.to_owned(),
+            option => option.replace('_', "-"),
         };
         let reason = match () {
             () if self.resume.is_some() => {
@@ -165,7 +196,7 @@ impl Train {
     }
 
     /// The run's folder: --out, or that behind --resume.
-    fn folder(&self) -> Result<&std::path::Path, super::Failure> {
+    fn folder(&self) -> Result<&std::path::Path, Failure> {
         match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
             (Some(run), Some(out)) if run != out => Err(super::usage(format!(
                 "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",
@@ -190,8 +221,7 @@ pub(super) struct Checkpoints {
 mod work {
     use swm_core::Registry;
 
-    use super::{Checkpoints, Train};
-    use crate::cli::work::Plan;
+    use super::{Checkpoints, LookArgs, Train};
     use crate::cli::{Failure, Output, usage};
 
     use crate::absent::BASELINES;
@@ -220,6 +250,7 @@ mod work {
                 preset: _,
                 set: _,
                 encoder: _,
+                encoder_steps: _,
                 resume: _,
                 epochs: _,
                 steps: _,
@@ -236,16 +267,20 @@ mod work {
                 quality_every: _,
                 patience: _,
                 threads: _,
+                track: _,
+                looks: LookArgs { look: _, vary: _, vary_share: _, vary_usual: _, canonical: _ },
                 opening: _,
                 dataset_split: _,
                 dataset_max_steps: _,
+                image_size: _,
+                fit: _,
             } = self;
             Err(not_built())
         }
     }
 
     impl Train {
-        pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+        pub(in crate::cli) fn inputs(&self) -> Result<Vec<std::path::PathBuf>, Failure> {
             Err(not_built())
         }
     }

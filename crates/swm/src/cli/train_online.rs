@@ -52,6 +52,9 @@ impl Train {
                 ("--precision", self.precision.is_some()),
                 ("--split", (self.split - SPLIT).abs() > 0.0),
                 ("--held-out", self.held_out > 0.0),
+                ("--look", !self.looks.look.is_empty()),
+                ("--vary", !self.looks.vary.is_empty()),
+                ("--canonical", !self.looks.canonical.is_empty()),
                 // Clap no longer asks for --env where --dataset excludes it.
                 ("--env-option", !env_options.is_empty() && on_data),
                 ("--max-steps", max_steps.is_some() && on_data),

@@ -7,9 +7,8 @@ use swm_core::{Batch, BoxError, Env, EnvConfig, ImageSize, Registry};
 use swm_data::Dataset;
 use swm_data::adapt::Subset;
 
-use crate::cli::quality::default_probes;
 use crate::cli::{Failure, usage};
-use crate::evaluation::{ProbeTarget, QualityOptions, quality, recorded_episodes};
+use crate::evaluation::{ProbeTarget, QualityOptions, default_probes, quality, recorded_episodes};
 
 /// Episodes, and steps of each, that are encoded; starts of the ranking, and plans of each. They take some seconds. With 40 episodes
 /// of PushT, probes of the true state itself explain 0.84 of its angle's variance, with 100 0.95.

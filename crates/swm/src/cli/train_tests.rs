@@ -1,7 +1,9 @@
 //! Trainings by the command: what is refused, and on what is learned.
 
+use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 use swm_baselines::train::RunFolder;
 
@@ -41,7 +43,7 @@ fn what_is_missing_depends_on_what_shall_learn() {
         assert!(message.contains(reason), "{words}: {message}");
     }
     let env = registry.env("swm/PushT-v1").unwrap();
-    let message = registry.policy_entry(env, "lewm").unwrap_err().to_string();
+    let message = registry.policy_entry(env, "keypoint-wm").unwrap_err().to_string();
     assert!(message.contains("it is a model; to plan with a trained one, use `mpc:RUN`"), "{message}");
 }
 
@@ -328,6 +330,56 @@ fn files_of_a_run_with_other_values_are_refused_or_used() {
                 }
             }
             std::fs::write(&file, &whole).unwrap();
+        }
+    }
+}
+
+/// The weights below a folder, by name.
+fn weights(folder: &Path) -> BTreeMap<OsString, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.is_dir() {
+            found.extend(weights(&entry));
+        } else if entry.extension().is_some_and(|extension| extension == "safetensors" || extension == "pt") {
+            found.insert(entry.file_name().unwrap().to_owned(), std::fs::read(&entry).unwrap());
+        }
+    }
+    found
+}
+
+#[test]
+fn of_two_exports_or_imports_into_one_folder_at_once_one_is_made() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    let path = |name: &str| bench.path(name).display().to_string();
+    let run = |line: &str| {
+        let words = format!("swm -q {line}");
+        crate::cli::run(&bench.registry, words.split_whitespace().map(OsString::from)) == ExitCode::SUCCESS
+    };
+    let data = path("a.h5");
+    let [runs, exported, imported] =
+        [["run-1", "run-2"], ["export-1", "export-2"], ["import-1", "import-2"]].map(|names| names.map(path));
+    for (seed, out) in runs.iter().enumerate() {
+        let train = "train tdmpc2 --preset small --steps 1 --set batch=4 --set horizon=2";
+        assert!(run(&format!("{train} --dataset {data} --seed {seed} --out {out}")));
+    }
+    let table = [("export", &runs, &exported), ("import", &exported, &imported)];
+    for (line, inputs, alone) in table {
+        for (input, out) in inputs.iter().zip(alone) {
+            assert!(run(&format!("{line} {input} --out {out}")), "{line}");
+        }
+        let expected = alone.each_ref().map(|out| weights(Path::new(out)));
+        assert!(!expected[0].is_empty() && expected[0] != expected[1], "{line}");
+        for round in 0..3 {
+            let out = path(&format!("{line}-at-once-{round}"));
+            let lines = inputs.each_ref().map(|input| format!("{line} {input} --out {out}"));
+            let succeeded = std::thread::scope(|scope| {
+                let both = lines.each_ref().map(|line| scope.spawn(|| run(line)));
+                both.map(|thread| thread.join().unwrap())
+            });
+            let winner = succeeded.iter().position(|&succeeded| succeeded).expect("one of them succeeds");
+            assert_ne!(succeeded[0], succeeded[1], "{line}: both succeeded");
+            assert!(weights(Path::new(&out)) == expected[winner], "{line}: the result is of the other one");
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `swm train` at work, in builds that have baselines.
 
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar};
@@ -12,12 +13,12 @@ use swm_baselines::train::{
 use swm_baselines::{BASELINES, Baseline, BaselineError, Precision};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{ImageSize, Registry, WorldError};
+use swm_data::Dataset;
 
 use super::Train;
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
-use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, images, inputs, interrupt, memory, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
@@ -57,12 +58,32 @@ impl Train {
             let mut fit = FitSettings::default();
             self.apply(&mut fit, precision);
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
-            let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
+            let changes = changes(&self.set)?;
             let of_baseline = BASELINES.iter().find(|entry| entry.name == baseline);
             let first = of_baseline.map_or("", |entry| entry.presets[0]);
             let preset = self.preset.as_deref().unwrap_or(first);
-            let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
             let dataset = inputs::open_with(registry, path, &opening)?;
+            let looks = self.looks.looks(dataset.as_ref(), registry, fit.seed, output)?;
+            let drawn = match (baseline, &self.encoder) {
+                (KEYPOINT_WM, None) => {
+                    let fit =
+                        FitSettings { epochs: 1, steps: Some(self.encoder_steps), batch: 0, ..fit.clone() };
+                    let new = NewRun {
+                        baseline: KEYPOINTS,
+                        preset: "small",
+                        changes: of_encoder(&changes),
+                        encoder: None,
+                        looks: looks.clone(),
+                        split,
+                        fit: FitSettings { quality_every: 0, patience: 0, ..fit },
+                        device,
+                    };
+                    Some(train_encoder(registry, dataset.as_ref(), &new, &out.join("encoder"), output)?)
+                }
+                _ => None,
+            };
+            let encoder = self.encoder.as_deref().or(drawn.as_deref());
+            let new = NewRun { baseline, preset, changes, encoder, looks, split, fit, device };
             let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failure)?;
             if !images::holds_images(dataset.as_ref()) {
                 let image = prepared.config().data.image;
@@ -99,15 +120,15 @@ impl Train {
         output.result(&state, || text(&state, &out.display().to_string()))
     }
 
-    /// What a job needs to know before it is submitted.
-    pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+    /// The files that a run reads, before it is submitted as a job.
+    pub(in crate::cli) fn inputs(&self) -> Result<Vec<PathBuf>, Failure> {
         let Self { baseline, dataset, encoder, resume, .. } = self;
         let name = baseline.as_deref().unwrap_or_default();
         if resume.is_none() && !trainable().any(|(known, ..)| known == name) {
             return Err(unknown(name));
         }
         changes(&self.set)?;
-        Ok(Plan { episodes: 0, inputs: dataset.iter().chain(encoder).cloned().collect() })
+        Ok(dataset.iter().chain(encoder).cloned().collect())
     }
 
     /// What a new run should be told about before it takes hours.
@@ -172,6 +193,47 @@ impl Train {
     }
 }
 
+/// The world model whose encoder is trained first, where none is given, and that encoder.
+const KEYPOINT_WM: &str = "keypoint-wm";
+const KEYPOINTS: &str = "keypoints";
+
+/// What settings of a world model say of its encoder.
+fn of_encoder(changes: &Json) -> Json {
+    let shared = ["image", "encoder"]
+        .iter()
+        .filter_map(|&name| Some((name.to_owned(), changes.pointer(&format!("/model/{name}"))?.clone())));
+    json!({ "model": shared.collect::<Map<_, _>>() })
+}
+
+/// Trains an encoder in the folder `out`, or to its end there; that folder.
+fn train_encoder(
+    registry: &Registry,
+    dataset: &dyn Dataset,
+    new: &NewRun<'_>,
+    out: &Path,
+    output: &Output,
+) -> Result<PathBuf, Failure> {
+    let mut training = match out.join("config.json").exists() {
+        false => Training::create(registry, out, dataset, new),
+        true => Training::resume(registry, out, new.device, None, |_| {}),
+    }
+    .map_err(failure)?;
+    output.note(format!("first its encoder, in {}: {}", out.display(), beginning(&training)));
+    let bar = output.bar_alone(0, "steps");
+    let begun_at = training.done().map_err(failure)?;
+    let shown = Shown::new(&bar, output, Pace::Clips, false, begun_at);
+    let run = out.display().to_string();
+    interrupt::allow(SAVING);
+    let how = "run the same command".to_owned();
+    let cancel = interrupt::watch_resumable(move || format!("the last checkpoint is safe in {run}"), how);
+    let state = training.run_with(vec![Box::new(shown)], None, &cancel).map_err(failure)?;
+    bar.finish_and_clear();
+    match state.end {
+        Some(End::Interrupted) => Err(WorldError::Cancelled.into()),
+        _ => Ok(out.to_owned()),
+    }
+}
+
 /// Measurements of what is trained, on the episodes of its dataset that validate.
 fn on_the_way(registry: &Registry, model: &dyn Baseline, config: &RunConfig) -> Result<OnTheWay, Failure> {
     let RunConfig { data, fit, .. } = config;
@@ -182,8 +244,9 @@ fn on_the_way(registry: &Registry, model: &dyn Baseline, config: &RunConfig) -> 
         )));
     }
     let dataset = inputs::open_with(registry, &data.path, &data.opening)?;
+    let image = model.input_spec().image;
     let dataset =
-        with_images(dataset.as_ref(), registry, model.name(), model.input_spec().image).map_err(failure)?;
+        with_images(dataset.as_ref(), registry, model.name(), image, &data.looks).map_err(failure)?;
     OnTheWay::new(registry, dataset.as_ref(), data.split, model.input_spec(), fit.seed)
 }
 

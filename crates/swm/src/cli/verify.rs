@@ -3,15 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
-use swm_core::Registry;
-use swm_data::remote::is_remote;
+use swm_core::{Cancel, Registry};
 use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
-use swm_data::tools::verify::verify;
-use swm_data::{DataError, format};
+use swm_tasks::request::{self, Request as _};
 
 use super::opening::OpenArgs;
 use super::output::{Told, compact, counted, table};
+use super::reporter::Reporter;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, inputs, usage};
 
@@ -49,50 +47,16 @@ pub(super) struct Verify {
 
 impl Verify {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        inputs::check_exists(&self.file)?;
-        if self.fix && is_remote(&self.file) {
-            let file = self.file.display();
-            return Err(usage(format!(
-                "--fix: {file} lies elsewhere, and nothing is changed there; `swm fetch` it first"
-            )));
-        }
-        let steps = match format::detect(registry, &self.file) {
-            Some(format) if self.fix => {
-                let plan = format.repair(&self.file, false)?;
-                let verb = if self.dry_run { "would" } else { "will" };
-                for step in &plan {
-                    output.note(format!("{verb} {step}"));
-                }
-                if plan.is_empty() {
-                    output.note("nothing to fix");
-                }
-                if !self.dry_run {
-                    // Without a step, too: a dataset that it must not change is refused.
-                    format.repair(&self.file, true)?;
-                }
-                plan
-            }
-            _ => Vec::new(),
+        let request = request::Verify {
+            dataset: self.file.clone(),
+            fix: self.fix,
+            dry_run: self.dry_run,
+            opening: self.opening.options()?,
         };
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
-        let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
-        let bar = output.bar(rows as u64, "rows");
-        let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
-        bar.finish_and_clear();
-        let pending = match format::detect(registry, &self.file) {
-            // A recording may be going on: then there is nothing to fix.
-            Some(format) if !self.fix || self.dry_run => match format.repair(&self.file, false) {
-                Err(error @ (DataError::Damaged { .. } | DataError::Record { .. })) => {
-                    return Err(error.into());
-                }
-                plan => plan.unwrap_or_default(),
-            },
-            _ => Vec::new(),
-        };
-        let sound = report.problems.is_empty();
+        let verified = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
+        let (report, pending) = (&verified.report, &verified.to_fix);
         let finished = pending.is_empty();
-        let result = json!({"ok": sound && finished, "fixed": steps, "to_fix": pending, "report": report});
-        output.result(&result, || {
+        output.result(&verified, || {
             let mut text = format!(
                 "{}: {}, {}{}\n",
                 self.file.display(),
@@ -110,10 +74,10 @@ impl Verify {
             for note in &report.notes {
                 text += &format!("note: {note}\n");
             }
-            for step in &pending {
+            for step in pending {
                 text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
             }
-            text += match (sound, pending.is_empty()) {
+            text += match (report.problems.is_empty(), finished) {
                 (true, true) => "sound",
                 (true, false) => "sound once it is repaired",
                 (false, true) => "NOT SOUND: no repair brings back what is wrong; record or copy it again",

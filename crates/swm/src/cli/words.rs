@@ -14,6 +14,7 @@ impl Words for Options {
         match (name, value) {
             // It has no option: its place is the first.
             ("env", None) => "environment".to_owned(),
+            ("target", None) => "target".to_owned(),
             ("env", Some(env)) => format!("{} as the environment", value_text(env)),
             (_, None | Some(Json::Bool(true))) => option,
             ("distractor", Some(Json::Array(items))) => {
@@ -31,6 +32,7 @@ impl Words for Options {
     fn list(&self, list: &List) -> String {
         match list {
             List::Factors(env) => format!("`swm fovs {env}`"),
+            List::Solvers => "`swm solvers`".to_owned(),
             _ => "`swm --help`".to_owned(),
         }
     }

@@ -59,16 +59,6 @@ pub(crate) fn bytes(path: &Path) -> Result<u64, BoxError> {
     file_bytes(path).map_err(|(path, error)| cannot("read", &path, error))
 }
 
-/// The extension of the parts of a recording: that of `--format`.
-pub(crate) fn extension(command: &[String]) -> &str {
-    let given = command.iter().zip(command.iter().skip(1)).find(|(name, _)| *name == "--format");
-    let given = given.map(|(_, value)| value.as_str());
-    match given.or_else(|| command.iter().find_map(|word| word.strip_prefix("--format="))) {
-        None | Some("hdf5") => "h5",
-        Some(format) => format,
-    }
-}
-
 /// Ascending numbers as `1-3,7`.
 pub(crate) fn ranges(numbers: &[u64]) -> String {
     let mut runs: Vec<(u64, u64)> = Vec::new();
@@ -106,15 +96,6 @@ pub(crate) fn node() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_format_gives_the_extension() {
-        let of = |text: &str| extension(&text.split(' ').map(str::to_owned).collect::<Vec<_>>()).to_owned();
-        assert_eq!(of("collect E --episodes 3"), "h5");
-        assert_eq!(of("collect E --format hdf5"), "h5");
-        assert_eq!(of("collect E --format video"), "video");
-        assert_eq!(of("collect E --format=mcap"), "mcap");
-    }
 
     #[test]
     fn neighbors_are_one_range() {

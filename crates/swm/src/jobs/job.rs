@@ -1,4 +1,4 @@
-//! The description of a job, `job.json`: the command, its shards, the program and the files that it depends on; and the folder.
+//! The description of a job, `job.json`: the request, its shards, the program and the files that it depends on; and the folder.
 
 use std::fs;
 use std::ops::Range;
@@ -10,13 +10,14 @@ use swm_core::evaluate::sha256;
 use swm_data::recording::WriterLock;
 use swm_data::remote::is_remote;
 use swm_data::tools::parts;
+use swm_tasks::request::{Divided, Record};
 
-use super::files::{cannot, extension, read_json, seconds, write_json};
+use super::files::{cannot, read_json, seconds, write_json};
 use super::program::{Program, copy_in};
 use crate::evaluation::file_hash;
 
-/// The version of [`Job`] that is written.
-const JOB_VERSION: u32 = 1;
+/// The version of [`Job`] that is written. Version 1 had no request.
+const JOB_VERSION: u32 = 2;
 
 /// Schedulers have arrays of thousands of tasks; each shard is a file, too.
 const MAX_SHARDS: u64 = 1_000_000;
@@ -30,8 +31,14 @@ pub(crate) struct Job {
     version: u32,
     /// SHA-256 of what the results depend on; see [`Job::new`].
     pub(crate) hash: String,
-    /// The command with its arguments, without those that divide it.
+    /// What is divided into shards; none where they are training runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) request: Option<Divided>,
+    /// The command by which it was asked for, without what divides it: for people, and of training runs for their tasks.
     pub(crate) command: Vec<String>,
+    /// In the log of a recording, seconds between lines, where they were given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) report_every: Option<u64>,
     /// Further arguments of each shard, where the shards are runs of their own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) each: Vec<Vec<String>>,
@@ -98,30 +105,64 @@ fn stamp(path: &Path) -> Result<(u64, u64), BoxError> {
 }
 
 impl Job {
-    /// A job. Its hash is of the command, the shards, the program and the content of the inputs.
+    /// A job. Its hash is of the request, the shards, the program and the content of the inputs.
     ///
     /// # Errors
     ///
     /// The working folder is unknown.
     pub(crate) fn new(
+        request: Option<Divided>,
         command: Vec<String>,
         each: Vec<Vec<String>>,
-        (shards, episodes): (u64, u64),
+        shards: u64,
         program: Program,
-        inputs: Vec<Input>,
     ) -> Result<Self, BoxError> {
+        let (hash, report_every, inputs, folder) =
+            (String::new(), None, Vec::new(), std::env::current_dir()?);
+        let version = JOB_VERSION;
+        let mut job = Self {
+            version,
+            hash,
+            request,
+            command,
+            report_every,
+            each,
+            shards,
+            episodes: 0,
+            program,
+            inputs,
+            folder,
+        };
+        job.hash = job.hashed()?;
+        Ok(job)
+    }
+
+    /// The job with so many episodes, that reads these files.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Job::new`].
+    pub(crate) fn with(self, episodes: u64, inputs: Vec<Input>) -> Result<Self, BoxError> {
+        let mut job = Self { episodes, inputs, ..self };
+        job.hash = job.hashed()?;
+        Ok(job)
+    }
+
+    fn hashed(&self) -> Result<String, BoxError> {
         let contents: Vec<(&Path, &str)> =
-            inputs.iter().map(|input| (input.path.as_path(), input.sha256.as_str())).collect();
-        let all = (JOB_VERSION, &command, &each, shards, episodes, &program.sha256, &program.about, contents);
-        let hash = sha256(serde_json::to_string(&all)?.as_bytes());
-        let folder = std::env::current_dir()?;
-        Ok(Self { version: JOB_VERSION, hash, command, each, shards, episodes, program, inputs, folder })
+            self.inputs.iter().map(|input| (input.path.as_path(), input.sha256.as_str())).collect();
+        let request = match &self.request {
+            Some(request) => serde_json::to_value(request)?,
+            None => serde_json::to_value(&self.command)?,
+        };
+        let Self { each, shards, episodes, program, .. } = self;
+        let all = (JOB_VERSION, request, each, shards, episodes, &program.sha256, &program.about, contents);
+        Ok(sha256(serde_json::to_string(&all)?.as_bytes()))
     }
 
     /// Checks what its numbers are: others may have changed them.
     fn check(&self) -> Result<(), String> {
         let Self { shards, episodes, .. } = *self;
-        let is_divided = !matches!(self.command.first().map(String::as_str), Some("train"));
         match () {
             () if !(1..=MAX_SHARDS).contains(&shards) => {
                 Err(format!("`shards` is {shards}; a job has 1 to {MAX_SHARDS}"))
@@ -129,7 +170,7 @@ impl Job {
             () if episodes > MAX_EPISODES => {
                 Err(format!("`episodes` is {episodes}; a job has up to {MAX_EPISODES}"))
             }
-            () if is_divided && shards > episodes => {
+            () if self.request.is_some() && shards > episodes => {
                 Err(format!("`shards` is {shards}, of {episodes} episodes"))
             }
             () => Ok(()),
@@ -153,7 +194,10 @@ impl Job {
         let changed = self.inputs.iter().zip(&asked.inputs).find(|(a, b)| differs(a, b));
         if self.hash == asked.hash {
             None
-        } else if self.command != asked.command || self.each != asked.each {
+        } else if self.request != asked.request
+            || self.each != asked.each
+            || (self.request.is_none() && self.command != asked.command)
+        {
             Some(format!("its arguments: it holds `{}`, not `{}`", line(self), line(asked)))
         } else if self.shards != asked.shards {
             Some(format!("its shards: it has {}, not {}", self.shards, asked.shards))
@@ -184,14 +228,17 @@ impl JobFolder {
         }
     }
 
-    /// Opens the job in `dir`; `None` if there is none.
+    /// Opens the job in `dir`; `None` if there is none. `read` makes the request of the command of a job of version 1.
     ///
     /// # Errors
     ///
-    /// The folder holds something else, or a job of a newer version.
-    pub(crate) fn open(dir: &Path) -> Result<Option<Self>, BoxError> {
+    /// The folder holds something else, or a job of a newer version; or `read` fails.
+    pub(crate) fn open(
+        dir: &Path,
+        read: impl FnOnce(&[String]) -> Result<Option<Divided>, BoxError>,
+    ) -> Result<Option<Self>, BoxError> {
         let dir = std::path::absolute(dir).map_err(|error| cannot("read", dir, error))?;
-        let Some(job) = read_json::<Job>(&dir.join("job.json"))? else {
+        let Some(mut job) = read_json::<Job>(&dir.join("job.json"))? else {
             let is_used = fs::read_dir(&dir).is_ok_and(|entries| {
                 // What an interrupted `swm submit` leaves is no obstacle.
                 entries.flatten().any(|entry| !OWN_FOLDERS.iter().any(|own| entry.file_name() == *own))
@@ -206,6 +253,9 @@ impl JobFolder {
         if job.version > JOB_VERSION {
             let (dir, version) = (dir.display(), job.version);
             return Err(format!("{dir} is a job of a newer version ({version}); use a newer `swm`").into());
+        }
+        if job.version < JOB_VERSION {
+            job.request = read(&job.command)?;
         }
         job.check().map_err(|reason| format!("{}: {reason}", dir.join("job.json").display()))?;
         Ok(Some(Self { dir, job }))
@@ -268,10 +318,20 @@ impl JobFolder {
 
     /// What shard `shard` leaves behind: its part, or the folder of a training run.
     pub(crate) fn written(&self, shard: u64) -> PathBuf {
-        match self.job.command.first().map(String::as_str) {
-            Some("train") => self.run(shard),
-            Some("collect") => self.part(shard, extension(&self.job.command)),
-            _ => self.part(shard, "jsonl"),
+        match &self.job.request {
+            None => self.run(shard),
+            Some(Divided::Record(record)) => self.part(shard, extension(record)),
+            Some(_) => self.part(shard, "jsonl"),
+        }
+    }
+
+    /// The result, in the folder of the job.
+    pub(crate) fn result(&self) -> String {
+        match &self.job.request {
+            Some(Divided::Record(record)) => format!("result.{}", extension(record)),
+            Some(Divided::Sweep(_)) => "sweep.json".to_owned(),
+            Some(_) => "receipt.json".to_owned(),
+            None => "runs".to_owned(),
         }
     }
 
@@ -325,6 +385,14 @@ impl JobFolder {
     }
 }
 
+/// The extension of the parts of a recording: that of its format.
+pub(crate) fn extension(record: &Record) -> &str {
+    match record.format.as_deref() {
+        None | Some("hdf5") => "h5",
+        Some(format) => format,
+    }
+}
+
 /// What `swm submit` makes before `job.json`.
 const OWN_FOLDERS: &[&str] = &["parts", "done", "logs", "swm", "swm.new", "job.lock"];
 
@@ -332,31 +400,57 @@ const OWN_FOLDERS: &[&str] = &["parts", "done", "logs", "swm", "swm.new", "job.l
 mod tests {
     use super::*;
 
-    fn job(command: &str, shards: u64, program: &str, content: &str) -> Job {
+    fn job(seed: u64, shards: u64, program: &str, content: &str) -> Job {
         let (about, path) = ("swm".to_owned(), "/bin/swm".into());
         let program = Program { about, path, is_copied: true, sha256: program.into(), package: None };
         let input = Input { path: "/m.toml".into(), bytes: 1, modified: 2, sha256: content.into() };
-        let command = command.split(' ').map(str::to_owned).collect();
-        Job::new(command, Vec::new(), (shards, 16), program, vec![input]).unwrap()
+        let request = Record { seed, ..Record::default() };
+        let command = vec!["collect".to_owned(), format!("--seed={seed}")];
+        let request = Some(Divided::Record(Box::new(request)));
+        Job::new(request, command, Vec::new(), shards, program).unwrap().with(16, vec![input]).unwrap()
     }
 
     #[test]
     fn what_differs_is_named() {
-        let one = job("collect a", 4, "p", "c");
-        assert_eq!(one.difference(&job("collect a", 4, "p", "c")), None);
+        let one = job(1, 4, "p", "c");
+        assert_eq!(one.difference(&job(1, 4, "p", "c")), None);
         let named = |other: Job| one.difference(&other).unwrap();
-        assert!(named(job("collect b", 4, "p", "c")).contains("`collect a`, not `collect b`"));
-        assert!(named(job("collect a", 8, "p", "c")).contains("it has 4, not 8"));
-        assert!(named(job("collect a", 4, "q", "c")).contains("another build"));
-        assert!(named(job("collect a", 4, "p", "d")).contains("/m.toml has changed"));
+        assert!(named(job(2, 4, "p", "c")).contains("`collect --seed=1`, not `collect --seed=2`"));
+        assert!(named(job(1, 8, "p", "c")).contains("it has 4, not 8"));
+        assert!(named(job(1, 4, "q", "c")).contains("another build"));
+        assert!(named(job(1, 4, "p", "d")).contains("/m.toml has changed"));
         assert_eq!(one.name().len(), 16);
     }
 
     #[test]
-    fn the_time_of_a_change_is_no_change() {
-        let mut other = job("collect a", 4, "p", "c");
+    fn other_words_for_the_same_request_and_the_time_of_a_change_are_no_change() {
+        let mut other = job(1, 4, "p", "c");
+        other.command = vec!["collect".to_owned(), "--seed".to_owned(), "1".to_owned()];
         other.inputs[0].modified = 9;
-        let again = Job::new(other.command, other.each, (4, 16), other.program, other.inputs).unwrap();
-        assert_eq!(again.hash, job("collect a", 4, "p", "c").hash);
+        let inputs = other.inputs.clone();
+        assert_eq!(other.with(16, inputs).unwrap().hash, job(1, 4, "p", "c").hash);
+    }
+
+    #[test]
+    fn the_format_gives_the_extension() {
+        let of = |format: Option<&str>| {
+            extension(&Record { format: format.map(str::to_owned), ..Record::default() }).to_owned()
+        };
+        assert_eq!([None, Some("hdf5"), Some("video")].map(of), ["h5", "h5", "video"]);
+    }
+
+    #[test]
+    fn the_request_of_an_older_job_is_read_from_its_command() {
+        let folder = tempfile::tempdir().unwrap();
+        let job = Job { version: 1, ..job(1, 4, "p", "c") };
+        let written = Job { request: None, ..job.clone() };
+        write_json(&folder.path().join("job.json"), &written).unwrap();
+        let opened = JobFolder::open(folder.path(), |command| {
+            assert_eq!(command, job.command);
+            Ok(job.request.clone())
+        });
+        assert_eq!(opened.unwrap().unwrap().job.request, job.request);
+        let failed = JobFolder::open(folder.path(), |_| Err("no such command".into()));
+        assert_eq!(failed.unwrap_err().to_string(), "no such command");
     }
 }

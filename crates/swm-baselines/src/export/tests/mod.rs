@@ -178,7 +178,7 @@ fn files_have_the_tensors_and_settings_that_the_reference_wrote() {
     }
 }
 
-/// All that the reference's config says is in ours; ours may say more, as what is a default.
+/// All that the reference's config contains is in ours; ours may contain more, as what is a default.
 fn check_within(theirs: &Json, ours: &Json, place: &str) {
     match theirs {
         Json::Object(fields) => {

@@ -91,6 +91,7 @@ impl IdmBaseline {
         let without = |latents| ClipBatch {
             pixels: Images { values: &[], rows, steps, height: 0, width: 0, channels_last: false },
             latents: Some(latents),
+            canonical: None,
             action,
             proprio: None,
             goal_pixels: None,

@@ -42,6 +42,7 @@ impl Paces {
         ClipBatch {
             pixels: Images { values: &[], rows, steps, height: 0, width: 0, channels_last: false },
             latents: Some(Vectors { values: &self.latents, rows, steps, dim: DIM }),
+            canonical: None,
             action: Vectors { values: &self.paces, rows, steps, dim: 2 },
             proprio: None,
             goal_pixels: None,
@@ -129,8 +130,15 @@ fn images_of_a_batch_give_the_loss_of_their_latents() {
     let pixels = Images { values: &values, rows, steps, height: SIDE, width: SIDE, channels_last: true };
     let actions: Vec<f32> = (0..rows * steps * 4).map(|at| (at as f32).sin()).collect();
     let action = Vectors { values: &actions, rows, steps, dim: 4 };
-    let batch =
-        ClipBatch { pixels, latents: None, action, proprio: None, goal_pixels: None, goal_proprio: None };
+    let batch = ClipBatch {
+        pixels,
+        latents: None,
+        canonical: None,
+        action,
+        proprio: None,
+        goal_pixels: None,
+        goal_proprio: None,
+    };
     let mut latents = vec![0.0; rows * steps * DIM];
     let seen = Observations { pixels: Images { rows: rows * steps, steps: 1, ..pixels }, proprio: None };
     model.latent_encoder().unwrap().encode(&seen, &mut latents).unwrap();

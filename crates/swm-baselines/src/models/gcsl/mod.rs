@@ -194,11 +194,6 @@ impl GoalPolicy for Countdown {
         self.network.action_predictor.horizon()
     }
 
-    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
-        let left = vec![self.horizon(); batch.pixels.rows];
-        self.act_within(batch, &left, actions)
-    }
-
     fn act_within(
         &mut self,
         batch: &PlanningBatch<'_>,

@@ -41,7 +41,12 @@ impl GoalPolicy for ActingPolicy {
         self.history
     }
 
-    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
+    fn act_within(
+        &mut self,
+        batch: &PlanningBatch<'_>,
+        _left: &[usize],
+        actions: &mut [f32],
+    ) -> Result<(), BaselineError> {
         let device = device_of(&self.actor);
         let start = Start::new(batch, &self.form, &device)?;
         let (steps, dim) = (batch.pixels.steps, self.form.action);

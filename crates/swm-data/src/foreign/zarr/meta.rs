@@ -1,4 +1,4 @@
-//! What the description of an array says: `.zarray` of version 2, `zarr.json` of version 3.
+//! The description of an array: `.zarray` of version 2, `zarr.json` of version 3.
 
 use serde_json::Value as Json;
 

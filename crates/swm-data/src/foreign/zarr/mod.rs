@@ -6,7 +6,7 @@
 //! | file | duty |
 //! |---|---|
 //! | `store` | files of a folder or an archive, by key |
-//! | `meta`, `fill` | what the description of an array says, in both versions |
+//! | `meta`, `fill` | the description of an array, in both versions |
 //! | `codec`, `blosc` | chunks as they were before they were stored |
 //! | `array` | rows out of chunks |
 
@@ -25,7 +25,7 @@ use std::sync::Arc;
 use super::array::{Array, Joined, Scratch, Shared, is_number, numbers};
 use super::found::{Found, Source};
 use crate::dataset::Dataset;
-use crate::error::{At as _, DataError, FormatError, Result, invalid, missing};
+use crate::error::{At as _, DataError, Result, invalid, missing};
 use crate::open_options::OpenOptions;
 
 use array::ZarrArray;
@@ -70,7 +70,7 @@ fn find(path: &Path) -> Result<Found> {
                 found.skipped.push((name.replace('/', "."), reason));
             }
             Ok(array) => step(&name, Arc::new(array), &mut found),
-            Err(error) if is_unsupported(&error) => {
+            Err(error) if error.is_unsupported() => {
                 found.skipped.push((name.replace('/', "."), error.to_string()));
             }
             Err(error) => return Err(error.at(whole)),
@@ -84,15 +84,6 @@ fn find(path: &Path) -> Result<Found> {
     }
     about_pusht(&mut found)?;
     Ok(found)
-}
-
-/// Whether this program lacks something, rather than the file.
-fn is_unsupported(error: &FormatError) -> bool {
-    match error {
-        FormatError::Unsupported(_) => true,
-        FormatError::At { source, .. } => is_unsupported(source),
-        _ => false,
-    }
 }
 
 /// Lengths of episodes, from where each ends among all rows.
@@ -111,7 +102,7 @@ fn lengths(ends: &[f64]) -> Result<Vec<usize>> {
     Ok(lengths)
 }
 
-/// What is known of the human demonstrations of PushT, which are told by their columns.
+/// What is known of the human demonstrations of PushT, which are recognized by their columns.
 fn about_pusht(found: &mut Found) -> Result<()> {
     let array = |name: &str| {
         let source = found.sources.iter().find(|source| source.old == name)?;

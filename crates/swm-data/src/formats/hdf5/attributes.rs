@@ -1,15 +1,23 @@
 //! The description of a recording, in attributes of the file's root: columns with their kinds, and metadata of the
 //! runs that were recorded into it. Files of the reference have none.
 
-use hdf5_metno::File;
-use hdf5_metno::types::VarLenUnicode;
+use std::fs;
+
+use hdf5_metno::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenUnicode};
+use hdf5_metno::{Attribute, File};
 use swm_core::{Field, Metadata};
 
 use super::handles::library_error;
+use super::heap::{self, Heap};
 use super::layout::{COLUMNS_ATTRIBUTE, METADATA_ATTRIBUTE};
-use crate::error::{At as _, Result, invalid};
+use super::{ffi, library};
+use crate::error::{At as _, Result, invalid, unsupported};
+use crate::formats::element;
 
-/// What the attributes of a file say.
+/// Bytes of the longest text of fixed length.
+const MAX_FIXED: usize = 4096;
+
+/// The attributes of a file that describe its recording.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Attributes {
     /// The columns that the writer was given, in order; `None` in files of other programs.
@@ -19,19 +27,19 @@ pub(super) struct Attributes {
 }
 
 impl Attributes {
-    /// Reads them; `Err` if ours are there but not readable.
-    pub(super) fn read(file: &File) -> Result<Self> {
+    /// Reads them; `Err` if ours are there but not readable. `bytes` is the same file.
+    pub(super) fn read(file: &File, bytes: &fs::File) -> Result<Self> {
         let mut found = Self::default();
         for name in file.attr_names().map_err(library_error)? {
             if name == COLUMNS_ATTRIBUTE {
-                found.columns = Some(read_json(file, &name)?);
+                found.columns = Some(read_json(file, bytes, &name)?);
             } else if let Some(rest) = name.strip_prefix(METADATA_ATTRIBUTE) {
                 let first = match rest.strip_prefix('_') {
                     None if rest.is_empty() => 0,
                     Some(number) if number.parse::<u64>().is_ok() => number.parse().unwrap_or_default(),
                     _ => continue,
                 };
-                found.runs.push((first, read_json(file, &name)?));
+                found.runs.push((first, read_json(file, bytes, &name)?));
             }
         }
         found.runs.sort_by_key(|&(first, _)| first);
@@ -80,11 +88,34 @@ impl<'a> RunChange<'a> {
     }
 }
 
-fn read_json<T: serde::de::DeserializeOwned>(file: &File, name: &str) -> Result<T> {
+fn read_json<T: serde::de::DeserializeOwned>(file: &File, bytes: &fs::File, name: &str) -> Result<T> {
     let place = format_args!("attribute `{name}`");
-    let text = file.attr(name).and_then(|attribute| attribute.read_scalar::<VarLenUnicode>());
-    let text = text.map_err(library_error).at(place)?;
+    let attribute = file.attr(name).map_err(library_error).at(place)?;
+    let text = text(&attribute, bytes).at(place)?.ok_or(invalid("it is no text")).at(place)?;
     serde_json::from_slice(text.as_bytes()).at(place)
+}
+
+/// The text of an attribute of the file `bytes`; `None` if it is none. Text of any length is read by its reference, with bounds, and not by the
+/// library.
+pub(super) fn text(attribute: &Attribute, bytes: &fs::File) -> Result<Option<String>> {
+    let kind = attribute.dtype().and_then(|dtype| dtype.to_descriptor()).map_err(library_error)?;
+    let fixed = match kind {
+        TypeDescriptor::VarLenUnicode | TypeDescriptor::VarLenAscii => {
+            if !heap::is_common(attribute).map_err(library_error)? {
+                return Err(unsupported(library::UNCOMMON));
+            }
+            let reference = ffi::reference(attribute).map_err(library_error)?;
+            return element::text(Heap::default().get(bytes, &reference)?).map(Some);
+        }
+        TypeDescriptor::FixedAscii(size) if size <= MAX_FIXED => {
+            attribute.read_scalar::<FixedAscii<MAX_FIXED>>().map(|text| text.to_string())
+        }
+        TypeDescriptor::FixedUnicode(size) if size <= MAX_FIXED => {
+            attribute.read_scalar::<FixedUnicode<MAX_FIXED>>().map(|text| text.to_string())
+        }
+        _ => return Ok(None),
+    };
+    fixed.map(Some).map_err(library_error)
 }
 
 fn write_json(file: &File, name: &str, value: &(impl serde::Serialize + ?Sized)) -> Result<()> {

@@ -7,7 +7,7 @@
 use std::fs::File;
 use std::ops::Range;
 
-use hdf5_metno::Dataset;
+use hdf5_metno::Location;
 
 use crate::error::{At as _, Result, invalid};
 use crate::formats::disk::read_exact_at;
@@ -21,8 +21,8 @@ const SIGNATURE: [u8; 5] = *b"GCOL\x01";
 const MAX_BYTES: u64 = 256 << 20;
 
 /// Whether addresses have 8 bytes and count from the file's first byte. All libraries of today's machines write so, unless asked.
-pub(super) fn is_common(dataset: &Dataset) -> hdf5_metno::Result<bool> {
-    let made = dataset.file()?.fcpl()?;
+pub(super) fn is_common(object: &Location) -> hdf5_metno::Result<bool> {
+    let made = object.file()?.fcpl()?;
     let sizes = made.sizes();
     Ok(made.userblock() == 0 && sizes.sizeof_addr as usize == 8 && sizes.sizeof_size as usize == 8)
 }

@@ -16,6 +16,13 @@ use crate::formats::element::{self, Element};
 pub(super) const TEXT: &str = "text of any length is not read in such chunks or with such filters; store it without filters, and a row in \
                                one chunk";
 
+/// The same of attributes.
+pub(super) const UNCOMMON: &str = "text of any length is not read from a file whose addresses are not of 8 bytes and count from its begin; write it with the library's defaults";
+
+/// What is said of texts of fixed length that only the library could read.
+pub(super) const FIXED_TEXT: &str =
+    "compressed text of fixed length is not read; store it as text of any length";
+
 /// Reads rows, counted over the whole file, into `out`.
 pub(super) fn read(
     dataset: &Dataset,

@@ -16,7 +16,7 @@ use super::handles::library_error;
 use super::layout::{EP_LEN, EP_OFFSET, element_of, is_opaque};
 use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
-use super::{library, superblock};
+use super::superblock;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::{DataError, FormatError};
 use crate::foreign;
@@ -73,7 +73,10 @@ impl Hdf5Dataset {
     fn open_as(path: &Path, unclean: bool) -> Result<Self, DataError> {
         let library = open_library(path, unclean)?;
         let failed = |part: &str, error| DataError::damaged(path, library_error(error).at(part));
-        let attributes = Attributes::read(&library).map_err(|error| DataError::damaged(path, error))?;
+        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
+        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
+        let attributes =
+            Attributes::read(&library, &file).map_err(|error| DataError::damaged(path, error))?;
 
         let Members { mut datasets, skipped: mut outside } =
             Members::of(&library).map_err(|error| DataError::damaged(path, error))?;
@@ -85,8 +88,6 @@ impl Hdf5Dataset {
             chunks_end = chunks_end.max(end);
         }
 
-        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
-        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
                 if let Some(reason) = foreign::of_hdf5(&Members::names(&library)) {
@@ -126,14 +127,10 @@ impl Hdf5Dataset {
             }
             let unread = match element {
                 Element::Bf16 if is_opaque && storage.is_by_library() => Some(OPAQUE.to_owned()),
-                Element::FixedText(_) if storage.is_by_library() && attributes.columns.is_none() => {
-                    Some(FIXED_TEXT.to_owned())
-                }
-                Element::Text | Element::AsciiText if storage.is_by_library() && rows > 0 => {
-                    Some(library::TEXT.to_owned())
-                }
                 Element::U64 => too_large(&storage, &file, &field, rows),
-                _ => None,
+                // Those of this program are right, whoever reads them.
+                Element::FixedText(_) if attributes.columns.is_some() => None,
+                _ => storage.unread_text(rows).map(str::to_owned),
             };
             match unread {
                 Some(reason) => skipped.push((field.name, reason)),
@@ -260,8 +257,6 @@ pub(super) fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataE
 /// What is said of a column of bfloat16 that h5py stored, where its chunks are not read here but by the library.
 const OPAQUE: &str = "it holds bfloat16, which h5py stores as opaque bytes, in chunks or with filters in which such bytes are not read; \
                       store it as float32, or without chunks";
-/// What is said of texts that only the library could decode.
-const FIXED_TEXT: &str = "compressed text of fixed length is not read; store it as text of any length";
 /// Rows of a column of u64 that are looked at together.
 const LOOKED_AT: usize = 1 << 16;
 

@@ -89,6 +89,15 @@ impl ColumnStorage {
         matches!(self.access, Access::Library(_))
     }
 
+    /// Why this column is not read, if it is a column of texts that only the library could read.
+    pub(super) fn unread_text(&self, rows: usize) -> Option<&'static str> {
+        match (self.is_by_library(), self.element) {
+            (true, Element::FixedText(_)) => Some(library::FIXED_TEXT),
+            (true, Element::Text | Element::AsciiText) if rows > 0 => Some(library::TEXT),
+            _ => None,
+        }
+    }
+
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
         let Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.access else {

@@ -6,16 +6,17 @@ use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_metno as h5;
-use hdf5_metno::types::{IntSize, TypeDescriptor, VarLenAscii, VarLenUnicode};
+use hdf5_metno::types::{IntSize, TypeDescriptor};
 use hdf5_metno::{IndexType, IterationOrder, LinkType, LocationType};
 use swm_core::{Dtype, Field, SliceMut};
 
+use super::attributes::text;
 use super::handles::library_error;
 use super::layout::element_of;
 use super::members::foreign_part;
 use super::reader::{MAX_ROW_BYTES, open_library};
 use super::storage::{ColumnStorage, Scratch};
-use super::{library, superblock};
+use super::superblock;
 use crate::dataset::Steps;
 use crate::error::{DataError, FormatError, Result, invalid, unsupported};
 use crate::formats::element::Element;
@@ -142,14 +143,8 @@ impl Tree {
         if let Some(row) = storage.first_row_behind(self.length).filter(|&row| row < rows) {
             return Err(invalid(format!("it was cut short: row {row} lies behind its end")));
         }
-        match element {
-            Element::FixedText(_) if storage.is_by_library() => {
-                return Err(unsupported("compressed text of fixed length is not read"));
-            }
-            Element::Text | Element::AsciiText if storage.is_by_library() && rows > 0 => {
-                return Err(unsupported(library::TEXT));
-            }
-            _ => {}
+        if let Some(reason) = storage.unread_text(rows) {
+            return Err(unsupported(reason));
         }
         Ok(Table { field, rows, storage, file: self.file.clone() })
     }
@@ -173,22 +168,10 @@ impl Tree {
         }
     }
 
-    /// A text in an attribute of a group.
-    pub(crate) fn attribute(&self, group: &str, name: &str) -> Option<String> {
-        let attribute = self.library.group(group).ok()?.attr(name).ok()?;
-        match attribute.dtype().ok()?.to_descriptor().ok()? {
-            TypeDescriptor::VarLenUnicode => {
-                attribute.read_scalar::<VarLenUnicode>().ok().map(|text| text.to_string())
-            }
-            TypeDescriptor::VarLenAscii => {
-                attribute.read_scalar::<VarLenAscii>().ok().map(|text| text.to_string())
-            }
-            TypeDescriptor::FixedAscii(_) => {
-                let text = attribute.read_scalar::<h5::types::FixedAscii<4096>>().ok()?;
-                Some(text.to_string())
-            }
-            _ => None,
-        }
+    /// A text in an attribute of a group; `None` if there is no such attribute, or it is no text.
+    pub(crate) fn attribute(&self, group: &str, name: &str) -> Result<Option<String>> {
+        let attribute = self.library.group(group).and_then(|group| group.attr(name));
+        attribute.map_or(Ok(None), |attribute| text(&attribute, &self.file))
     }
 }
 

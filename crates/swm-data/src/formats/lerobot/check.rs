@@ -129,8 +129,11 @@ impl Found<'_> {
     /// What every table holds, table by table.
     fn tables(&mut self, info: &Info, shared: &Shared) -> Result<()> {
         let tasks = Tasks::read(self.path, info.version()?)?;
+        // That of a recording that was interrupted follows later.
+        let is_ours = Manifest::read(self.path)?.is_some();
         if let (Some(tasks), Some(total)) = (&tasks.numbers, info.total_tasks.as_u64())
             && tasks.len() as u64 != total
+            && !(is_ours && tasks.len() as u64 > total)
         {
             self.field(
                 "total_tasks",
@@ -164,10 +167,10 @@ impl Found<'_> {
                 && let Some(rate) = episodes.iter().find_map(|&episode| other_rate(&times, episode, info.fps))
             {
                 is_rate_told = true;
-                let fix = alike::repair(rate).map_or(String::new(), |fix| {
-                    let path = self.path.display();
-                    format!("; repair: swm convert {path} OUT.lerobot {}", fix.trim_matches('`'))
-                });
+                let fix = match alike::is_rate(rate) {
+                    true => format!("; a copy with `fps` {} repairs it", alike::told(rate)),
+                    false => String::new(),
+                };
                 let file = self.name(file);
                 let there = format!("the timestamps of {file} are those of {rate:.4} rows per second{fix}");
                 self.field("fps", info.fps, there);

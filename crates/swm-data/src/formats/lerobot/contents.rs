@@ -16,6 +16,7 @@ use super::episodes;
 use super::info::Info;
 use super::manifest::{Manifest, is_video, whole};
 use super::rows::Places;
+use super::{last_row, tasks};
 use crate::dataset::DatasetInfo;
 use crate::error::{At as _, DataError, Result, invalid, missing};
 use crate::formats::disk::open_regular;
@@ -53,13 +54,19 @@ impl Shared {
         let damaged = |error| DataError::damaged(path, error);
         let info = Info::read(path).map_err(damaged)?;
         match Manifest::read(path).map_err(damaged)? {
-            Some(manifest) => Self::ours(path, manifest, info.total_episodes).map_err(damaged),
+            Some(_) if options.camera.is_some() => Err(DataError::Option {
+                option: "camera",
+                reason: "this program wrote the dataset, and its images have names already; leave it out, or rename columns with `map`"
+                    .to_owned(),
+            }),
+            Some(manifest) => Self::ours(path, manifest, &info).map_err(damaged),
             None => super::others::open(path, &info, options),
         }
     }
 
-    /// A folder that this program wrote, and in which it counted so many episodes.
-    fn ours(path: &Path, manifest: Manifest, counted: usize) -> Result<Self> {
+    /// A folder that this program wrote, with its description.
+    fn ours(path: &Path, manifest: Manifest, about: &Info) -> Result<Self> {
+        let counted = about.total_episodes;
         let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
         let mut episodes = Vec::new();
         for (episode, entry) in episodes::read_all(path, &manifest, counted)?.into_iter().enumerate() {
@@ -71,10 +78,17 @@ impl Shared {
                 files.videos.insert(camera.clone(), (video, None));
             }
             files.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
+            if let Some(checksum) = entry.last_row {
+                let last = path.join(last_row::path_of(episode));
+                files.checksums.insert(last.clone(), checksum);
+                files.last_row = Some(last);
+            }
             episodes.push(files);
         }
+        let texts = if manifest.has_tasks { tasks::of_ours(path)? } else { BTreeMap::new() };
         let source = |field: &Field| match manifest.feature(&field.name) {
             camera if is_video(field) => Source::Video(camera),
+            _ if manifest.is_task(&field.name) => Source::Tasks(texts.clone()),
             name => Source::Table(name),
         };
         let mut columns: Vec<Source> = manifest.columns.iter().map(source).collect();
@@ -98,7 +112,8 @@ fn at_rate(run: Metadata, rate: f64) -> Metadata {
 }
 
 pub(super) fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> DatasetInfo {
-    DatasetInfo::new(path, super::FORMAT.name, schema, episodes.iter().map(|files| files.rows).collect())
+    let lengths = episodes.iter().map(|files| files.rows + usize::from(files.last_row.is_some()));
+    DatasetInfo::new(path, super::FORMAT.name, schema, lengths.collect())
 }
 
 /// The shape of a row; one value is a scalar.

@@ -21,7 +21,10 @@ const MAX_LIST: u64 = 1 << 30;
 pub(super) struct EpisodeFiles {
     /// As the list and the tables number it.
     pub(super) number: i64,
+    /// Rows of its table.
     pub(super) rows: usize,
+    /// A table of one more row, behind these, in folders of ours.
+    pub(super) last_row: Option<PathBuf>,
     /// The table that the list names; see `rows` for the one that holds it.
     pub(super) data: PathBuf,
     /// Its first row in that table.

@@ -1,6 +1,7 @@
 //! The list of episodes of a folder of ours, `meta/episodes`: its files appear by renaming, and what they list exists.
 //! Every episode has a table and videos of its own, so all that is to be known of one is its length.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -11,6 +12,8 @@ use super::info::INFO;
 use super::manifest::{Manifest, OWN};
 use super::parquet_file::{self, ColumnOut};
 use super::table::Table;
+use super::tasks::TASK_INDEX;
+use super::{last_row, tasks};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::{read_regular, replace};
 
@@ -20,12 +23,19 @@ pub(super) const CHUNK: usize = 1000;
 const PER_FILE: usize = 500;
 /// The checksums of an episode's files: its table, then its videos in the order of the columns.
 const CHECKSUMS: &str = "swm/crc32";
+/// The checksum of the last row of an episode that is beside its table; -1: there is none.
+const LAST_ROW: &str = "swm/last_row_crc32";
 
 /// One episode.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Entry {
+    /// Those of its table.
     pub(super) rows: usize,
     pub(super) checksums: Vec<u32>,
+    /// The checksum of its last row, where that is beside the table.
+    pub(super) last_row: Option<u32>,
+    /// Where the folder has a column of tasks: those of its rows.
+    pub(super) tasks: Vec<String>,
 }
 
 /// `data/chunk-000/file-017.parquet`.
@@ -69,6 +79,7 @@ pub(super) fn unlisted(
     listed: usize,
     counted: usize,
 ) -> Result<Vec<Entry>> {
+    let tasks = if manifest.has_tasks { tasks::of_ours(folder)? } else { BTreeMap::new() };
     let whole = |episode| -> Result<Entry> {
         let data = folder.join(data_path(episode));
         let table = Table::open(&data)?;
@@ -81,7 +92,21 @@ pub(super) fn unlisted(
             video(&path)?;
             checksums.push(crc32fast::hash(&read_regular(&path)?));
         }
-        Ok(Entry { rows: table.rows(), checksums })
+        let last = folder.join(last_row::path_of(episode));
+        let last_row = match manifest.drops_last_row && last.is_file() {
+            true => Some(crc32fast::hash(&read_regular(&last)?)),
+            false => None,
+        };
+        let mut own = Vec::new();
+        if manifest.has_tasks {
+            let of = |table: &Table| table.integers(TASK_INDEX).ok_or(missing("its rows have no tasks"));
+            let mut numbers = of(&table).at(data.display())?;
+            if last_row.is_some() {
+                numbers.extend(of(&Table::open(&last)?).at(last.display())?);
+            }
+            own = tasks::named(&tasks, &numbers)?;
+        }
+        Ok(Entry { rows: table.rows(), checksums, last_row, tasks: own })
     };
     let place =
         |episode| format!("episode {episode}, which `meta/episodes` does not list, cannot be listed again");
@@ -109,11 +134,21 @@ pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>> {
                 rows.len()
             )));
         }
-        for (&rows, checksums) in rows.iter().zip(checksums.chunks_exact(videos + 1)) {
+        let last_rows = table.has(LAST_ROW).then(|| table.integers(LAST_ROW)).flatten();
+        let tasks = match table.column("tasks") {
+            Ok(Column::Str(tasks)) => tasks,
+            _ => Vec::new(),
+        };
+        let per_episode = tasks.len() / rows.len().max(1);
+        for (at, (&rows, checksums)) in rows.iter().zip(checksums.chunks_exact(videos + 1)).enumerate() {
             let rows = i32::try_from(rows).ok().filter(|&rows| rows > 0);
             let rows = rows.ok_or(invalid("an episode of no length")).at(path.display())?;
             let checksums = checksums.iter().map(|&checksum| checksum as u32).collect();
-            entries.push(Entry { rows: rows as usize, checksums });
+            let last_row = last_rows.as_ref().and_then(|rows| rows.get(at)).copied().unwrap_or(-1);
+            let mut tasks: Vec<String> = tasks[at * per_episode..(at + 1) * per_episode].to_vec();
+            tasks.dedup();
+            let last_row = u32::try_from(last_row).ok();
+            entries.push(Entry { rows: rows as usize, checksums, last_row, tasks });
         }
     }
     Ok(entries)
@@ -167,7 +202,15 @@ fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Re
         numbers(&|episode| episode % CHUNK),
     );
     let (list_chunks, list_files) = (numbers(&|_| file / CHUNK), numbers(&|_| file % CHUNK));
-    let tasks: Vec<String> = indices.iter().map(|_| task(manifest).to_owned()).collect();
+    // Lists of one length for all: those of fewer tasks end in their last one, again.
+    let most = entries.iter().map(|entry| entry.tasks.len()).max().unwrap_or(0).max(1);
+    let mut tasks = Vec::with_capacity(most * entries.len());
+    for entry in entries {
+        let own = if manifest.has_tasks { &*entry.tasks } else { &[] };
+        let last = own.last().map_or(env(manifest), String::as_str);
+        tasks.extend((0..most).map(|at| own.get(at).map_or(last, String::as_str).to_owned()));
+    }
+    let last_rows: Vec<i64> = entries.iter().map(|entry| entry.last_row.map_or(-1, i64::from)).collect();
     let (from, to): (Vec<f64>, Vec<f64>) =
         lengths.iter().map(|&rows| (0.0, rows as f64 / manifest.frames_per_second)).unzip();
     let checksums: Vec<i64> = entries
@@ -177,7 +220,7 @@ fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Re
     let videos = manifest.cameras().count();
     let mut columns = vec![
         ColumnOut::scalar("episode_index", Slice::I64(&indices)),
-        ColumnOut { name: "tasks".to_owned(), values: Slice::Str(&tasks), list: Some(1) },
+        ColumnOut { name: "tasks".to_owned(), values: Slice::Str(&tasks), list: Some(most) },
         ColumnOut::scalar("length", Slice::I64(&lengths)),
         ColumnOut::scalar("data/chunk_index", Slice::I64(&chunks)),
         ColumnOut::scalar("data/file_index", Slice::I64(&files)),
@@ -197,29 +240,13 @@ fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Re
         values: Slice::I64(&checksums),
         list: Some(videos + 1),
     });
+    if manifest.drops_last_row {
+        columns.push(ColumnOut::scalar(LAST_ROW, Slice::I64(&last_rows)));
+    }
     parquet_file::bytes(&columns, &[])
 }
 
-/// What is done in the episodes, in the words of LeRobot: the environment.
-pub(super) fn task(manifest: &Manifest) -> &str {
+/// The environment: what is done in the episodes, where no column says it.
+pub(super) fn env(manifest: &Manifest) -> &str {
     manifest.runs.first().map_or("unknown", |(_, metadata)| metadata.env.as_str())
-}
-
-/// `meta/tasks.parquet`: numbers of tasks, by their texts, which pandas takes for the index.
-pub(super) fn write_tasks(folder: &Path, manifest: &Manifest) -> Result<(), DataError> {
-    let path = folder.join("meta/tasks.parquet");
-    let pandas = serde_json::json!({
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [
-            {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": null},
-            {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object", "metadata": null},
-        ],
-    });
-    let tasks = [task(manifest).to_owned()];
-    let columns =
-        [ColumnOut::scalar("task_index", Slice::I64(&[0])), ColumnOut::scalar("task", Slice::Str(&tasks))];
-    let bytes = parquet_file::bytes(&columns, &[("pandas", pandas.to_string())])
-        .map_err(|error| DataError::record(&path, error))?;
-    replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
 }

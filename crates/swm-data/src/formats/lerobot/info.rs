@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value as Json, json};
+use swm_core::Field;
 
 use super::episodes::CHUNK;
 use super::manifest::{Manifest, OWN, is_own, is_video};
@@ -129,15 +130,16 @@ pub(super) fn write(
     manifest: &Manifest,
     episodes: usize,
     rows: usize,
+    tasks: usize,
 ) -> Result<(), DataError> {
     let rate = manifest.frames_per_second;
     let whole = rate.fract() == 0.0 && rate < 1e9;
     let info = InfoOut {
         codebase_version: "v3.0",
-        robot_type: super::episodes::task(manifest).to_owned(),
+        robot_type: super::episodes::env(manifest).to_owned(),
         total_episodes: episodes,
         total_frames: rows,
-        total_tasks: 1,
+        total_tasks: tasks,
         chunks_size: CHUNK,
         data_files_size_in_mb: 100,
         video_files_size_in_mb: 200,
@@ -154,7 +156,8 @@ pub(super) fn write(
 /// The features of a folder of ours.
 pub(super) fn features(manifest: &Manifest) -> Vec<(String, Json)> {
     let mut features = Vec::new();
-    for field in manifest.columns.iter().filter(|field| !is_own(&field.name)) {
+    let stored = |field: &&Field| !is_own(&field.name) && !manifest.is_task(&field.name);
+    for field in manifest.columns.iter().filter(stored) {
         let value = if is_video(field) {
             json!({
                 "dtype": "video",

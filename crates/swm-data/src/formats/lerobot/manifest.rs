@@ -45,11 +45,36 @@ pub(super) struct Manifest {
     pub(super) columns: Vec<Field>,
     /// Metadata of each run, with the first episode that it recorded; in that order.
     pub(super) runs: Vec<(u64, Metadata)>,
+    /// Whether the column `task` is LeRobot's: texts in the list of tasks, and their numbers in the tables.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub(super) has_tasks: bool,
+    /// Whether last rows without an action are beside the tables; see `last_row`.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub(super) drops_last_row: bool,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+/// The column of the text of the task.
+pub(super) const TASK: &str = "task";
+/// The column without which there is no last row to leave out.
+pub(super) const ACTION: &str = "action";
+
 impl Manifest {
-    pub(super) fn new(columns: Vec<Field>, frames_per_second: f64) -> Self {
-        Self { version: VERSION, frames_per_second, columns, runs: Vec::new() }
+    pub(super) fn new(columns: Vec<Field>, frames_per_second: f64, drops_last_row: bool) -> Self {
+        let is_task = |field: &Field| field.name == TASK && field.dtype == Dtype::Str && field.dim() == 1;
+        let has_tasks = columns.iter().any(is_task);
+        let has_action = columns.iter().any(|field| field.name == ACTION);
+        let drops_last_row = drops_last_row && has_action;
+        Self { version: VERSION, frames_per_second, columns, runs: Vec::new(), has_tasks, drops_last_row }
+    }
+
+    /// Whether a column is LeRobot's column of tasks, and none of the tables.
+    pub(super) fn is_task(&self, column: &str) -> bool {
+        self.has_tasks && column == TASK
     }
 
     /// Reads it; `None` in folders of other programs.

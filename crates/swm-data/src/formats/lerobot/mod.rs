@@ -12,6 +12,7 @@ mod episode_files;
 mod episodes;
 mod images;
 mod info;
+mod last_row;
 mod manifest;
 mod open_episode;
 mod others;
@@ -41,6 +42,7 @@ pub(crate) const FORMAT: Format = Format::new(
     let dataset = reader::LeRobotDataset::open_with(path, options)?;
     adapt::opened_with(Box::new(dataset), options, &["camera"])
 })
+.drops_last_row()
 .extensions(&["lerobot"])
 .images(StoredImages::Video)
 .writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)))

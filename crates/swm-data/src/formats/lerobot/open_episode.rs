@@ -3,6 +3,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crc32fast::Hasher;
@@ -10,9 +11,9 @@ use rayon::prelude::*;
 use swm_core::{Batch, Column, Field, Schema, Slice};
 use swm_media::mp4::Mp4Options;
 
-use super::episodes;
 use super::manifest::{Manifest, OWN, is_own, is_video};
 use super::parquet_file::{ColumnOut, TableWriter};
+use super::{episodes, last_row};
 use crate::dataset::row_bytes;
 use crate::error::{At as _, Result, missing, wrong_type};
 use crate::formats::disk::{new_file, replace};
@@ -29,6 +30,8 @@ pub(super) struct OpenEpisode {
     /// Where it begins among the rows of the dataset.
     first: usize,
     rows: usize,
+    /// Those of them that are in the table.
+    written: usize,
     /// Rows of a full group.
     group: usize,
     /// Where the table gets its name.
@@ -36,7 +39,17 @@ pub(super) struct OpenEpisode {
     table: Option<TableWriter<Checked<BufWriter<File>>>>,
     /// The columns of the table that are not made up, with those rows that no group holds yet.
     held: Vec<(Field, String, Column)>,
+    /// The tasks of those rows.
+    tasks: Vec<i64>,
     videos: Vec<OpenVideo>,
+}
+
+/// The checksums of the files of an episode.
+pub(super) struct Checksums {
+    /// That of the table, then those of the videos.
+    pub(super) files: Vec<u32>,
+    /// That of the last row, where it is beside the table.
+    pub(super) last_row: Option<u32>,
 }
 
 struct OpenVideo {
@@ -53,7 +66,9 @@ impl OpenEpisode {
         encoding: &Mp4Options,
         (episode, first): (usize, usize),
     ) -> Result<Self> {
-        let stored = manifest.columns.iter().filter(|field| !is_video(field) && !is_own(&field.name));
+        let is_stored =
+            |field: &&Field| !is_video(field) && !is_own(&field.name) && !manifest.is_task(&field.name);
+        let stored = manifest.columns.iter().filter(is_stored);
         let held: Vec<_> = stored
             .map(|field| (field.clone(), manifest.feature(&field.name), Column::zeros(field.dtype, 0)))
             .collect();
@@ -67,36 +82,25 @@ impl OpenEpisode {
             episode,
             first,
             rows: 0,
+            written: 0,
             group: (GROUP_BYTES / (row_bytes(&fields) + own)).clamp(1, GROUP_ROWS),
             table_path: folder.join(episodes::data_path(episode)),
             table: None,
             videos: videos.collect::<Result<_>>()?,
             held,
+            tasks: Vec::new(),
         })
     }
 
-    /// Appends rows.
-    pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch) -> Result<()> {
-        // Encoding is most of the work, and videos do not know of each other.
-        self.videos.par_iter_mut().try_for_each(|OpenVideo { field, video, .. }| {
-            let written = match schema.index(&field.name).map(|column| batch.column(column)) {
-                Some(Slice::U8(values)) => video.append(values),
-                Some(_) => Err(wrong_type("it holds no images")),
-                None => Err(missing("it is missing")),
-            };
-            written.at(format_args!("column `{}`", field.name))
-        })?;
+    /// Appends rows with these tasks.
+    pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch, tasks: &[i64]) -> Result<()> {
+        self.append_images(schema, batch)?;
         let mut taken = 0;
         while taken < batch.rows() {
-            let in_group = self.rows % self.group;
+            let in_group = self.rows - self.written;
             let count = (self.group - in_group).min(batch.rows() - taken);
-            for (field, _, column) in &mut self.held {
-                let from = schema.index(&field.name).ok_or(missing("a column is missing"))?;
-                let width = field.dim();
-                if !column.extend(batch.column(from).range(taken * width, count * width)) {
-                    return Err(wrong_type(format!("column `{}` has another type", field.name)));
-                }
-            }
+            self.hold(schema, batch, (taken, count))?;
+            self.tasks.extend(&tasks[taken..taken + count]);
             taken += count;
             self.rows += count;
             if in_group + count == self.group {
@@ -106,11 +110,52 @@ impl OpenEpisode {
         Ok(())
     }
 
-    /// Ends the episode: videos get their names, then the table. The checksums of the table and of the videos.
-    pub(super) fn finish(mut self, folder: &Path, rate: f64) -> Result<Vec<u32>> {
-        if !self.rows.is_multiple_of(self.group) {
+    /// Holds so many rows from a row on.
+    fn hold(&mut self, schema: &Schema, batch: &Batch, (first, count): (usize, usize)) -> Result<()> {
+        for (field, _, column) in &mut self.held {
+            let from = schema.index(&field.name).ok_or(missing("a column is missing"))?;
+            let width = field.dim();
+            if !column.extend(batch.column(from).range(first * width, count * width)) {
+                return Err(wrong_type(format!("column `{}` has another type", field.name)));
+            }
+        }
+        Ok(())
+    }
+
+    fn append_images(&mut self, schema: &Schema, batch: &Batch) -> Result<()> {
+        // Encoding is most of the work, and videos do not know of each other.
+        self.videos.par_iter_mut().try_for_each(|OpenVideo { field, video, .. }| {
+            let written = match schema.index(&field.name).map(|column| batch.column(column)) {
+                Some(Slice::U8(values)) => video.append(values),
+                Some(_) => Err(wrong_type("it holds no images")),
+                None => Err(missing("it is missing")),
+            };
+            written.at(format_args!("column `{}`", field.name))
+        })
+    }
+
+    /// Ends the episode: a last row that shall be beside the table is written, videos get their names, then the table.
+    pub(super) fn finish(
+        mut self,
+        folder: &Path,
+        rate: f64,
+        last_row: Option<(&Schema, &Batch, i64)>,
+    ) -> Result<Checksums> {
+        if self.rows > self.written {
             self.write_group(rate)?;
         }
+        let last_row = match last_row {
+            None => None,
+            Some((schema, batch, task)) => {
+                self.append_images(schema, batch)?;
+                self.hold(schema, batch, (0, 1))?;
+                self.tasks.push(task);
+                let place = folder.join(last_row::path_of(self.episode));
+                let written = self
+                    .with_columns(self.rows..self.rows + 1, rate, |columns| last_row::write(&place, columns));
+                Some(written?)
+            }
+        };
         let mut checksums = vec![0];
         for OpenVideo { field, camera, video } in self.videos {
             let video = video.finish().at(format_args!("column `{}`", field.name))?;
@@ -125,23 +170,48 @@ impl OpenEpisode {
         let named = checked.flush().and_then(|()| fs::rename(draft(&self.table_path), &self.table_path));
         named.at(self.table_path.display())?;
         checksums[0] = checked.checksum.finalize();
-        Ok(checksums)
+        Ok(Checksums { files: checksums, last_row })
     }
 
     /// Writes the rows that are held.
     fn write_group(&mut self, rate: f64) -> Result<()> {
-        let begin = (self.rows - 1) / self.group * self.group;
-        let rows = begin..self.rows;
+        let (rows, mut table) = (self.written..self.rows, self.table.take());
+        let path = draft(&self.table_path);
+        self.with_columns(rows, rate, |columns| {
+            let table = match &mut table {
+                Some(table) => table,
+                None => {
+                    let file = make_parent(&path).and_then(|()| new_file(&path)).at(path.display())?;
+                    let out = Checked { out: BufWriter::new(file), checksum: Hasher::new() };
+                    table.insert(TableWriter::new(out, columns, &[])?)
+                }
+            };
+            table.group(columns)
+        })?;
+        self.table = table;
+        self.written = self.rows;
+        self.held.iter_mut().for_each(|(_, _, column)| column.resize(0));
+        self.tasks.clear();
+        Ok(())
+    }
+
+    /// The columns of the rows that are held.
+    fn with_columns<T>(
+        &self,
+        rows: Range<usize>,
+        rate: f64,
+        work: impl FnOnce(&[ColumnOut<'_>]) -> Result<T>,
+    ) -> Result<T> {
         let times: Vec<f32> = rows.clone().map(|row| (row as f64 / rate) as f32).collect();
         let frames: Vec<i64> = rows.clone().map(|row| row as i64).collect();
         let all: Vec<i64> = rows.clone().map(|row| (self.first + row) as i64).collect();
-        let (episode, task) = (vec![self.episode as i64; rows.len()], vec![0i64; rows.len()]);
+        let episode = vec![self.episode as i64; rows.len()];
         let own = [
             Slice::F32(&times),
             Slice::I64(&frames),
             Slice::I64(&episode),
             Slice::I64(&all),
-            Slice::I64(&task),
+            Slice::I64(&self.tasks),
         ];
         let held = self.held.iter().map(|(field, feature, column)| ColumnOut {
             name: feature.clone(),
@@ -150,18 +220,7 @@ impl OpenEpisode {
         });
         let made_up = OWN.iter().zip(own).map(|(&(name, _), values)| ColumnOut::scalar(name, values));
         let columns: Vec<ColumnOut<'_>> = held.chain(made_up).collect();
-        let table = match &mut self.table {
-            Some(table) => table,
-            None => {
-                let path = draft(&self.table_path);
-                let file = make_parent(&path).and_then(|()| new_file(&path)).at(path.display())?;
-                let out = Checked { out: BufWriter::new(file), checksum: Hasher::new() };
-                self.table.insert(TableWriter::new(out, &columns, &[])?)
-            }
-        };
-        table.group(&columns)?;
-        self.held.iter_mut().for_each(|(_, _, column)| column.resize(0));
-        Ok(())
+        work(&columns)
     }
 }
 

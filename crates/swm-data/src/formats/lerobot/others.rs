@@ -14,7 +14,7 @@ use super::rows::{Place, Places};
 use super::table::Table;
 use super::tasks;
 use crate::error::{DataError, Result, invalid, missing};
-use crate::foreign::source_record;
+use crate::foreign::{REWARDS_NOTE, RewardsAt, source_record};
 use crate::open_options::OpenOptions;
 
 /// Columns that are made up, and what they hold.
@@ -58,7 +58,7 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
         Version::V3 => third(path, info, &cameras),
     }
     .map_err(damaged)?;
-    let (mut listed, skipped) = list(path, info, &episodes).map_err(damaged)?;
+    let (mut listed, skipped) = list(path, info, &episodes, options).map_err(damaged)?;
     if let Some(main) = main_camera(&listed, options)? {
         "pixels".clone_into(&mut listed[main].field.name);
     }
@@ -75,13 +75,12 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
     let (fields, columns) = listed.into_iter().map(|column| (column.field, column.source)).unzip();
     let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
     let mut found = dataset_info(path, schema, &episodes);
-    if found.schema.index("reward").is_some() {
-        let note = "`reward` of a row is that of the action taken from it; recordings of this program have it in the row that it led to";
-        found.notes = Arc::new([note.to_owned()]);
-    }
+    let rewards = found.schema.index("reward").map(|_| RewardsAt::Actions);
+    found.notes = rewards.map(|_| REWARDS_NOTE.to_owned()).into_iter().collect();
     found.skipped = skipped.into();
     found.rows_per_second = Some(info.fps);
-    found.runs = Arc::new([(0, source_record(found.format, options, &mapping, None, Some(info.fps)))]);
+    let source = source_record(found.format, options, &mapping, None, Some(info.fps), rewards);
+    found.runs = Arc::new([(0, source)]);
     found.mapping = mapping.into();
     let places = Places::new(path, &episodes);
     Ok(Shared { info: found, columns, episodes, places })
@@ -91,12 +90,22 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
 type Skipped = Vec<(String, String)>;
 
 /// All columns under the names of the features, and what is left out, with the reason.
-fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<Listed>, Skipped)> {
+///
+/// # Errors
+///
+/// No episode, a damaged table, or a damaged video of a camera where the main one was not chosen: another camera would take its place.
+fn list(
+    path: &Path,
+    info: &Info,
+    episodes: &[EpisodeFiles],
+    options: &OpenOptions,
+) -> Result<(Vec<Listed>, Skipped)> {
+    let is_camera_chosen = options.camera.is_some() || options.map.contains_key("pixels");
     let (mut listed, mut skipped) = (Vec::new(), Vec::new());
     let first = episodes.first().ok_or_else(|| missing("it holds no episode"))?;
     let places = Places::new(path, episodes);
     let stated = Place { data: first.data.clone(), first: first.first };
-    // One that cannot be found is told where it is read.
+    // One that cannot be found is reported where it is read.
     let place = places.of(episodes, 0).unwrap_or(&stated);
     let table = Table::open(&place.data)?;
     for (name, feature) in &info.features {
@@ -105,6 +114,7 @@ fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<List
             skipped.push((name.clone(), reason));
             continue;
         }
+        let is_video = feature["dtype"] == "video";
         let found = match feature["dtype"].as_str() {
             Some("video") => {
                 of_videos(name, first).map(|shape| (Dtype::U8, shape, Source::Video(name.clone())))
@@ -121,6 +131,9 @@ fn list(path: &Path, info: &Info, episodes: &[EpisodeFiles]) -> Result<(Vec<List
                 let is_camera = matches!(source, Source::Video(_) | Source::Images(_));
                 let field = Field::step(name, dtype, &shape);
                 listed.push(Listed { old: name.clone(), field, source, is_camera });
+            }
+            Err(error) if is_video && !is_camera_chosen && !error.is_unsupported() => {
+                return Err(error.at(name));
             }
             Err(error) => skipped.push((name.clone(), error.to_string())),
         }

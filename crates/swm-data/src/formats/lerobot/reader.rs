@@ -59,19 +59,29 @@ impl LeRobotDataset {
     ) -> Result<()> {
         let shared = self.shared.clone();
         let rows = shared.episodes[episode].rows;
+        // The last one may be beside the table.
+        let is_beside = steps.count > 0 && steps.first + (steps.count - 1) * steps.stride == rows;
+        let (steps, out) = match &shared.episodes[episode].last_row {
+            Some(path) if is_beside => {
+                let (out, mut last) = out.split_at((steps.count - 1) * width);
+                let column = Table::open(path)?.column(name).map(|column| narrowed(column, last.dtype()))?;
+                if column.len() != width || !last.copy_from(column.as_slice()) {
+                    return Err(wrong_type(format!("{} does not hold one row", path.display())));
+                }
+                (Steps { count: steps.count - 1, ..steps }, out)
+            }
+            _ => (steps, out),
+        };
+        if steps.count == 0 {
+            return Ok(());
+        }
         let Place { data, first } = shared.places.of(&shared.episodes, episode)?;
         if self.table.as_ref().is_none_or(|(path, _)| path != data) {
             self.table = Some((data.clone(), BTreeMap::new()));
         }
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
-            let column = match (Table::open(path)?.column(name)?, out.dtype()) {
-                (Column::I32(values), Dtype::U8) => {
-                    Column::U8(values.into_iter().map(|value| value as u8).collect())
-                }
-                (column, _) => column,
-            };
-            columns.insert(name.to_owned(), column);
+            columns.insert(name.to_owned(), narrowed(Table::open(path)?.column(name)?, out.dtype()));
         }
         let values = columns[name].as_slice();
         let (start, size) = (first.checked_mul(width), rows.checked_mul(width));
@@ -165,6 +175,14 @@ impl LeRobotDataset {
             images::decode(image.data(), [height, width, colors], out).at(format_args!("row {row}"))?;
         }
         Ok(())
+    }
+}
+
+/// The values of a column in its own type; tables have none of bytes.
+fn narrowed(column: Column, dtype: Dtype) -> Column {
+    match (column, dtype) {
+        (Column::I32(values), Dtype::U8) => Column::U8(values.into_iter().map(|value| value as u8).collect()),
+        (column, _) => column,
     }
 }
 

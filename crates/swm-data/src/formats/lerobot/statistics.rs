@@ -133,12 +133,16 @@ impl Statistics {
         (fits && found.rows == rows && folder.join(STATISTICS).is_file()).then_some(found)
     }
 
-    /// Reads all episodes.
-    pub(super) fn compute(manifest: &Manifest, dataset: &mut dyn Dataset) -> Result<Self, DataError> {
+    /// Reads so many rows of each episode.
+    pub(super) fn compute(
+        manifest: &Manifest,
+        dataset: &mut dyn Dataset,
+        rows: &[usize],
+    ) -> Result<Self, DataError> {
         let mut all = Self::new(manifest);
         let mut batch = Batch::new(dataset.schema().clone(), 0);
-        for episode in 0..dataset.num_episodes() {
-            for rows in pieces(dataset.schema(), dataset.episode_len(episode)) {
+        for (episode, &count) in rows.iter().enumerate() {
+            for rows in pieces(dataset.schema(), count) {
                 let first = rows.start;
                 dataset.read(episode, rows, &mut batch)?;
                 all.add(manifest, first, &batch);

@@ -2,23 +2,24 @@
 //! the list of episodes names them; the list appears by renaming. So after a kill at any moment every committed episode
 //! is there. `meta/info.json` follows the list, statistics follow at the end of the recording.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swm_core::{Batch, Field, Schema};
+use swm_core::{Batch, Field, Schema, Slice};
 use swm_media::mp4::Mp4Options;
 
 use super::FORMAT;
 use super::episodes::{self, Entry};
 use super::info::{self, INFO};
-use super::manifest::{Manifest, OWN, whole};
+use super::manifest::{Manifest, OWN, TASK, whole};
 use super::open_episode::OpenEpisode;
 use super::reader::LeRobotDataset;
 use super::statistics::Statistics;
-use crate::dataset::{Dataset, WriteOptions};
+use super::{last_row, tasks};
+use crate::dataset::{Dataset, LastRow, WriteOptions};
 use crate::error::{DataError, Result, missing};
 use crate::formats::disk::{self, is_plain_name};
 use crate::lock::WriterLock;
@@ -39,6 +40,9 @@ pub(super) struct LeRobotSession {
     rows: usize,
     statistics: Statistics,
     open: Option<OpenEpisode>,
+    tasks: tasks::Recorded,
+    /// The last row so far of the open episode, which may come beside its table.
+    pending: Option<Batch>,
     /// Files that may not be on the disk yet.
     unsynced: Vec<PathBuf>,
     assumed_rate: Option<f64>,
@@ -90,13 +94,19 @@ impl Backend for LeRobotBackend {
         let known = options.frames_per_second.or(of_rows);
         let rate = known.unwrap_or(FRAMES_PER_SECOND);
         let is_assumed = known.is_none() && start.existing != Existing::Continued;
-        let mut manifest = Manifest::new(fields.to_vec(), rate);
+        let drops_last_row = options.last_row.unwrap_or(LastRow::Drop) == LastRow::Drop;
+        let mut manifest = Manifest::new(fields.to_vec(), rate, drops_last_row);
         check_columns(path, &manifest)?;
         if start.existing == Existing::Continued {
             let there = Manifest::read(path).map_err(|error| DataError::damaged(path, error))?;
             let there = there.ok_or_else(|| recording::foreign(path))?;
             let first = there.runs.first().map_or(metadata, |(_, first)| first);
             check_fit(path, &there.columns, first, &manifest.columns, metadata)?;
+            if options.last_row.is_some() && there.drops_last_row != manifest.drops_last_row {
+                let reason =
+                    "its last rows are kept in another way; leave `last_row` out, or write another dataset";
+                return Err(DataError::mismatch(path, reason));
+            }
             manifest = there;
         } else if start.existing == Existing::Replaced {
             clear(path)?;
@@ -108,7 +118,9 @@ impl Backend for LeRobotBackend {
         fs::create_dir_all(&meta).map_err(|source| DataError::io(path, "create", source))?;
         if changed {
             manifest.write(path)?;
-            episodes::write_tasks(path, &manifest)?;
+            if !manifest.has_tasks {
+                tasks::write(path, &[episodes::env(&manifest).to_owned()])?;
+            }
         }
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
         let session = LeRobotSession::open(path, start.schema, manifest, encoding)?;
@@ -122,31 +134,34 @@ impl Session for LeRobotSession {
     }
 
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
-        let open = match &mut self.open {
-            Some(open) => open,
-            None => {
-                let place = (self.entries.len(), self.rows);
-                self.open.insert(OpenEpisode::new(&self.path, &self.manifest, &self.encoding, place)?)
-            }
-        };
-        open.append(self.manifest.frames_per_second, &self.schema, batch)?;
-        self.statistics.add(&self.manifest, at.step, batch);
+        if !self.manifest.drops_last_row || batch.rows() == 0 {
+            return self.append_rows(at.step, batch);
+        }
+        if let Some(row) = self.pending.take() {
+            self.append_rows(at.step - 1, &row)?;
+        }
+        let before = batch.rows() - 1;
+        if before > 0 {
+            self.append_rows(at.step, &last_row::part(batch, 0, before)?)?;
+        }
+        self.pending = Some(last_row::part(batch, before, 1)?);
         Ok(())
     }
 
     /// Its table and videos, the list, the summary.
     fn commit(&mut self, end: StepIndex) -> Result<()> {
-        let open = self.open.take().ok_or(missing("an episode without rows"))?;
-        let checksums = open.finish(&self.path, self.manifest.frames_per_second)?;
-        self.entries.push(Entry { rows: end.step, checksums });
-        episodes::commit(&self.path, &self.manifest, &self.entries)?;
-        let episode = self.entries.len() - 1;
-        let videos = self.manifest.cameras().map(|(_, camera)| episodes::video_path(&camera, episode));
-        let written = [episodes::data_path(episode), episodes::list_of(episode), INFO.to_owned()];
-        self.unsynced.extend(written.into_iter().chain(videos).map(|name| self.path.join(name)));
-        self.rows += end.step;
-        self.statistics.end_episode();
-        Ok(info::write(&self.path, &self.manifest, self.entries.len(), self.rows)?)
+        match self.pending.take() {
+            // Of an episode of one row, that row stays: it would have none.
+            Some(row) if self.open.is_some() && last_row::has_no_action(&row) => {
+                let task = self.numbers(&row)?.first().copied().unwrap_or_default();
+                self.end_episode(end.step - 1, Some((&row, task)))
+            }
+            Some(row) => {
+                self.append_rows(end.step - 1, &row)?;
+                self.end_episode(end.step, None)
+            }
+            None => self.end_episode(end.step, None),
+        }
     }
 
     fn sync(&mut self) -> Result<()> {
@@ -156,6 +171,55 @@ impl Session for LeRobotSession {
     fn close(self) -> Result<()> {
         self.statistics.write(&self.path, &self.manifest)?;
         Ok(sync_below(&self.path, Vec::new())?)
+    }
+}
+
+impl LeRobotSession {
+    /// The numbers of the tasks of rows.
+    fn numbers(&mut self, batch: &Batch) -> Result<Vec<i64>> {
+        if !self.manifest.has_tasks {
+            return Ok(vec![0; batch.rows()]);
+        }
+        let column = batch.schema().index(TASK).map(|column| batch.column(column));
+        let Some(Slice::Str(texts)) = column else { return Err(missing("the column `task` is missing")) };
+        Ok(texts.iter().map(|text| self.tasks.number(text)).collect())
+    }
+
+    /// Appends rows of the open episode from `first` on.
+    fn append_rows(&mut self, first: usize, batch: &Batch) -> Result<()> {
+        let numbers = self.numbers(batch)?;
+        let open = match &mut self.open {
+            Some(open) => open,
+            None => {
+                let place = (self.entries.len(), self.rows);
+                self.open.insert(OpenEpisode::new(&self.path, &self.manifest, &self.encoding, place)?)
+            }
+        };
+        open.append(self.manifest.frames_per_second, &self.schema, batch, &numbers)?;
+        self.statistics.add(&self.manifest, first, batch);
+        Ok(())
+    }
+
+    /// Commits the open episode with so many rows in its table, and the row beside it with its task.
+    fn end_episode(&mut self, rows: usize, last_row: Option<(&Batch, i64)>) -> Result<()> {
+        let open = self.open.take().ok_or(missing("an episode without rows"))?;
+        // Before rows have their numbers.
+        let tasks = self.tasks.end_episode(&self.path)?;
+        let last_row = last_row.map(|(row, task)| (&*self.schema, row, task));
+        let checksums = open.finish(&self.path, self.manifest.frames_per_second, last_row)?;
+        let (last_row, checksums) = (checksums.last_row, checksums.files);
+        self.entries.push(Entry { rows, checksums, last_row, tasks });
+        episodes::commit(&self.path, &self.manifest, &self.entries)?;
+        let episode = self.entries.len() - 1;
+        let videos = self.manifest.cameras().map(|(_, camera)| episodes::video_path(&camera, episode));
+        let last = last_row.map(|_| last_row::path_of(episode));
+        let written = [episodes::data_path(episode), episodes::list_of(episode), INFO.to_owned()];
+        let written = written.into_iter().chain(last).chain(videos);
+        self.unsynced.extend(written.map(|name| self.path.join(name)));
+        self.rows += rows;
+        self.statistics.end_episode();
+        let tasks = if self.manifest.has_tasks { self.tasks.count() } else { 1 };
+        Ok(info::write(&self.path, &self.manifest, self.entries.len(), self.rows, tasks)?)
     }
 }
 
@@ -192,11 +256,16 @@ impl LeRobotSession {
         for file in leftovers(path, &manifest, entries.len()) {
             fs::remove_file(&file).map_err(|source| DataError::io(&file, "remove", source))?;
         }
-        info::write(path, &manifest, entries.len(), rows)?;
+        let tasks = if manifest.has_tasks { tasks::of_ours(path).map_err(damaged)? } else { BTreeMap::new() };
+        let count = if manifest.has_tasks { tasks.len() } else { 1 };
+        info::write(path, &manifest, entries.len(), rows, count)?;
         let statistics = match Statistics::read(path, &manifest, rows) {
             Some(found) => found,
             None if rows == 0 => Statistics::new(&manifest),
-            None => Statistics::compute(&manifest, &mut LeRobotDataset::open(path)?)?,
+            None => {
+                let lengths: Vec<usize> = entries.iter().map(|entry| entry.rows).collect();
+                Statistics::compute(&manifest, &mut LeRobotDataset::open(path)?, &lengths)?
+            }
         };
         Ok(Self {
             path: path.to_owned(),
@@ -207,6 +276,8 @@ impl LeRobotSession {
             rows,
             statistics,
             open: None,
+            tasks: tasks::Recorded::new(tasks),
+            pending: None,
             unsynced: Vec::new(),
             assumed_rate: None,
         })
@@ -251,7 +322,8 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
 /// Files of the episode behind the committed ones.
 fn leftovers(path: &Path, manifest: &Manifest, episode: usize) -> Vec<PathBuf> {
     let videos = manifest.cameras().map(|(_, camera)| episodes::video_path(&camera, episode));
-    let names = std::iter::once(episodes::data_path(episode)).chain(videos);
+    let own = [episodes::data_path(episode), last_row::path_of(episode)];
+    let names = own.into_iter().chain(videos);
     let files = names.flat_map(|name| [path.join(format!("{name}.new")), path.join(name)]);
     files.filter(|file| file.is_file()).collect()
 }

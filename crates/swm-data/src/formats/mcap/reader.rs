@@ -1,6 +1,5 @@
 //! Reading an MCAP dataset: any row of any column, by the positions that the walk over the file found.
 
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,6 +15,7 @@ use super::rows::from_json;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 use crate::foreign;
+use crate::formats::disk::{ReadAt as _, Readable};
 use crate::recording::EP_IDX;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.

@@ -122,7 +122,7 @@ fn images_belong_to_the_rows_whatever_table_holds_them() {
 }
 
 #[test]
-fn a_row_without_an_image_at_its_time_is_told() {
+fn a_row_without_an_image_at_its_time_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dataset");
     with_videos(&path, "v3.0", &["h264_cut"]);

@@ -134,7 +134,7 @@ fn no_mutation_makes_it_trip() {
 
 /// As another program leaves it that rewrites a folder of ours.
 #[test]
-fn columns_that_are_made_up_for_others_are_told() {
+fn columns_that_are_made_up_for_others_are_noted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.lerobot");
     record(&path, WriteMode::Error, 0..2).unwrap();

@@ -4,6 +4,7 @@ mod cameras;
 mod checks;
 mod foreign;
 mod images;
+mod last_rows;
 mod options;
 mod rates;
 mod recording;

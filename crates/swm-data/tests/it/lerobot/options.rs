@@ -72,6 +72,31 @@ fn one_of_several_cameras_is_asked_for() {
     assert!(refused.contains("`shift`") && refused.contains("no use for it"), "{refused}");
 }
 
+/// Another camera would take the place of the one whose video is gone.
+#[test]
+fn a_damaged_video_is_no_reason_to_take_another_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dataset");
+    copied(&published(SAMPLE), &path);
+    let video = path.join("videos/observation.images.top/chunk-000/file-000.mp4");
+    for damage in [None, Some(vec![7; 2000])] {
+        match &damage {
+            None => fs::remove_file(&video).unwrap(),
+            Some(bytes) => fs::write(&video, bytes).unwrap(),
+        }
+        let refused = open(&path).err().unwrap().to_string();
+        assert!(
+            refused.contains("observation.images.top: ") && refused.contains("file-000.mp4"),
+            "{refused}"
+        );
+        let chosen = opened(&path, &camera("wrist")).unwrap();
+        assert_eq!(chosen.info().skipped[0].0, "observation.images.top");
+        assert!(
+            chosen.info().mapping.contains(&("pixels".to_owned(), "observation.images.wrist".to_owned()))
+        );
+    }
+}
+
 #[test]
 fn tasks_are_texts_of_episodes_or_of_rows() {
     let mut dataset = opened(&published(SAMPLE), &camera("top")).unwrap();

@@ -41,14 +41,15 @@ fn a_wrong_fps_is_not_copied_silently() {
         with_fps(version, &wrong, json!(25));
         for to in [path("no.lerobot"), path("no.h5")] {
             let message = join(&[&wrong], &to, None).unwrap_err().to_string();
-            for part in ["`fps` of meta/info.json is 25", "are those of 10 rows per second", "`--fps 10`"] {
+            for part in ["`fps` of meta/info.json is 25", "are those of 10 rows per second", "`fps` 10 takes"]
+            {
                 assert!(message.contains(part), "{version}: no `{part}` in {message}");
             }
             assert!(!to.exists());
         }
         let report = verify(open(&wrong).unwrap().as_mut(), &mut |_| {});
-        let fix = format!("swm convert {} OUT.lerobot --fps 10", wrong.display());
-        assert!(report.problems.iter().any(|problem| problem.reason.contains(&fix)), "{:?}", report.problems);
+        let fix = "a copy with `fps` 10 repairs it";
+        assert!(report.problems.iter().any(|problem| problem.reason.contains(fix)), "{:?}", report.problems);
 
         // Frames stay with their rows.
         for (a, b) in contents(&golden(&format!("lerobot_{version}"))).iter().zip(&contents(&wrong)) {
@@ -81,7 +82,7 @@ fn folders_of_two_rates_are_not_joined_silently() {
     });
     for to in ["both.lerobot", "both.h5"].map(path) {
         let message = join(&[&slow, &fast], &to, None).unwrap_err().to_string();
-        let (here, there) = ("fast.lerobot: it has 30 rows per second, ", "slow.lerobot 10; `--fps RATE`");
+        let (here, there) = ("fast.lerobot: it has 30 rows per second, ", "slow.lerobot 10; `fps` decides");
         assert!(message.contains(here) && message.contains(there), "{message}");
         assert!(!to.exists());
         assert_eq!(join(&[&slow, &fast], &to, Some(10.0)).unwrap(), 2);
@@ -92,7 +93,7 @@ fn folders_of_two_rates_are_not_joined_silently() {
 }
 
 #[test]
-fn a_folder_without_its_description_is_told() {
+fn a_folder_without_its_description_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let [empty, cut] = ["empty.lerobot", "cut.lerobot"].map(|name| folder.path().join(name));
     fs::create_dir(&empty).unwrap();

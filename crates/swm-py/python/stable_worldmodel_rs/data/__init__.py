@@ -35,7 +35,7 @@ from .formats.video import VideoDataset, VideoWriter
 from .loader import Loader, collate
 from .native import NativeDataset
 from .normalization import ColumnNormalizer, IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
-from .utils import convert, download, ensure_dir_exists, get_cache_dir, load_dataset, merge, split, split_held_out
+from .utils import convert, download, ensure_dir_exists, get_cache_dir, load_dataset, merge, split, split_files, split_held_out, verify
 
 __all__ = [
     "EPISODE_DATA_KEY",
@@ -83,8 +83,10 @@ __all__ = [
     "register_format",
     "split",
     "split_episode_data",
+    "split_files",
     "split_held_out",
     "validate_write_mode",
+    "verify",
 ]
 
 

@@ -25,7 +25,8 @@ Output = Literal["torch", "numpy"] | None
 Rewards = Literal["recorded", "action"]
 """Which rewards a clip holds: ``"recorded"``, row by row, each that of arriving at its row and NaN in an episode's first; or
 ``"action"``: beside every row, the sum of the rewards of the actions that are taken from it to the next row of the clip, as
-many as ``action`` has there; NaN where the episode ends before."""
+many as ``action`` has there; NaN where the episode ends before. Datasets of other programs, and copies of them, hold each reward in
+the row of its action, and are read so."""
 
 
 def sums_rewards(rewards: Any) -> bool:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import image_sides
 from .._core import core as _swm
 from . import _show
 from ._tensors import Rewards, converter, may_use_threads, sums_rewards, to_numpy
@@ -32,6 +33,11 @@ INDICES = ("ep_idx", "episode_idx", "step_idx")
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 _LAYOUT = ("ep_len", "ep_offset")
 _abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of factors for JSON: arrays and tuples as lists."""
+    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in values.items()}
 
 
 class Clips(Sequence[dict[str, Any]]):
@@ -75,6 +81,15 @@ class _Cached(Mapping[str, NDArray[Any]]):
         return len(self._dataset.cached_columns)
 
 
+def as_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of opening as the core has them in JSON."""
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    if isinstance(size := given.get("image_size"), (tuple, list)):
+        height, width = size  # pyright: ignore[reportUnknownVariableType]
+        given["image_size"] = {"height": int(height), "width": int(width)}  # pyright: ignore[reportUnknownArgumentType]
+    return given
+
+
 class NativeDataset(Dataset):
     """Clips of a dataset file or folder.
 
@@ -89,12 +104,23 @@ class NativeDataset(Dataset):
         image: ``(H, W)`` to which images are resized, antialiased.
         render: ``(H, W)`` of images that are rendered when they are read, for recordings without images of this
             package.
+        look: ``{factor: value}`` of visual factors that rendered images show in place of the recorded ones, such as
+            ``{"background.color": "black"}``.
+        vary: Visual factors that are sampled for every clip: names, groups, ``*.color``, or ``visual`` for all of them. A
+            clip's look depends on ``vary_seed``, :meth:`set_epoch` and its number. Whole columns and episodes show none.
+        vary_share: The probability of each of these factors to be sampled for a clip.
+        vary_usual: The probability of a clip to show none of them sampled.
+        vary_seed: The seed of the looks.
+        canonical: ``{factor: value}`` of the canonical look: adds the column ``canonical``, the same rows in that look. ``{}``
+            is the recorded one.
         episodes: The episodes to take, in this order; ``None``: all.
         rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
         options: How a dataset of another program is opened: ``map`` (new names of columns to those in its files),
             ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
-            ``shift``, ``storage``. :func:`load_dataset` takes each of them as an argument.
+            ``shift``, ``storage``; of any dataset, ``image_size``, ``(H, W)`` to which images are resized by area when they are
+            read, with ``fit`` (``"stretch"``, ``"crop"``, ``"pad"``) where their shape changes. :func:`load_dataset` takes each
+            of them as an argument.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
@@ -116,11 +142,17 @@ class NativeDataset(Dataset):
         keys_to_merge: Mapping[str, list[str] | str] | None = None,
         image: tuple[int, int] | None = None,
         render: tuple[int, int] | None = None,
+        look: Mapping[str, Any] | None = None,
+        vary: Sequence[str] | None = None,
+        vary_share: float = 1.0,
+        vary_usual: float = 0.0,
+        vary_seed: int = 0,
+        canonical: Mapping[str, Any] | None = None,
         episodes: Sequence[int] | None = None,
         rewards: Rewards = "recorded",
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache)):
+        for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache), ("vary", vary)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
         # An address is no path: that would make one slash of two.
@@ -129,8 +161,19 @@ class NativeDataset(Dataset):
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
         self._render = render
+        looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": vary_seed}
+        self._looks: tuple[str, str | None, str | None] = (
+            json.dumps(_plain(look or {})),
+            None if looks is None else json.dumps(looks),
+            None if canonical is None else json.dumps(_plain(canonical)),
+        )
+        if render is None and (look or vary or canonical is not None):
+            raise ValueError("look, vary and canonical are of images that are rendered; give their size: render=(64, 64)")
+        if vary and "pixels" in (keys_to_cache or ()):
+            raise ValueError("keys_to_cache: images of sampled looks differ from epoch to epoch; leave out 'pixels'")
+        self._epoch = 0
         self._resize: tuple[tuple[int, int], str | None] | None = None
-        self._options: str | None = json.dumps(dict(options)) if options else None
+        self._options: str | None = json.dumps(as_options(options)) if options else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []
@@ -173,7 +216,8 @@ class NativeDataset(Dataset):
     def _open(self) -> _swm.Reader:
         reader = _swm.Reader.open(self.path, self.native_format, self._options)
         if self._render is not None:
-            reader = reader.rendered(self._render)
+            factors, looks, canonical = self._looks
+            reader = reader.rendered(self._render, factors=factors, looks=looks, canonical=canonical)
         if self._resize is not None:
             reader = reader.resized(*self._resize)
         if self.episodes is not None:
@@ -278,7 +322,7 @@ class NativeDataset(Dataset):
     def _batch(self, indices: list[int]) -> dict[str, Any]:
         """Clips by number, ``(B, T, …)`` arrays by column."""
         fields = self._fields
-        read = self.clips.read(indices)
+        read = self.clips.read(indices, self._epoch)
         return {
             key: values if key == ACTION else self._finish(key, values, fields[key][2], 1, fields[key][1] == "uint8")
             for key, values in read.items()
@@ -293,6 +337,11 @@ class NativeDataset(Dataset):
         if ACTION in clip:
             clip[ACTION] = clip[ACTION].reshape(self.span, -1)
         return self._grouped(self.transform(clip), self.num_steps)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Sets the epoch, on which the sampled looks of clips depend (``vary``). Workers of a ``DataLoader`` that were started before
+        keep the old one."""
+        self._epoch = int(epoch)
 
     @property
     def _is_plain(self) -> bool:
@@ -398,7 +447,7 @@ class NativeDataset(Dataset):
         """
         other = copy(self)
         other._merged = dict(self._merged)
-        other._resize = ((int(image_size[0]), int(image_size[1])), fit)
+        other._resize = (image_sides("image_size", image_size), fit)
         other._keys, other.cached_columns = list(self._keys), list(self.cached_columns)
         other._reset()
         other._reader = other._open()

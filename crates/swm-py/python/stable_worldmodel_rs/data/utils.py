@@ -1,22 +1,23 @@
-"""Finding, fetching, splitting, converting and merging datasets."""
+"""Finding, fetching, splitting, converting, merging and verifying datasets."""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import json
 import logging
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._arrays import image_sides
 from .._core import core as _swm
 from ._paths import DEFAULT_CACHE_DIR, ensure_dir_exists, get_cache_dir
 from ._tensors import to_numpy
 from .format import EPISODE_DATA_KEY, FORMATS, detect_format, get_format
-from .native import NativeDataset
+from .native import NativeDataset, as_options
 from .normalization import IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
 from .writers import NativeWriter
 
@@ -34,10 +35,14 @@ __all__ = [
     "load_dataset",
     "merge",
     "split",
+    "split_files",
     "split_held_out",
+    "verify",
 ]
 
-_OPENING = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "storage")
+_OPENING = (
+    "map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
+)  # fmt: skip
 """Arguments of :func:`load_dataset` that say how a dataset of another program is opened."""
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
@@ -53,7 +58,8 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
             OGBench, PLDM, robomimic, LIBERO, ManiSkill, Minari, D4RL) also ``map``, ``camera``, ``flip``, ``fps``, ``env``,
-            ``env_options``, ``split``, ``max_steps``, ``shift``, ``storage``: see ``options`` of :class:`NativeDataset`.
+            ``env_options``, ``split``, ``max_steps``, ``shift``, ``storage``, and of any dataset ``image_size`` with ``fit``:
+            see ``options`` of :class:`NativeDataset`.
 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5, keys_to_load=["pixels", "action"])
@@ -148,14 +154,41 @@ def split_held_out(dataset: NativeDataset, share: float = 0.2) -> tuple[NativeDa
     return dataset.subset(training), dataset.subset(evaluation)
 
 
-@contextmanager
-def _progress(shown: bool, total: int, title: str) -> Generator[Callable[[int], None], None, None]:
-    """A function that is told how many episodes are done, and shows it by tqdm where that is installed."""
-    if not shown or importlib.util.find_spec("tqdm") is None:
-        yield lambda done: None
-        return
-    with importlib.import_module("tqdm.auto").tqdm(total=total, desc=title, unit=" episodes") as bar:
-        yield lambda done: bar.update(done - bar.n)
+class _Bars:
+    """A bar of tqdm for each stage of the work, where that is installed."""
+
+    def __init__(self, shown: bool) -> None:
+        self.shown = shown and importlib.util.find_spec("tqdm") is not None
+        self.bar: Any = None
+
+    def begin(self, label: str, total: int, unit: str = " rows") -> None:
+        """A stage of so many units begins."""
+        self.close()
+        if self.shown:
+            self.bar = importlib.import_module("tqdm.auto").tqdm(total=total, desc=label, unit=unit)
+
+    def tick(self, done: int, _successes: int = 0, _steps: int = 0) -> None:
+        """So many units are done."""
+        if self.bar is not None:
+            self.bar.update(done - self.bar.n)
+
+    def close(self) -> None:
+        """The stage is over."""
+        if self.bar is not None:
+            self.bar.close()
+            self.bar = None
+
+
+def _run(work: Callable[..., tuple[str, list[str]]], request: Mapping[str, Any], progress: bool) -> Any:
+    """Runs a request of the core: what was made."""
+    bars = _Bars(progress)
+    try:
+        made, notes = work(json.dumps(request), bars.begin, bars.tick)
+    finally:
+        bars.close()
+    for note in notes:
+        logger.warning("%s", note)
+    return json.loads(made)
 
 
 def convert(
@@ -181,7 +214,8 @@ def convert(
         cache_dir: As of :func:`load_dataset`.
         progress: Show a progress bar.
         opening: How a source of another program is opened: ``{"camera": "wrist"}``; see ``options`` of :class:`NativeDataset`.
-        image_size: ``(H, W)`` to which images are resized, by area.
+        image_size: ``(H, W)`` of the images: those of datasets of other programs, and with ``fit`` all, are resized, by area;
+            those of recordings of this package are rendered by replaying the episodes.
         fit: ``"stretch"``, ``"crop"`` (the middle) or ``"pad"`` (with black); needed where ``image_size`` has another shape
             than the images.
         **dest_kwargs: Arguments of the writer, such as ``mode`` and ``quality``.
@@ -189,15 +223,14 @@ def convert(
     Example:
         >>> convert("pusht.h5", "pusht_video", dest_format="video")
     """
-    how = dict(opening or {})
-    dataset = load_dataset(source, cache_dir=cache_dir, format=source_format, **how)
-    if image_size is not None:
-        if not isinstance(dataset, NativeDataset):
-            raise TypeError(f"image_size: images of {source} are not read by this package; convert it without, then again")
-        dataset = dataset.resized(image_size, fit)
-    elif fit is not None:
-        raise ValueError(f"fit={fit!r}: no image is resized; give image_size=(64, 64), or leave it out")
-    _copy([dataset], dest, dest_format, progress, dest_kwargs, True)
+    dataset = load_dataset(source, cache_dir=cache_dir, format=source_format, **dict(opening or {}))
+    request = _copy_request([dataset], dest, dest_format, opening, image_size, fit, dest_kwargs)
+    if request is not None:
+        path, dataset = dataset.path, None
+        _run(_swm.convert_dataset, {"source": str(path), "target": str(dest), **request}, progress)
+        return
+    _check_size([dataset], image_size, fit)
+    _copy([dataset if image_size is None else dataset.resized(image_size, fit)], dest, dest_format, progress, dest_kwargs)
 
 
 def merge(
@@ -210,12 +243,16 @@ def merge(
     cache_dir: str | Path | None = None,
     progress: bool = True,
     opening: Mapping[str, Any] | None = None,
+    image_size: tuple[int, int] | None = None,
+    fit: str | None = None,
+    partial: bool = False,
     **dest_kwargs: Any,
 ) -> None:
     """Copies the episodes of several datasets, one after the other, into one.
 
     Args:
-        sources: Two or more, as of :func:`load_dataset`, with equal columns.
+        sources: Two or more, as of :func:`load_dataset`, with equal columns; of recordings of one environment, factors of
+            variation may differ: one that a recording did not vary is filled in.
         dest: The new file or folder.
         dest_format: As of :func:`convert`.
         source_formats: One per source.
@@ -223,6 +260,9 @@ def merge(
         cache_dir: As of :func:`load_dataset`.
         progress: Show a progress bar.
         opening: As of :func:`convert`; for each of the sources.
+        image_size: As of :func:`convert`.
+        fit: As of :func:`convert`.
+        partial: Join parts of divided recordings as they are: in the given order, whether or not others are missing.
         **dest_kwargs: Arguments of the writer.
     """
     if len(sources) < 2:
@@ -234,51 +274,178 @@ def merge(
     how = dict(opening or {})
     datasets = [load_dataset(source, cache_dir=cache_dir, format=known, **how) for source, known in pairs]
     for names, what in (("column_names", "column"), ("episode_column_names", "episode-data column")):
-        first = set(getattr(datasets[0], names, []))
+        first = _joined_names(datasets[0], names)
         for source, dataset in zip(sources, datasets, strict=True):
-            here = set(getattr(dataset, names, []))
+            here = _joined_names(dataset, names)
             if here != first:
                 missing, more = sorted(first - here), sorted(here - first)
                 raise ValueError(f"merge: {what} mismatch of {sources[0]} and {source}: missing {missing}; unexpected {more}")
-    _copy(datasets, dest, dest_format, progress, dest_kwargs | {"mode": mode}, False)
+    options = dest_kwargs | {"mode": mode}
+    is_new = mode != "append" or not Path(dest).exists()
+    request = _copy_request(datasets, dest, dest_format, opening, image_size, fit, options) if is_new else None
+    if request is not None:
+        paths = [str(dataset.path) for dataset in datasets]
+        datasets.clear()
+        _run(_swm.merge_datasets, {"sources": paths, "out": str(dest), "partial": partial, **request}, progress)
+        return
+    _check_size(datasets, image_size, fit)
+    if image_size is not None:
+        datasets = [dataset.resized(image_size, fit) for dataset in datasets]
+    _copy(datasets, dest, dest_format, progress, options)
 
 
-def _copy(
-    datasets: list[Any], dest: str | Path, dest_format: str | None, progress: bool, options: dict[str, Any], resumes: bool
-) -> None:
-    """Copies all episodes: by the core if all formats are its own, else episode by episode."""
+def _joined_names(dataset: Any, names: str) -> set[str]:
+    """Names that datasets have to share so that they can be joined."""
+    return {name for name in getattr(dataset, names, []) if not name.startswith("variation.")}
+
+
+def split_files(
+    source: str | Path,
+    out: str | Path,
+    *,
+    parts: Mapping[str, float] | None = None,
+    seed: int = 0,
+    dest_format: str | None = None,
+    cache_dir: str | Path | None = None,
+    progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
+    image_size: tuple[int, int] | None = None,
+    fit: str | None = None,
+    **dest_kwargs: Any,
+) -> dict[str, Path]:
+    """Divides a dataset at random into files or folders of whole episodes; :func:`split` divides it without a copy.
+
+    Args:
+        source: As of :func:`load_dataset`; of a format of this package, or of another program.
+        out: The files or folders to write, with ``{}`` for the name of the part.
+        parts: Names and fractions, which need not sum to 1; None: ``{"train": 0.9, "val": 0.1}``.
+        seed: Of the division.
+        dest_format: As of :func:`convert`.
+        cache_dir: As of :func:`load_dataset`.
+        progress: Show a progress bar for each part.
+        opening: As of :func:`convert`.
+        image_size: As of :func:`convert`.
+        fit: As of :func:`convert`.
+        **dest_kwargs: Arguments of the writer.
+
+    Returns:
+        The file or folder of each part.
+
+    Example:
+        >>> split_files("pusht.h5", "pusht_{}.h5", parts={"train": 8, "val": 1, "test": 1}, seed=7)
+    """
+    shares = {"train": 0.9, "val": 0.1} if parts is None else dict(parts)
+    dataset = load_dataset(source, cache_dir=cache_dir, **dict(opening or {}))
+    request = _copy_request([dataset], out, dest_format, opening, image_size, fit, dest_kwargs)
+    if request is None:
+        raise TypeError(f"{source} is not read by this package; convert it, and divide the copy")
+    path, dataset = dataset.path, None
+    named = [f"{name}={float(share)}" for name, share in shares.items()]
+    _run(_swm.split_dataset, {"source": str(path), "out": str(out), "parts": named, "seed": seed, **request}, progress)
+    return {name: Path(str(out).replace("{}", name)) for name in shares}
+
+
+def verify(
+    source: str | Path,
+    *,
+    fix: bool = False,
+    dry_run: bool = False,
+    cache_dir: str | Path | None = None,
+    progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Reads all of a dataset and reports what is wrong with it, as the command ``verify`` does.
+
+    Args:
+        source: As of :func:`load_dataset`, of a format of this package, or of another program.
+        fix: Repair what an interrupted recording left, then check.
+        dry_run: With ``fix``: only report what would be done.
+        cache_dir: As of :func:`load_dataset`.
+        progress: Show a progress bar.
+        opening: As of :func:`convert`.
+
+    Returns:
+        ``ok``; ``fixed`` and ``to_fix``, steps of a repair; ``report``: ``problems``, ``notes`` and counts.
+    """
+    path = str(source) if _swm.is_remote(str(source)) else _find(str(source), get_cache_dir(cache_dir, "datasets"))
+    request = {"dataset": str(path), "fix": fix, "dry_run": dry_run, "opening": _json(opening)}
+    return dict(_run(_swm.verify_dataset, request, progress))
+
+
+def _json(opening: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Options of opening as the core has them."""
+    return as_options(opening or {})
+
+
+def _check_size(datasets: list[Any], image_size: tuple[int, int] | None, fit: str | None) -> None:
+    if image_size is None and fit is not None:
+        raise ValueError(f"fit={fit!r}: no image is resized; give image_size=(64, 64), or leave it out")
+    if image_size is not None and not all(isinstance(dataset, NativeDataset) for dataset in datasets):
+        raise TypeError("image_size: these images are not read by this package; convert them without, then again")
+
+
+def _format_of(dest: Path, dest_format: str | None) -> str:
+    by_suffix = {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in suffixes}
+    return dest_format or by_suffix.get(dest.suffix, "hdf5")
+
+
+def _copy_request(
+    datasets: list[Any],
+    dest: str | Path,
+    dest_format: str | None,
+    opening: Mapping[str, Any] | None,
+    image_size: tuple[int, int] | None,
+    fit: str | None,
+    options: dict[str, Any],
+) -> dict[str, Any] | None:
+    """The settings of a copy that the core makes; None where a format of Python code takes part."""
     target = Path(dest)
-    if dest_format is None:
-        by_suffix = {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in suffixes}
-        dest_format = by_suffix.get(target.suffix, "hdf5")
-    known = get_format(dest_format)
-    total = sum(len(dataset.lengths) for dataset in datasets)
-    with _progress(progress, total, f"-> {dest_format}") as advance:
-        probe = known.open_writer(target, **options)
-        native = isinstance(probe, NativeWriter) and all(isinstance(dataset, NativeDataset) for dataset in datasets)
-        native = native and not any(dataset.episode_column_names for dataset in datasets)
-        if native and (resumes or options.get("mode") != "append" or not target.exists()):
-            if probe.mode == "error" and target.exists():
-                raise FileExistsError(f"{target} already exists; use mode='overwrite' to replace it")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            _swm.copy_datasets(
-                [dataset.reader for dataset in datasets],
-                target,
-                dest_format,
-                mode=probe.mode,
-                quality=probe.quality,
-                # A default is no answer where the rate of rows is in doubt.
-                fps=probe.fps if "fps" in options else None,
-                key_frame_period=probe.key_frame_period,
-                progress=advance,
-            )
-            return
-        keeps = known.supports_episode_data
-        lost = sorted({name for dataset in datasets for name in getattr(dataset, "episode_column_names", [])})
-        if lost and not keeps:
-            logger.warning("format %r does not support episode data; %s are left out", dest_format, lost)
-        with probe as writer:
-            writer.write_episodes(_episodes(datasets, keeps, advance))
+    name = _format_of(target, dest_format)
+    sides = None if image_size is None else image_sides("image_size", image_size)
+    probe = get_format(name).open_writer(target, **options)
+    native = isinstance(probe, NativeWriter) and all(isinstance(dataset, NativeDataset) for dataset in datasets)
+    if not native or any(dataset.episode_column_names or not _is_detected(dataset) for dataset in datasets):
+        return None
+    if probe.mode == "error" and target.exists():
+        raise FileExistsError(f"{target} already exists; use mode='overwrite' to replace it")
+    request: dict[str, Any] = {
+        "format": name,
+        "opening": _json(opening),
+        "overwrite": probe.mode == "overwrite",
+        "quality": probe.quality,
+        # A default is no answer where the rate of rows is in doubt.
+        "fps": probe.fps if "fps" in options else None,
+        "key_frames": probe.key_frame_period,
+        "last_row": probe.last_row,
+        "image_size": None if sides is None else {"height": sides[0], "width": sides[1]},
+        "fit": fit,
+    }
+    return {setting: value for setting, value in request.items() if value is not None}
+
+
+def _is_detected(dataset: NativeDataset) -> bool:
+    """Whether the content of a dataset tells its format, so that its path is all that the core needs."""
+    known = {name for name, *_ in _swm.dataset_formats()}
+    # Datasets of other programs are known by their content alone.
+    return dataset.reader.format not in known or _swm.detect_dataset(dataset.path) in (None, dataset.reader.format)
+
+
+def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progress: bool, options: dict[str, Any]) -> None:
+    """Copies all episodes, one by one."""
+    target = Path(dest)
+    name = _format_of(target, dest_format)
+    known = get_format(name)
+    keeps = known.supports_episode_data
+    lost = sorted({name for dataset in datasets for name in getattr(dataset, "episode_column_names", [])})
+    if lost and not keeps:
+        logger.warning("format %r does not support episode data; %s are left out", name, lost)
+    bars = _Bars(progress)
+    bars.begin(f"-> {name}", sum(len(dataset.lengths) for dataset in datasets), " episodes")
+    try:
+        with known.open_writer(target, **options) as writer:
+            writer.write_episodes(_episodes(datasets, keeps, bars.tick))
+    finally:
+        bars.close()
 
 
 def _episodes(datasets: list[Any], keeps: bool, advance: Callable[[int], None]) -> Iterator[dict[str, Any]]:

@@ -89,6 +89,7 @@ class NativeWriter:
         self.quality = quality
         self.fps: float | None = None
         self.key_frame_period: int | None = None
+        self.last_row: str | None = None
         self.metadata = metadata
         self._writer: _swm.EpisodeWriter | None = None
         self._known: dict[str, tuple[int, ...]] | None = None
@@ -119,6 +120,7 @@ class NativeWriter:
             quality=self.quality,
             fps=self.fps,
             key_frame_period=self.key_frame_period,
+            last_row=self.last_row,
         )
         return self
 

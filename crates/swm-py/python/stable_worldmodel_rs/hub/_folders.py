@@ -15,6 +15,7 @@ from ..data.format import detect_format
 from ..data.utils import load_dataset
 from ..world.receipts import read_receipt
 from ._cards import dataset_card, model_card
+from ._results import beside_model
 
 AnyPath = str | os.PathLike[str]
 
@@ -24,8 +25,16 @@ _PRIVATE = (
     "wandb", "mlruns", "mlartifacts", "mlflow.db", "tensorboard", "track.json", "__pycache__",
 )  # fmt: skip
 
-# What describes arrays of Zarr begins with a dot, too.
-ZARR: frozenset[str] = frozenset({".zarray", ".zgroup", ".zattrs", ".zmetadata"})
+# What a recording keeps for itself: locks, drafts.
+_PRIVATE_DATA = (".*", "*.lock", "new-*")
+
+# Of the files that begin with a dot, these describe arrays of Zarr and are part of a dataset.
+_ZARR = (".zarray", ".zgroup", ".zattrs", ".zmetadata")
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder is no part of a model or dataset, by its dot."""
+    return name.startswith(".") and name not in _ZARR
 
 
 def save_model(
@@ -48,14 +57,15 @@ def save_model(
         name: What the card calls it; None: the name of the source.
         tags: More tags.
         env: The environment's id; None: that of the first result, or of the run.
-        results: Receipts of it, their files or folders: they are copied, and the card has their rates with intervals.
+        results: Receipts of it, their files or folders: they are copied, with paths in the folder for those of this machine, and the card has
+            their rates with intervals. ``swm.verify`` runs a copy again.
 
     Returns:
         The folder.
 
     Raises:
         FileExistsError: The folder is there.
-        ValueError: The source is no model.
+        ValueError: The source is no model, or a result is of another one or of files that were changed since.
     """
     where = Path(source).expanduser()
     kind, found = _kind_of_model(where)
@@ -65,7 +75,8 @@ def save_model(
         shutil.copytree(where, draft, dirs_exist_ok=True, ignore=_ignored)
         for number, receipt in enumerate(receipts):
             (draft / "results").mkdir(exist_ok=True)
-            (draft / "results" / f"receipt-{number}.json").write_text(json.dumps(receipt, indent=2) + "\n", encoding="utf-8")
+            text = json.dumps(beside_model(receipt, draft), indent=2)
+            (draft / "results" / f"receipt-{number}.json").write_text(text + "\n", encoding="utf-8")
         text = model_card(name or where.resolve().name, kind, _license(license), tags, known, receipts)
         (draft / "README.md").write_text(text, encoding="utf-8")
     return Path(folder).expanduser()
@@ -144,8 +155,7 @@ def _ignored(folder: str, names: list[str]) -> list[str]:
 
 
 def _ignored_data(folder: str, names: list[str]) -> list[str]:
-    hidden = [name for name in names if name.startswith(".") and name not in ZARR]
-    return [*hidden, *(name for name in names if fnmatch(name, "*.lock") or fnmatch(name, "new-*"))]
+    return [name for name in names if name not in _ZARR and any(fnmatch(name, pattern) for pattern in _PRIVATE_DATA)]
 
 
 def _license(license: str) -> str:

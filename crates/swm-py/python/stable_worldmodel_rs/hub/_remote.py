@@ -12,7 +12,7 @@ from typing import Any, cast
 from ..data.utils import download as download_dataset
 from ..data.utils import load_dataset
 from ..wm.utils import load_pretrained
-from ._folders import ZARR, dataset_in
+from ._folders import dataset_in, is_hidden
 
 AnyPath = str | os.PathLike[str]
 
@@ -148,7 +148,7 @@ def _check_card(folder: Path) -> None:
 def _files(folder: Path) -> Iterator[str]:
     for path in folder.rglob("*"):
         below = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") and part not in ZARR for part in below.parts):
+        if path.is_file() and not any(is_hidden(part) for part in below.parts):
             yield below.as_posix()
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ._lines import FILE, Lines, read_lines
-from ._sinks import SINKS, Run, Sink, open_sink
+from ._lines import FILE, Lines, of_line, read_lines
+from ._sinks import PROJECT, SINKS, Run, Sink, open_sink, open_sinks
 from ._values import Values, flat, numbers
 
 __all__ = ["TRACKERS", "Tracker", "read", "send", "start"]
@@ -24,7 +24,6 @@ __all__ = ["TRACKERS", "Tracker", "read", "send", "start"]
 # The trackers that there are.
 TRACKERS: tuple[str, ...] = tuple(SINKS)
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
-_PROJECT = "stable-worldmodel"
 
 
 class Tracker:
@@ -48,7 +47,7 @@ class Tracker:
         to: str | Sequence[str] | None,
         folder: str | os.PathLike[str] | None,
         *,
-        project: str = _PROJECT,
+        project: str = PROJECT,
         name: str | None = None,
         config: Mapping[str, Any] | None = None,
         after: int | None = None,
@@ -132,7 +131,7 @@ def start(
     to: str | Sequence[str] | None,
     folder: str | os.PathLike[str] | None,
     *,
-    project: str = _PROJECT,
+    project: str = PROJECT,
     name: str | None = None,
     config: Mapping[str, Any] | None = None,
     after: int | None = None,
@@ -159,7 +158,7 @@ def send(
     run: str | os.PathLike[str],
     to: str | Sequence[str],
     *,
-    project: str = _PROJECT,
+    project: str = PROJECT,
     name: str | None = None,
 ) -> int:
     """Hand the metrics of a run that is over, or at work, to trackers: one of `start` or of ``swm-rs train``. Gives how many lines.
@@ -172,18 +171,12 @@ def send(
     """
     folder = Path(run).expanduser()
     lines = read_lines(folder)
-    names = [to] if isinstance(to, str) else list(to)
-    settings = folder / "config.json"
-    config: Values = flat(json.loads(settings.read_text(encoding="utf-8"))) if settings.is_file() else {}
-    sinks = [open_sink(one, Run(folder, project, name or folder.resolve().name, config, None)) for one in names]
+    sinks = open_sinks([to] if isinstance(to, str) else to, folder, project, name, None)
     try:
         for line in lines:
-            part, step = str(line.get("part", "train")), int(line["step"])
-            found = {key: value for key, value in line.items() if key != "step" and (value is None or isinstance(value, (int, float)))}
-            # In JSON, null is what was no finite number.
-            values = {f"{part}/{key}": float("nan") if value is None else float(value) for key, value in found.items()}
+            part, step, values = of_line(line)
             for sink in sinks:
-                sink.log(step, values)
+                sink.log(step, {f"{part}/{key}": value for key, value in values.items()})
     finally:
         for sink in sinks:
             sink.finish()

@@ -55,3 +55,11 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
             raise ValueError(f"{file}: line {number} has no step; it is no file of metrics")
         found.append(cast("dict[str, Any]", record))
     return found
+
+
+def of_line(line: Mapping[str, Any]) -> tuple[str, int, dict[str, float]]:
+    """What a line is of, its step, and its numbers by name."""
+    numbers = {key: value for key, value in line.items() if key != "step" and (value is None or isinstance(value, (int, float)))}
+    # In JSON, null is what was no finite number.
+    values = {key: float("nan") if value is None else float(value) for key, value in numbers.items()}
+    return str(line.get("part", "train")), int(line["step"]), values

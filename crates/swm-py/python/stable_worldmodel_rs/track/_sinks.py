@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
+from ._values import flat
+
 STATE = "track.json"
+# What trackers group runs by.
+PROJECT = "stable-worldmodel"
 # What MLflow keeps of a parameter.
 _LONGEST_PARAM = 500
 
@@ -64,18 +68,30 @@ class Sink(Protocol):
         ...
 
 
-def _library(tracker: str, module: str, package: str) -> Any:
+# What a sink imports.
+_MODULES = {"trackio": "trackio", "wandb": "wandb", "mlflow": "mlflow", "tensorboard": "tensorboard.summary"}
+
+
+def library(tracker: str) -> Any:
+    """The module that a tracker needs.
+
+    Raises:
+        ImportError: It is not installed.
+        ValueError: There is no tracker of that name.
+    """
+    if tracker not in _MODULES:
+        raise ValueError(f"there is no tracker {tracker!r}; use {', '.join(_MODULES)}")
     try:
-        return import_module(module)
+        return import_module(_MODULES[tracker])
     except ImportError as error:
-        raise ImportError(f"tracking by {tracker} needs the package {package}; `pip install {package}`") from error
+        raise ImportError(f"tracking by {tracker} needs the package {tracker}; `pip install {tracker}`") from error
 
 
 class Trackio:
     """Trackio: a database of this machine (``TRACKIO_DIR``), unless ``TRACKIO_SPACE_ID`` names a Space. NaN and infinities stay."""
 
     def __init__(self, run: Run) -> None:
-        self._module = _library("trackio", "trackio", "trackio")
+        self._module = library("trackio")
         resume = "never" if run.after is None else "allow"
         self._run = self._module.init(project=run.project, name=run.name, config=dict(run.config), resume=resume)
 
@@ -103,7 +119,7 @@ class Wandb:
     """Weights & Biases, offline unless ``WANDB_MODE`` says otherwise; ``wandb sync`` sends it later. NaN and infinities stay."""
 
     def __init__(self, run: Run) -> None:
-        self._module = _library("wandb", "wandb", "wandb")
+        self._module = library("wandb")
         known = run.known("wandb")
         self._run = self._module.init(
             project=run.project,
@@ -139,7 +155,7 @@ class Mlflow:
     largest number in a database. Characters that its names cannot have become ``_``."""
 
     def __init__(self, run: Run) -> None:
-        module = _library("mlflow", "mlflow", "mlflow")
+        module = library("mlflow")
         uri, artifacts = os.environ.get("MLFLOW_TRACKING_URI"), None
         if uri is None:
             where = run.folder.resolve()
@@ -179,7 +195,7 @@ class Tensorboard:
     """TensorBoard: event files in ``tensorboard`` in the run's folder. NaN and infinities stay; it has neither documents nor videos."""
 
     def __init__(self, run: Run) -> None:
-        module = _library("tensorboard", "tensorboard.summary", "tensorboard")
+        module = library("tensorboard")
         self._writer: Any = module.Writer(str(run.folder / "tensorboard"))
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
@@ -207,6 +223,22 @@ def open_sink(name: str, run: Run) -> Sink:
     if name not in SINKS:
         raise ValueError(f"there is no tracker {name!r}; use {', '.join(SINKS)}")
     return SINKS[name](run)
+
+
+def open_sinks(names: Sequence[str], folder: Path, project: str, name: str | None, after: int | None) -> list[Sink]:
+    """The sinks of trackers for a run of a training in a folder, with the settings in its ``config.json``."""
+    file = folder / "config.json"
+    config = flat(json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else {}
+    run = Run(folder, project, name or folder.resolve().name, config, after)
+    found: list[Sink] = []
+    try:
+        for one in names:
+            found.append(open_sink(one, run))
+    except BaseException:
+        for sink in found:
+            sink.finish()
+        raise
+    return found
 
 
 def _slug(name: str) -> str:

@@ -79,6 +79,7 @@ def make_manifest(
     goal_offset: int = 25,
     held_out: float = 0.2,
     pairs: Sequence[str | tuple[int, int, int]] | None = None,
+    clear: AnyPath | None = None,
     frame_skip: int | None = None,
     image_shape: tuple[int, int] | None = None,
     distractors: Sequence[str] = (),
@@ -104,6 +105,8 @@ def make_manifest(
         held_out: Share of its episodes that is held out from training.
         pairs: These steps of ``dataset`` as starts and goals, in place of ``episodes``, ``goal_offset`` and ``held_out``:
             (episode, start, goal), counted from 0, or ``"3:10-35"``, or ``"3:10-4:0"`` for a goal in another episode.
+        clear: A manifest of the benchmark CLEAR-LeWM: its pairs of ``dataset``, test of success, budget and seed, in place of those
+            arguments.
         frame_skip: How often each action is applied; None: 1, or as recorded.
         image_shape: (height, width) of the images that policies see.
         distractors: What changes those images.
@@ -126,6 +129,7 @@ def make_manifest(
         "dataset": None if dataset is None else existing(dataset, "dataset"),
         "opening": dict(opening or {}),
         "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "clear": None if clear is None else existing(clear, "manifest"),
         "goal_offset": goal_offset,
         "held_out": held_out,
         "budget": budget,

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
 from .. import spaces
+from .._arrays import image_sides
 from .._core import core as _swm
 from .rows import reset_options
 
@@ -67,15 +68,7 @@ def checked_shape(image_shape: Any) -> tuple[int, int] | None:
     Raises:
         TypeError: It is no pair of integers.
     """
-    if image_shape is None:
-        return None
-    try:
-        height, width = (operator.index(length) for length in image_shape)
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"image_shape={image_shape!r}: give the height and width of the images, such as image_shape=(64, 64)"
-        ) from None
-    return height, width
+    return None if image_shape is None else image_sides("image_shape", image_shape)
 
 
 class NativePool:

@@ -13,7 +13,7 @@ class Progress:
         title: What is done.
         total: Episodes of a bar; 0: not known.
         enabled: Whether to show one.
-        parts: There are several bars one after the other, each begun by :meth:`begin`; or one, by :meth:`expect`.
+        parts: There are several bars one after the other, each begun by :meth:`begin`.
         unit: What is counted.
 
     Example:
@@ -46,12 +46,6 @@ class Progress:
         self._close()
         self._total = total
         self._open(f"{self._title} {label}")
-
-    def expect(self, total: int) -> None:
-        """Show a bar of ``total``."""
-        self._close()
-        self._total = total
-        self._open(self._title)
 
     def _close(self) -> None:
         if self._bar is not None:

@@ -113,26 +113,24 @@ def sweep(
     with Progress("Sweeping", 0, progress, parts=True, unit="evaluations") as bar, given as (text, seed, foreign):
         if foreign is None and plan_steps is not None:
             raise TypeError("plan_steps: for policies in Python; a policy of the core has its own")
-        swept, is_done = _swm.sweep_manifest(
-            json.dumps(found),
-            text,
-            foreign,
-            [name.strip() for name in asked],
-            values,
-            points,
-            policy_seed=seed,
-            out=None if out is None else str(Path(out).expanduser()),
-            num_envs=num_envs,
-            threads=threads,
-            plan_steps=plan_steps,
-            again=again,
-            shard=shard,
-            join=join,
-            begin=bar.expect,
-            tick=bar.tick,
-        )
-    if is_done:
-        logger.warning("%s: already done; again=True repeats it", Path(str(out)) / "sweep.json")
+        request = {
+            "manifest": found,
+            "policy": text,
+            "policy_seed": seed,
+            "plan_steps": plan_steps,
+            "factors": [name.strip() for name in asked],
+            "values": values,
+            "points": points,
+            "out": None if out is None else str(Path(out).expanduser()),
+            "num_envs": num_envs,
+            "threads": threads,
+            "again": again,
+            "shard": None if shard is None else f"{shard[0]}/{shard[1]}",
+            "join": join,
+        }
+        swept, notes = _swm.sweep_manifest(json.dumps(request), foreign, bar.begin, bar.tick)
+    for note in notes:
+        logger.warning("%s", note)
     return None if swept is None else Sweep(json.loads(swept))
 
 

@@ -61,6 +61,15 @@ pub fn grid_points(factors: &[FactorSpec], asked: &[String]) -> usize {
     values.collect::<Option<Vec<_>>>().and_then(|values| values.into_iter().max()).unwrap_or(POINTS)
 }
 
+/// The first of the names `asked` that selects no factor.
+pub(crate) fn unknown_factor(factors: &[FactorSpec], asked: &[String]) -> Option<String> {
+    let is_unknown = |asked: &&str| !factors.iter().any(|factor| factor.is_selected_by(asked));
+    asked.iter().find_map(|asked| match asked.split('+').find(is_unknown)? {
+        "" => Some(asked.clone()),
+        unknown => Some(unknown.to_owned()),
+    })
+}
+
 /// The changes of a sweep over factors (`asked`: names, groups, `all`, or several joined by `+`, which change together), in order.
 ///
 /// # Errors
@@ -68,15 +77,10 @@ pub fn grid_points(factors: &[FactorSpec], asked: &[String]) -> usize {
 /// A sentence: an unknown factor, or a grid of fewer than 2 values.
 pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
     let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
-    let is_unknown = |asked: &&str| !factors.iter().any(|factor| factor.is_selected_by(asked));
-    let unknown = |asked: &'_ String| match asked.split('+').find(is_unknown)? {
-        "" => Some(asked.clone()),
-        unknown => Some(unknown.to_owned()),
-    };
-    if let Some(unknown) = asked.iter().find_map(unknown) {
+    if let Some(unknown) = unknown_factor(factors, asked) {
         let near = swm_core::env::nearest_factor(&unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
-        return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs ENV` lists them"));
+        return Err(format!("unknown factor `{unknown}`{meant}"));
     }
     let wanted: Vec<&str> = factors
         .iter()

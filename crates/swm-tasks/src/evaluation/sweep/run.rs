@@ -27,8 +27,8 @@ pub struct SweepRun<'a> {
     resets: Vec<ResetOptions>,
     trial: Trial,
     steps: u64,
-    /// Description and files of the policy, where the registry does not have it.
-    foreign: Option<(String, BTreeMap<String, String>)>,
+    /// Description and files of the policy, where they are known.
+    described: Option<(String, BTreeMap<String, String>)>,
 }
 
 /// How the pairs of a cell are reset.
@@ -66,15 +66,15 @@ impl<'a> SweepRun<'a> {
             resets: manifest.resets()?,
             trial: Trial::new(entry, manifest)?,
             steps: candidate.plan_steps(registry, entry, manifest),
-            foreign: None,
+            described: None,
         })
     }
 
-    /// The same under a policy that the registry does not have, which the runs get as well; the candidate is what results call it.
+    /// The same with a policy of this description, whose files have these SHA-256 by name, and whose plans have so many actions. A
+    /// policy that the registry does not have is described so, and is given to the runs.
     #[must_use]
-    pub fn by(self, policy: &ForeignPolicy<'_>) -> Self {
-        let described = (policy.description.clone(), policy.files.clone());
-        Self { steps: policy.plan_steps, foreign: Some(described), ..self }
+    pub fn described(self, description: String, files: BTreeMap<String, String>, steps: u64) -> Self {
+        Self { steps, described: Some((description, files)), ..self }
     }
 
     /// The number of cells.
@@ -103,7 +103,7 @@ impl<'a> SweepRun<'a> {
 
     /// SHA-256 of every file that the policy depends on.
     fn files(&self, entry: &EnvEntry) -> Result<BTreeMap<String, String>, BoxError> {
-        match &self.foreign {
+        match &self.described {
             Some((_, files)) => Ok(files.clone()),
             None => self.candidate.files(self.registry, entry),
         }
@@ -145,7 +145,7 @@ impl<'a> SweepRun<'a> {
         mut each: impl FnMut(&Cell),
     ) -> Result<Sweep, BoxError> {
         let entry = env_of(self.registry, self.manifest)?;
-        let policy = match &self.foreign {
+        let policy = match &self.described {
             Some((description, _)) => description.clone(),
             None => self.candidate.make(self.registry, entry, self.manifest)?.describe(),
         };

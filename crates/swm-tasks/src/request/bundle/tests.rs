@@ -197,7 +197,7 @@ fn a_model_that_was_trained_further_is_refused() {
 }
 
 #[test]
-fn one_changed_byte_is_told_by_its_file() {
+fn one_changed_byte_is_reported_by_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let run = run(folder.path());
     let result = evaluate(folder.path(), &format!("model:{}", run.display()), "model");

@@ -12,7 +12,7 @@ use swm_core::{Evaluation, Registry};
 use swm_data::OpenOptions;
 
 use super::policy::policy_args;
-use super::source::check_opening;
+use super::source::{check_opening, video_format_of};
 use super::{
     Fix, Foreign, ImageChoice, ManifestSource, Message, NUM_ENVS, Report, Request, Shard, TaskError, failed,
 };
@@ -91,15 +91,6 @@ pub enum Evaluated {
     Episodes(Box<Evaluation>, Result<Vec<PathBuf>, BoxError>),
 }
 
-/// What an evaluation that is divided needs.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Needs {
-    /// Episodes of all parts.
-    pub episodes: u64,
-    /// Files and folders that are read.
-    pub inputs: Vec<PathBuf>,
-}
-
 /// What a manifest fixes.
 const OF_MANIFEST: &[&str] = &[
     "env",
@@ -142,7 +133,7 @@ impl Request for Evaluate {
         self.roles()?;
         if self.manifest.is_none() {
             let entry = registry.env(&self.env).map_err(failed)?;
-            registry.policy_entry(entry, &policy_args(&self.policy)?.name).map_err(failed)?;
+            registry.policy_entry(entry, &policy_args(registry, &self.policy)?.name).map_err(failed)?;
         }
         Ok(())
     }
@@ -182,12 +173,7 @@ impl Evaluate {
                 let fixes = vec![Fix::Leave(option), Fix::Leave("manifest")];
                 return Err(message.fix(Fix::Any(fixes)).into());
             }
-            for &name in OF_MANIFEST {
-                if let Some(value) = value(name) {
-                    let message = Message::about(name, value, "the manifest fixes it");
-                    return Err(message.fix(Fix::Any(vec![Fix::Leave(name), Fix::Leave("manifest")])).into());
-                }
-            }
+            check_fixed(&changed, OF_MANIFEST)?;
             return Ok(());
         }
         for &(name, instead) in WITH_MANIFEST {
@@ -220,13 +206,17 @@ impl Evaluate {
                 return Err(Message::about(name, 0, text).into());
             }
         }
-        let known = |format: &&String| !["mp4", "gif"].contains(&format.as_str());
-        if let Some(other) = self.video_format.as_ref().filter(known) {
-            let message = Message::about("video_format", other.as_str(), "no format of videos");
-            return Err(message.fix(Fix::Choose(vec!["mp4".to_owned(), "gif".to_owned()])).into());
-        }
-        Ok(())
+        video_format_of(self.video_format.as_deref()).map(drop)
     }
+}
+
+/// Refuses settings that a manifest fixes, of those that were given.
+pub(super) fn check_fixed(given: &Map<String, Json>, fixed: &[&'static str]) -> Result<(), TaskError> {
+    let mut fixed = fixed.iter().filter_map(|&name| Some((name, given.get(name)?)));
+    fixed.next().map_or(Ok(()), |(name, value)| {
+        let message = Message::about(name, value.clone(), "the manifest fixes it");
+        Err(message.fix(Fix::Any(vec![Fix::Leave(name), Fix::Leave("manifest")])).into())
+    })
 }
 
 /// Refuses parts that could not be joined.

@@ -9,18 +9,18 @@ use swm_core::error::{BoxError, did_you_mean, nearest};
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{Manifest, Registry, ResetOptions};
 
-use super::{Evaluate, Evaluated, Needs};
+use super::{Evaluate, Evaluated};
 use crate::evaluation::{
     Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints,
     held_receipt, identity, refusal, roles, run_pairs, write_receipt,
 };
-use crate::request::entrant::Entrant;
-use crate::request::policy::{model_image, note_elites, note_images, policy_args, policy_files};
+use crate::request::entrant::{Entrant, inputs};
+use crate::request::policy::{model_image, note_elites, note_images, policy_args};
 use crate::request::report::apart;
 use crate::request::source::{claim, make_folder};
 use crate::request::training_note::note_training_on;
 use crate::request::{
-    Assignment, Fix, Foreign, ManifestSource, Message, Progress, Report, Request as _, Stage, TaskError,
+    Assignment, Fix, Foreign, Message, Needs, Progress, Report, Request as _, Stage, TaskError,
     note_rewards_only,
 };
 
@@ -53,7 +53,8 @@ impl Evaluate {
         out.map_or(Ok(()), make_folder)?;
         // Shards write parts of their own.
         let whole = out.filter(|_| self.shard.is_none());
-        let _claim = whole.map(|dir| claim(&dir.join("receipt.json"))).transpose()?;
+        // A result that is there already is read from a folder that nothing can be written to, too.
+        let claim = whole.map(|dir| claim(&dir.join("receipt.json"))).transpose();
         let fingerprints = apart(report, || fingerprints(entry, manifest, candidate.seed))??;
         let asked = Receipt::new(
             manifest.clone(),
@@ -79,6 +80,7 @@ impl Evaluate {
             }
             (held, _) => held,
         };
+        let _claim = claim?;
         if let (Some(_), Some(dir), true) = (&held, out, self.shard.is_some() || self.join) {
             return Err(refusal(dir, "a receipt with other reference policies"));
         }
@@ -183,14 +185,11 @@ impl Evaluate {
                 cells += 1;
             }
         }
-        let mut inputs = Vec::new();
-        if let ManifestSource::File(path) = source {
-            inputs.push(path.clone());
-        }
-        for policy in std::iter::once(&self.policy).chain(&self.oracle) {
-            inputs.extend(policy_files(registry, entrant.entry, policy)?);
-        }
-        Ok(Needs { episodes: cells * entrant.manifest.pairs.len() as u64, inputs })
+        let policies = std::iter::once(&self.policy).chain(&self.oracle);
+        Ok(Needs {
+            episodes: cells * entrant.manifest.pairs.len() as u64,
+            inputs: inputs(registry, entrant.entry, Some(source), policies)?,
+        })
     }
 
     /// The reference policies that are asked for.
@@ -229,7 +228,7 @@ impl Evaluate {
         let mut all = roles(registry, entry, manifest, candidate);
         if let Some(text) = &self.oracle {
             all.retain(|(role, _)| *role != Role::Oracle);
-            let oracle = Candidate::new(policy_args(text)?).seeded(candidate.seed);
+            let oracle = Candidate::new(policy_args(registry, text)?).seeded(candidate.seed);
             all.push((Role::Oracle, oracle.on(registry, entry, manifest)));
         }
         all.retain(|(role, _)| asked.contains(role));

@@ -13,7 +13,9 @@ use crate::evaluation::refusal;
 use crate::report::write_report;
 use crate::request::policy::{make_policy, model_image, note_images};
 use crate::request::report::apart;
-use crate::request::source::{check_recorded_in, claim, make_folder, open_dataset_with};
+use crate::request::source::{
+    check_built, check_recorded_in, claim, make_folder, open_dataset_with, video_format_of,
+};
 use crate::request::{
     Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError,
     envs_at_most, failed, wrong,
@@ -120,20 +122,11 @@ impl Evaluate {
 
     /// The format of videos, checked before anything runs.
     fn format_of_videos(&self, image: Option<ImageSize>) -> Result<Format, TaskError> {
-        let format = match self.video_format.as_deref() {
-            Some("gif") => Format::Gif,
-            Some(_) => Format::Mp4,
-            None if Format::Mp4.is_built() => Format::Mp4,
-            None => Format::Gif,
-        };
+        let format = video_format_of(self.video_format.as_deref())?;
         if self.out.is_none() || self.videos == 0 {
             return Ok(format);
         }
-        if !format.is_built() {
-            let message =
-                Message::about("video_format", "mp4", "this build is without the feature `mp4`, the encoder");
-            return Err(message.fix(Fix::set("video_format", "gif")).into());
-        }
+        check_built(format)?;
         if let Some(ImageSize { height, width }) = image
             && height.max(width) > MAX_VIDEO_SIDE
         {

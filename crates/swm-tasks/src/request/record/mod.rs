@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
+use swm_core::env::{GOAL_IMAGE, PIXELS};
 use swm_core::error::BoxError;
 use swm_core::settings::Settings as _;
 use swm_core::{
@@ -18,8 +19,8 @@ use swm_core::{
 use swm_data::{WriteMode, WriteOptions};
 
 use super::{
-    Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Report, Request, Scenario, Shard, Stage, TaskError,
-    create_parent, envs_at_most, failed, make_policy, must_be_given, policy_files, wrong,
+    Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Needs, Report, Request, Scenario, Shard, Stage,
+    TaskError, create_parent, envs_at_most, failed, make_policy, must_be_given, policy_files, wrong,
 };
 use crate::memory::{episodes_note, machine_bytes};
 use crate::threads::{self, within};
@@ -28,6 +29,9 @@ use sink::{Continued, Sink};
 
 /// Size of recorded images (the reference's).
 const IMAGE: ImageSize = ImageSize { height: 64, width: 64 };
+
+/// A divided recording in a format of a file per image has at most so many.
+const MAX_IMAGE_FILES: u64 = 1_000_000;
 
 swm_core::settings! {
     /// Record episodes of a policy to a dataset.
@@ -133,12 +137,15 @@ impl Record {
         let own = self.shard.map_or(0..self.wanted(), |shard| shard.of(self.wanted()));
         let image = self.image_size.filter(|_| self.replayable.is_none());
         let env = EnvConfig { image, settings: self.env_option.clone() };
+        // A replayable recording holds no images anyway: what is left out of others may be named.
+        let is_rendered_later =
+            |name: &String| self.replayable.is_some() && [PIXELS, GOAL_IMAGE].contains(&name.as_str());
         let options = WorldOptions::new(envs_at_most(self.num_envs, own.end - own.start))
             .env(env)
             .max_episode_steps(self.max_steps)
             .frame_skip(self.frame_skip)
             .threads(self.threads)
-            .unrecorded(&self.without)
+            .unrecorded(self.without.iter().filter(|name| !is_rendered_later(name)).cloned())
             .checkpoints(self.replayable);
         let mut world = World::new(registry.env(&self.env).map_err(failed)?, options).map_err(of_option)?;
         world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?).map_err(failed)?;
@@ -154,13 +161,22 @@ impl Record {
         Ok((world, options))
     }
 
-    /// Files that the recording reads: those of its policy.
+    /// What a job needs to know before it is submitted; environment and policy are made.
     ///
     /// # Errors
     ///
-    /// There is no such environment or policy, or the settings of the policy are wrong.
-    pub fn inputs(&self, registry: &Registry) -> Result<Vec<PathBuf>, TaskError> {
-        policy_files(registry, registry.env(&self.env).map_err(failed)?, &self.policy)
+    /// As of `check`; the environment or the policy cannot be made.
+    pub fn needs(&self, registry: &Registry, report: &mut dyn Report) -> Result<Needs, TaskError> {
+        self.check(registry)?;
+        self.prepare(registry, report)?;
+        let episodes = self.wanted();
+        let steps = episodes.saturating_mul(self.max_steps);
+        if let (Some("folder"), true) = (self.format.as_deref(), steps > MAX_IMAGE_FILES) {
+            let text = format!("up to {steps} image files are too many for a shared file system");
+            return Err(Message::about("format", "folder", text).fix(Fix::Leave("format")).into());
+        }
+        let entry = registry.env(&self.env).map_err(failed)?;
+        Ok(Needs { episodes, inputs: policy_files(registry, entry, &self.policy)? })
     }
 
     /// Episodes that are asked for.

@@ -1,16 +1,24 @@
-//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, Blosc's compression, and types of elements
-//! that the interface has no name for.
+//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, Blosc's compression, types of elements
+//! that the interface has no name for, and the stored form of an attribute of any length.
 #![expect(unsafe_code, reason = "calls of C libraries")]
 
-use std::ffi::{CStr, c_int};
+use std::ffi::{CStr, c_int, c_void};
+use std::sync::OnceLock;
 
 use hdf5_metno::filters::BloscShuffle;
-use hdf5_metno::{Dataset, Datatype, h5check, sync};
-use hdf5_metno_sys::h5::H5free_memory;
-use hdf5_metno_sys::h5::hsize_t;
+use hdf5_metno::types::VarLenUnicode;
+use hdf5_metno::{Attribute, Dataset, Datatype, h5check, sync};
+use hdf5_metno_sys::h5::{H5free_memory, herr_t, hsize_t};
+use hdf5_metno_sys::h5a::H5Aread;
 use hdf5_metno_sys::h5d::H5Dwrite_chunk;
+use hdf5_metno_sys::h5i::hid_t;
 use hdf5_metno_sys::h5p::H5P_DEFAULT;
-use hdf5_metno_sys::h5t::{H5T_class_t, H5Tget_class, H5Tget_fields, H5Tget_size, H5Tget_tag};
+use hdf5_metno_sys::h5t::{
+    H5T_cdata_t, H5T_class_t, H5T_pers_t, H5Tclose, H5Tcreate, H5Tget_class, H5Tget_fields, H5Tget_size,
+    H5Tget_tag, H5Tregister,
+};
+
+use super::heap::REFERENCE;
 
 /// The bit of the first filter in the mask of those that a chunk was stored without.
 const FIRST_FILTER: u32 = 1;
@@ -33,7 +41,7 @@ pub(super) fn write_row(
     let mut offset: [hsize_t; MAX_DIMENSIONS] = [0; MAX_DIMENSIONS];
     offset[0] = row as hsize_t;
     // SAFETY: the dataset is open, `offset` has a value for each dimension that there can be, `stored` has as many bytes as
-    // are told, and `sync` holds the lock under which every call of the library stands.
+    // are told, and `sync` holds the lock under which the library is called.
     let written = sync::sync(|| unsafe {
         let (offset, bytes) = (offset.as_ptr(), stored.as_ptr());
         H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, skipped, offset, stored.len(), bytes.cast())
@@ -85,7 +93,7 @@ pub(super) enum StoredType {
 pub(super) fn stored_type(dtype: &Datatype) -> StoredType {
     let id = dtype.id();
     // SAFETY: the type is open while it is borrowed, each pointer is to a value of its own, the tag is freed once, after it was copied,
-    // and `sync` holds the lock under which every call of the library stands.
+    // and `sync` holds the lock under which the library is called.
     sync::sync(|| unsafe {
         let size = H5Tget_size(id);
         match H5Tget_class(id) {
@@ -114,4 +122,45 @@ pub(super) fn stored_type(dtype: &Datatype) -> StoredType {
             _ => StoredType::Other("unknown"),
         }
     })
+}
+
+/// Where an attribute's one value of any length lies: what is stored of it, in a file whose references are of [`REFERENCE`] bytes. The
+/// library would go there, without a bound where the heap is damaged; a conversion that keeps the bytes makes it hand them out.
+pub(super) fn reference(attribute: &Attribute) -> hdf5_metno::Result<[u8; REFERENCE]> {
+    static REGISTERED: OnceLock<bool> = OnceLock::new();
+    if attribute.size() != 1 {
+        return Err(format!("the attribute has {} values, not one", attribute.size()).into());
+    }
+    let text = Datatype::from_type::<VarLenUnicode>()?;
+    let mut stored = [0; REFERENCE];
+    // SAFETY: the attribute and the type are open while they are borrowed, `stored` has room for the one value of `REFERENCE` bytes that
+    // the attribute has in the type `raw`, which is closed once, and `sync` holds the lock under which the library is called.
+    let read = sync::sync(|| unsafe {
+        let raw = H5Tcreate(H5T_class_t::H5T_OPAQUE, REFERENCE);
+        let is_registered = *REGISTERED.get_or_init(|| {
+            let name = c"stored reference".as_ptr();
+            H5Tregister(H5T_pers_t::H5T_PERS_SOFT, name, text.id(), raw, Some(keep)) >= 0
+        });
+        let read = if is_registered { H5Aread(attribute.id(), raw, stored.as_mut_ptr().cast()) } else { -1 };
+        let read = h5check(read);
+        H5Tclose(raw);
+        read
+    });
+    read.map(|_| stored)
+}
+
+/// A conversion of the library from elements of any length to [`REFERENCE`] bytes, which leaves them as they are stored. Others are refused.
+extern "C" fn keep(
+    _from: hid_t,
+    to: hid_t,
+    _data: *mut H5T_cdata_t,
+    _count: usize,
+    _stride: usize,
+    _other_stride: usize,
+    _values: *mut c_void,
+    _others: *mut c_void,
+    _transfer: hid_t,
+) -> herr_t {
+    // SAFETY: the library gives an open type, under its lock.
+    if unsafe { H5Tget_size(to) } == REFERENCE { 0 } else { -1 }
 }

@@ -70,10 +70,22 @@ def locate(repo_id: str, root: str | Path | None) -> Path:
 
 
 class LeRobotWriter(NativeWriter):
-    """Appends episodes to a LeRobot v3.0 dataset; images become videos."""
+    """Appends episodes to a LeRobot v3.0 dataset; images become videos, the column ``task`` becomes the texts of tasks.
+
+    Args:
+        last_row: ``"drop"``: a last row of an episode without an action (NaN) is left out of the tables that LeRobot trains
+            on, and is beside them; it is read back here. ``"keep"``: it is a row like the others. None: ``"drop"``, or as
+            the dataset that is continued has it.
+
+    The other arguments are those of :class:`~stable_worldmodel_rs.data.writers.NativeWriter`.
+    """
 
     native_format: ClassVar[str] = "lerobot"
     _marker = "meta/info.json"
+
+    def __init__(self, path: str | Path, *, last_row: str | None = None, **options: Any) -> None:
+        super().__init__(path, **options)
+        self.last_row: str | None = last_row
 
 
 @register_format

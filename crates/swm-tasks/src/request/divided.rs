@@ -1,0 +1,220 @@
+//! Requests whose work several machines share: what they need, the request of a part, and the one that joins the parts.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::Registry;
+use swm_core::settings::Settings as _;
+
+use super::{Evaluate, Fix, Message, Record, Report, Request, Shard, Sweep, TaskError, wrong};
+
+/// A request that can be divided into parts. Its JSON has the settings that differ from their defaults, by the name of the request:
+/// `{"record": {"env": "swm/PushT-v1", "episodes": 1000}}`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "Map<String, Json>", try_from = "Map<String, Json>")]
+#[non_exhaustive]
+pub enum Divided {
+    /// A recording; its parts are datasets to be merged in order.
+    Record(Box<Record>),
+    /// An evaluation on a manifest; its parts lie in the folder of the result.
+    Evaluate(Box<Evaluate>),
+    /// A sweep, as an evaluation.
+    Sweep(Box<Sweep>),
+}
+
+/// What a request that is divided needs, found out before it begins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// Episodes of all parts.
+    pub episodes: u64,
+    /// Files and folders that are read.
+    pub inputs: Vec<PathBuf>,
+}
+
+/// Settings that belong to the parts of an evaluation.
+const OF_PARTS: &[&str] = &["shard", "join", "again", "out"];
+
+impl Divided {
+    /// The name of the request.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Record(_) => Record::NAME,
+            Self::Evaluate(_) => Evaluate::NAME,
+            Self::Sweep(_) => Sweep::NAME,
+        }
+    }
+
+    /// The settings that differ from their defaults.
+    fn changed(&self) -> Map<String, Json> {
+        match self {
+            Self::Record(request) => request.changed(),
+            Self::Evaluate(request) => request.changed(),
+            Self::Sweep(request) => request.changed(),
+        }
+    }
+
+    /// Threads of one process.
+    pub fn threads(&self) -> Option<usize> {
+        match self {
+            Self::Record(request) => request.threads,
+            Self::Evaluate(request) => request.threads,
+            Self::Sweep(request) => request.threads,
+        }
+    }
+
+    /// Refuses settings by which parts are told apart: whoever divides the request gives them.
+    ///
+    /// # Errors
+    ///
+    /// [`TaskError::Request`], which names the setting.
+    pub fn check_undivided(&self) -> Result<(), TaskError> {
+        let own: &[&'static str] = match self {
+            Self::Record(_) => &["shard", "mode", "mix", "out"],
+            Self::Evaluate(_) | Self::Sweep(_) => OF_PARTS,
+        };
+        let changed = self.changed();
+        own.iter().find(|&&name| changed.contains_key(name)).map_or(Ok(()), |&name| {
+            let text = "the job's folder fixes where results go, and each task which part of them it makes";
+            Err(Message::about_setting(name, text).fix(Fix::Leave(name)).into())
+        })
+    }
+
+    /// What all parts need; environment and policy are made. A part of the request is asked.
+    ///
+    /// # Errors
+    ///
+    /// The request is wrong, or not one that can be divided.
+    pub fn needs(&self, registry: &Registry, report: &mut dyn Report) -> Result<Needs, TaskError> {
+        match self {
+            Self::Record(request) => request.needs(registry, report),
+            Self::Evaluate(request) => request.needs(registry),
+            Self::Sweep(request) => request.needs(registry),
+        }
+    }
+
+    /// The request of a part, begun or not. `out`: of a recording its own dataset; of others the folder of the result.
+    #[must_use]
+    pub fn part(&self, shard: Shard, out: PathBuf) -> Self {
+        let mut part = self.clone();
+        match &mut part {
+            Self::Record(request) => {
+                (request.shard, request.mode, request.out) = (Some(shard), swm_data::WriteMode::Append, out);
+            }
+            Self::Evaluate(request) => (request.shard, request.out) = (Some(shard), Some(out)),
+            Self::Sweep(request) => (request.shard, request.out) = (Some(shard), Some(out)),
+        }
+        part
+    }
+
+    /// The request that joins the parts in the folder `out`; `None` of recordings, which are merged.
+    #[must_use]
+    pub fn join(&self, out: PathBuf) -> Option<Self> {
+        let mut joined = self.clone();
+        match &mut joined {
+            Self::Record(_) => return None,
+            Self::Evaluate(request) => (request.join, request.out) = (true, Some(out)),
+            Self::Sweep(request) => (request.join, request.out) = (true, Some(out)),
+        }
+        Some(joined)
+    }
+}
+
+impl From<Divided> for Map<String, Json> {
+    fn from(request: Divided) -> Self {
+        Self::from_iter([(request.name().to_owned(), Json::Object(request.changed()))])
+    }
+}
+
+impl TryFrom<Map<String, Json>> for Divided {
+    type Error = TaskError;
+
+    fn try_from(json: Map<String, Json>) -> Result<Self, TaskError> {
+        let mut requests = json.into_iter();
+        let (Some((name, Json::Object(given))), None) = (requests.next(), requests.next()) else {
+            return Err(wrong("it is one request by its name, with its settings"));
+        };
+        match name.as_str() {
+            Record::NAME => Ok(Self::Record(Box::new(Record::from_json(&given)?))),
+            Evaluate::NAME => Ok(Self::Evaluate(Box::new(Evaluate::from_json(&given)?))),
+            Sweep::NAME => Ok(Self::Sweep(Box::new(Sweep::from_json(&given)?))),
+            other => Err(wrong(format!("`{other}` is no request that can be divided"))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+    use swm_core::testing::TOY;
+
+    use super::*;
+
+    fn toy() -> Record {
+        let env = TOY.id.to_owned();
+        Record { env, episodes: Some(8), seed: 3, image_size: None, ..Record::default() }
+    }
+
+    #[test]
+    fn a_request_is_read_as_it_was_written() {
+        let sweep = Sweep { policy: "random".to_owned(), points: Some(3), ..Sweep::default() };
+        let evaluate = Evaluate { policy: "random".to_owned(), budget: Some(9), ..Evaluate::default() };
+        for request in [
+            Divided::Record(Box::new(toy())),
+            Divided::Sweep(Box::new(sweep)),
+            Divided::Evaluate(Box::new(evaluate)),
+        ] {
+            let json = serde_json::to_string(&request).unwrap();
+            assert_eq!(serde_json::from_str::<Divided>(&json).unwrap(), request, "{json}");
+        }
+        let json = serde_json::to_value(Divided::Record(Box::new(toy()))).unwrap();
+        let given = json!({ "env": TOY.id, "episodes": 8, "seed": 3, "image_size": null });
+        assert_eq!(json, json!({ "record": given }));
+        for (wrong, reason) in [
+            (json!({}), "one request by its name"),
+            (json!({ "record": {}, "sweep": {} }), "one request by its name"),
+            (json!({ "plan": {} }), "`plan` is no request that can be divided"),
+            (json!({ "record": { "epsodes": 3 } }), "did you mean `episodes`?"),
+        ] {
+            let error = serde_json::from_value::<Divided>(wrong).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_the_parts_get_is_refused_in_the_whole() {
+        let (out, shard) = (Some(PathBuf::from("a")), "1/2".parse().ok());
+        let record = |changed: Record| Divided::Record(Box::new(changed));
+        let evaluate = |changed: Evaluate| Divided::Evaluate(Box::new(changed));
+        for (request, setting) in [
+            (record(Record { out: "a.h5".into(), ..toy() }), "out"),
+            (record(Record { mix: true, ..toy() }), "mix"),
+            (record(Record { shard, ..toy() }), "shard"),
+            (record(Record { mode: swm_data::WriteMode::Append, ..toy() }), "mode"),
+            (evaluate(Evaluate { out: out.clone(), ..Evaluate::default() }), "out"),
+            (evaluate(Evaluate { again: true, ..Evaluate::default() }), "again"),
+            (Divided::Sweep(Box::new(Sweep { join: true, ..Sweep::default() })), "join"),
+        ] {
+            let error = request.check_undivided().unwrap_err();
+            assert_eq!(error.fix(), Some(&Fix::Leave(setting)), "{error}");
+        }
+        assert!(record(toy()).check_undivided().is_ok());
+    }
+
+    #[test]
+    fn image_files_by_the_million_are_refused_before_they_are_written() {
+        let registry = Registry::new().with(swm_data::FORMATS).with(&[TOY]);
+        let folder = tempfile::tempdir().unwrap();
+        let needs = |format: &str, episodes: u64| {
+            let out = folder.path().join("part.h5");
+            let format = Some(format.to_owned());
+            let request = Record { format, episodes: Some(episodes), out, ..toy() };
+            Divided::Record(Box::new(request)).needs(&registry, &mut ())
+        };
+        assert_eq!(needs("hdf5", 1 << 20).unwrap(), Needs { episodes: 1 << 20, inputs: Vec::new() });
+        assert!(needs("folder", 10_000).is_ok());
+        let error = needs("folder", 10_001).unwrap_err();
+        assert!(error.to_string().contains("up to 1000100 image files"), "{error}");
+        assert_eq!(error.fix(), Some(&Fix::Leave("format")));
+    }
+}
