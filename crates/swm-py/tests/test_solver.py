@@ -219,7 +219,7 @@ def test_wrong_costs_are_named():
             return self.value
 
     solver = configured(CEMSolver(Wrong(np.zeros(3)), n_steps=1, num_samples=16, topk=4), n_envs=1)
-    with pytest.raises(AssertionError, match=r"Wrong.get_cost returned costs of shape \(3,\); return \(1, 16\)"):
+    with pytest.raises(AssertionError, match=r"Wrong.get_cost returned an array \[3\] of float64; expected costs \[B, S\] = \[1, 16\]"):
         solver.solve(info(1))
     solver.cost = Wrong(np.full((1, 16), np.nan))
     with pytest.raises(PlanError, match="all 16 candidates have a cost that is not finite"):

@@ -176,7 +176,7 @@ def test_costs_without_gradient_are_refused():
         def get_cost(self, info, candidates):
             return np.zeros(candidates.shape[:2])
 
-    with pytest.raises(PlanError, match='Array.get_cost returned ndarray; return a torch.Tensor, or set `array_api'):
+    with pytest.raises(PlanError, match='Array.get_cost returned an array .*; expected a torch.Tensor of costs .* or set `array_api'):
         configured(CEMSolver(Array())).solve({})
 
 

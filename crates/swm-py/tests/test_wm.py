@@ -282,7 +282,6 @@ def test_bad_configs_are_refused(tmp_path: Path) -> None:
     refused(bad["unknown_class"], "my_lab.models.Dreamer is no model that this package has; known are lewm, pldm")
     refused(bad["unfilled"], r"action_encoder.input_dim is \?\?\?: an unfinished Hydra config")
     refused(bad["layernorm"], "not used: projector.net.1.running_mean")
-    refused({"_target_": "stable_worldmodel.wm.tdmpc2.TDMPC2"}, "is TD-MPC2, of which there is no torch module here; `swm import`")
     predictor = config["predictor"]
     refused({"predictor": {**predictor, "depths": 2}}, "predictor.depths is no setting that is known here; known are num_frames")
     refused({"predictor": {**predictor, "depth": 10**9}}, "predictor.depth is 1000000000; give 0 to 1000")

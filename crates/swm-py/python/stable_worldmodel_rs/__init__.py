@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     # What type checkers and editors see of the names below.
     from . import buffer, compat, data, envs, hub, planning, policy, protocols, spaces, track, vector, wm, world, zoo
     from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
+    from ._access import FilePermissionError
     from ._train import train
     from .buffer import HistoryBuffer
     from .planning.mpc import MpcPolicy
@@ -38,6 +39,7 @@ __all__ = [
     "EvaluationResult",
     "ExpertPolicy",
     "FeedForwardPolicy",
+    "FilePermissionError",
     "HistoryBuffer",
     "Manifest",
     "MpcPolicy",
@@ -97,6 +99,7 @@ _HOMES: dict[str, str] = {
     "NativePolicy": "world.policies",
     "EvaluationResult": "world.results",
     "EnvPool": "world.env_pool",
+    "FilePermissionError": "_access",
     "evaluate_from_dataset": "world.dataset_runs",
     "board": "world.bundles",
     "bundle": "world.bundles",

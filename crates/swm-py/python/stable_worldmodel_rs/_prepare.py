@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 import inspect
 import logging
+import weakref
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any, cast
 
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._arrays import Array, is_array, is_tensor, require_torch
+from ._swm import PlanError
 
 __all__ = [
     "observed_columns",
@@ -25,6 +27,7 @@ __all__ = [
     "scale",
     "setting_of",
     "transform",
+    "unscale",
     "with_note",
 ]
 
@@ -127,6 +130,8 @@ def with_note(infos: Mapping[str, Any], transforms: Mapping[str, Any]) -> Genera
     """Adds to an error of a model that it was given images as the World has them, which few models take."""
     try:
         yield
+    except PlanError:
+        raise  # It has its own fix.
     except Exception as error:
         raw = [
             column
@@ -180,21 +185,63 @@ def plan_bounds(space: Any, scaler: Any) -> tuple[tuple[Array, Array], tuple[Arr
 
 
 def scale(scaler: Any, key: str, values: Any) -> Array:
-    """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
+    """Values ``(..., D)`` scaled row by row; blocks of several actions action by action.
+
+    Raises:
+        ValueError: The scaler is of rows of another length, or gives other shapes than it is given.
+    """
     if not is_array(values):
         raise ValueError(
             f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"
         )
-    dim = getattr(scaler, "n_features_in_", None)
+    dim = _fitted_dim(scaler)
     if dim is not None and values.ndim > 1 and values.shape[-1] != dim and values.shape[-1] % dim == 0:
         rows = values.reshape(-1, dim)
     else:
         rows = values.reshape(-1, *values.shape[2:]) if values.ndim > 2 else values
-    return np.asarray(scaler.transform(rows)).reshape(values.shape)
+    if dim is not None and rows.ndim > 1 and rows.shape[-1] != dim:
+        raise ValueError(
+            f"{type(scaler).__name__} in process[{key!r}] was fitted on rows of {dim} values, and {key} has {list(values.shape)}, rows of "
+            f"{values.shape[-1]}; fit it on the column {key!r} of the dataset of this environment"
+        )
+    scaled = scaler.transform(rows)
+    scaled = scaled.detach().cpu().numpy() if is_tensor(scaled) else np.asarray(scaled)
+    if scaled.size != values.size:
+        raise ValueError(
+            f"{type(scaler).__name__} in process[{key!r}] gave {list(scaled.shape)} of {list(rows.shape)}; a scaler keeps the shape of what it is given"
+        )
+    return scaled.reshape(values.shape)
+
+
+def unscale(scaler: Any, actions: Array) -> Array:
+    """Plans in units of the environment, of the same shape."""
+    found = scaler.inverse_transform(actions)
+    found = found.detach().cpu().numpy() if is_tensor(found) else np.asarray(found)
+    if found.shape != actions.shape:
+        raise ValueError(
+            f"{type(scaler).__name__}.inverse_transform in process['action'] gave {list(found.shape)} of actions [N, *A] = {list(actions.shape)}; a scaler "
+            "keeps the shape of what it is given"
+        )
+    return found
+
+
+def _fitted_dim(scaler: Any) -> int | None:
+    """How long the rows are that a scaler was fitted on; None where it does not tell, or takes any."""
+    dim = getattr(scaler, "n_features_in_", None)
+    if dim is None:
+        sizes = {np.shape(getattr(scaler, name, None))[-1:] for name in ("mean", "std", "low", "high")}
+        sizes = {size[0] for size in sizes if size and size[0] > 1}
+        dim = sizes.pop() if len(sizes) == 1 else None
+    return None if dim is None else int(dim)
 
 
 def transform(function: Callable[[Any], Any], key: str, values: Any) -> Any:
-    """A transform applied to every image of ``(N, T, H, W, C)``: ``(N, T, C, H, W)``, or what it makes of them."""
+    """A transform applied to every image of ``(N, T, H, W, C)``: ``(N, T, C, H, W)``, or what it makes of them.
+
+    Raises:
+        TypeError: It returned what is no image.
+        ValueError: Its images differ in shape.
+    """
     leading = values.shape[:2] if values.ndim > 2 else values.shape[:1]
     flat = values.reshape(-1, *values.shape[len(leading) :])
     if key.startswith(("pixels", "goal")) and flat.ndim == 4:
@@ -205,6 +252,50 @@ def transform(function: Callable[[Any], Any], key: str, values: Any) -> Any:
         as_image: Any = import_module("torchvision.tv_tensors").Image
     except ImportError:  # Transforms of torchvision know a tensor for an image, too.
         as_image = torch.as_tensor
-    made = [function(as_image(image)) for image in images]
-    stacked = torch.stack([torch.as_tensor(image) for image in made])
+    made = [_one_image(function, key, as_image(image)) for image in images]
+    shapes = [list(image.shape) for image in made]
+    if odd := next((index for index, shape in enumerate(shapes) if shape != shapes[0]), None):
+        raise ValueError(
+            f"transform[{key!r}] made {shapes[0]} of image 0 and {shapes[odd]} of image {odd}; all images of a batch have one shape: crop or "
+            "resize to a fixed size"
+        )
+    _note_channels_last(function, key, list(images.shape[1:]), shapes[0] if shapes else [])
+    stacked = torch.stack(made)
     return stacked.reshape(*leading, *stacked.shape[1:])
+
+
+def _one_image(function: Callable[[Any], Any], key: str, image: Any) -> Any:
+    """What a transform makes of one image, as a tensor on the CPU or where it put it."""
+    told = f"transform[{key!r}] is given one image at a time: [C, H, W] = {list(image.shape)}, {str(image.dtype).removeprefix('torch.')}, on the CPU"
+    try:
+        made = function(image)
+    except Exception as error:
+        if hasattr(error, "add_note"):
+            error.add_note(f"{told}; for a batch or a video of images, add axes of length 1 and remove them: function(image[None])[0]")
+        raise
+    if made is None:
+        raise TypeError(f"{told}, and returned None; return the image: a function that changes it in place still needs `return`")
+    try:
+        made = require_torch("transforms of images").as_tensor(np.asarray(made) if hasattr(made, "getbands") else made)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise TypeError(f"{told}, and returned {type(made).__name__}; return a tensor or an array [C, H, W] ({error})") from error
+    return made.detach()
+
+
+# Transforms that were noted: once each.
+_noted: weakref.WeakSet[Any] = weakref.WeakSet()
+
+
+def _note_channels_last(function: Any, key: str, given: list[int], made: list[int]) -> None:
+    """Warns of a transform that moves the channels to the end, where models of torch do not expect them."""
+    if len(made) != 3 or len(given) != 3 or made[-1] != given[0] or made[0] == given[0] or function in _noted:
+        return
+    with suppress(TypeError):  # Not everything that can be called can be referred to weakly.
+        _noted.add(function)
+    logger.warning(
+        "transform[%r] returned images %s of images %s: [H, W, C] where it was given [C, H, W]; convolutions and vision transformers of torch "
+        "take [C, H, W]: leave out its permute or transpose(1, 2, 0)",
+        key,
+        made,
+        given,
+    )

@@ -7,7 +7,7 @@ programs and tests written for the reference:
     compat.install()
     import stable_worldmodel as swm      # this package
 
-or ``pytest -p stable_worldmodel_rs.compat``. Modules that this package lacks (``wrapper``, ``plot``, ``wm.tdmpc2``) come from
+or ``pytest -p stable_worldmodel_rs.compat``. Modules that this package lacks (``wrapper``, ``plot``) come from
 an installed reference, whose code then uses this package's other modules.
 """
 

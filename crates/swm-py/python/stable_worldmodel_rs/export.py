@@ -19,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from ._access import access_checked
 from ._arrays import require_torch
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ __all__ = ["export_onnx"]
 _NEED = "export_onnx takes PyTorch modules"
 
 
+@access_checked
 def export_onnx(
     folder: AnyPath,
     encode: torch.nn.Module,

@@ -25,6 +25,7 @@ from ._prepare import (
     scale,
     setting_of,
     transform,
+    unscale,
     with_note,
 )
 from .buffer import HistoryBuffer
@@ -34,6 +35,7 @@ from .planning.solver._bridge import take_rows
 from .planning.solver._errors import PlanAssertionError
 from .planning.solver.solver import Solver
 from .protocols import Actionable
+from .world.policies import as_actions
 
 if TYPE_CHECKING:
     from .protocols import Transformable
@@ -289,9 +291,11 @@ class FeedForwardPolicy(BasePolicy):
                 action = self.model.get_action(
                     {key: value.to(device) if is_tensor(value) else value for key, value in infos.items()}
                 )
-            parts.append(action.detach().float().cpu().numpy() if is_tensor(action) else np.asarray(action))
+            name = f"{type(self.model).__name__}.get_action"
+            single = tuple(getattr(getattr(self.env, "single_action_space", None), "shape", None) or np.shape(action)[1:])
+            parts.append(as_actions(name, action, (len(next(iter(infos.values()))), *single)))
         actions = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return self.process["action"].inverse_transform(actions) if "action" in self.process else actions
+        return unscale(self.process["action"], actions) if "action" in self.process else actions
 
 
 class WorldModelPolicy(BasePolicy):
@@ -456,7 +460,7 @@ class WorldModelPolicy(BasePolicy):
             actions[index] = queues[index].popleft().reshape(single.shape)
         actions: Array = actions.reshape(self.env.action_space.shape)
         if "action" in self.process:
-            actions = self.process["action"].inverse_transform(actions)
+            actions = unscale(self.process["action"], actions)
         return actions if self._clipped_to is None else np.clip(actions, *self._clipped_to)
 
     def _history_columns(self, info_dict: Infos) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._access import access_checked
 from ._tensors import to_numpy
 from .dataset import ACTION, ClipIndices, Dataset, Transform
 from .format import EPISODE_DATA_KEY, get_format, split_episode_data
@@ -274,6 +275,7 @@ class ReplayBuffer(Dataset):
             lists: dict[str, Any] = {name: list(values) for name, values in columns.items()}
             yield lists | {EPISODE_DATA_KEY: dict(once)} if once else lists
 
+    @access_checked
     def dump(self, path: str | Path, format: str, mode: str = "overwrite", **kwargs: Any) -> None:
         """Writes its episodes to a file or folder.
 

@@ -6,6 +6,7 @@ and ``World.collect`` find it by its name; :class:`~stable_worldmodel_rs.data.Lo
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
@@ -129,7 +130,8 @@ def get_format(name: str) -> type[Format]:
     """The format of a name."""
     if name in FORMATS:
         return FORMATS[name]
-    hint = f"; {_MISSING[name]}" if name in _MISSING else ""
+    near = difflib.get_close_matches(str(name), FORMATS, 1)
+    hint = f"; {_MISSING[name]}" if name in _MISSING else f"; did you mean {near[0]!r}?" if near else ""
     raise ValueError(f"unknown format {name!r}; available: {list_formats()}{hint}")
 
 

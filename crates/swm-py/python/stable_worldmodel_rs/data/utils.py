@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import importlib.util
+import inspect
 import json
 import logging
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from .._access import access_checked, checked_access
 from .._arrays import image_sides
 from .._core import core as _swm
-from ._paths import DEFAULT_CACHE_DIR, ensure_dir_exists, get_cache_dir
+from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, get_cache_dir
 from ._tensors import to_numpy
+from ._wrong import nearest_names, what_it_is
 from .format import EPISODE_DATA_KEY, FORMATS, detect_format, get_format
 from .native import NativeDataset, as_options
 from .normalization import IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
@@ -64,6 +69,11 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     Example:
         >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5, keys_to_load=["pixels", "action"])
     """
+    if not isinstance(cast("Any", name), (str, os.PathLike)):
+        several = "; give one, and join several by ConcatDataset" if isinstance(name, (list, tuple)) else ""
+        raise TypeError(f"load_dataset was given {type(name).__name__} {name!r} in the place of a path{several}")
+    if not str(name):
+        raise ValueError("load_dataset was given an empty name; give the path of a dataset, or its name below <cache_dir>/datasets")
     if _swm.is_remote(str(name)):
         if format is not None:
             raise ValueError(f"format={format!r}: the content of {str(name)!r} tells its format; leave it out")
@@ -71,36 +81,58 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         return NativeDataset(str(name), **kwargs, **({"options": options} if options else {}))
     if "://" in str(name):
         known = get_format(format) if format else next((known for known in FORMATS.values() if known.detect(str(name))), None)
-        if known is None:
-            raise ValueError(f"No format detected for {str(name)!r}; of schemes, https://, s3://, hf:// and lerobot:// are known")
+        own = {native for native, *_ in _swm.dataset_formats()} - {"lerobot"}
+        if known is None or known.name in own:
+            raise ValueError(
+                f"No format detected for {str(name)!r}: of schemes, https://, s3://, hf://datasets/ and lerobot:// are known; fetch the "
+                "file and give its path, or a repository of the Hub by swm.data.download(repo)"
+            )
         return known.open_reader(str(name), **kwargs)
-    path = _find(str(name), get_cache_dir(cache_dir, "datasets"))
+    with checked_access(name):
+        return _opened(_find(str(name), datasets_folder(cache_dir)), format, kwargs)
+
+
+def _opened(path: Path, format: str | None, kwargs: dict[str, Any]) -> Any:
     known = get_format(format) if format else detect_format(path)
     options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
     if options:
         kwargs["options"] = options
-    if known is None:
-        try:
-            return NativeDataset(path, **kwargs)  # of another program
-        except _swm.DataError as error:
-            if "is not a dataset" not in str(error):
-                raise
-            raise ValueError(f"No format detected; {error}") from None  # names what it is
-    return known.open_reader(path, **kwargs)
+    reader = NativeDataset if known is None else known.open_reader
+    try:
+        return reader(path, **kwargs)  # without a format, of another program
+    except TypeError as error:
+        raise _unknown_argument(error, kwargs) or error from None
+    except _swm.DataError as error:
+        if "is not a dataset" not in str(error) or known is not None:
+            raise
+        what = what_it_is(path) if "content is of no known format" in str(error) else None
+        raise ValueError(f"No format detected; {error if what is None else f'{path} is not a dataset: {what}'}") from None
+
+
+def _unknown_argument(error: TypeError, given: Mapping[str, Any]) -> TypeError | None:
+    """What was meant by an argument that no reader has."""
+    unknown = next((name for name in given if f"unexpected keyword argument '{name}'" in str(error)), None)
+    if unknown is None:
+        return None
+    known = [*inspect.signature(NativeDataset.__init__).parameters, *_OPENING]
+    near = difflib.get_close_matches(unknown, known, 1)
+    hint = f"; did you mean {near[0]!r}?" if near else "; `help(swm.data.NativeDataset)` lists them"
+    return TypeError(f"load_dataset has no argument {unknown!r}{hint}")
 
 
 def _find(name: str, datasets: Path) -> Path:
-    for place in (datasets / name, Path(name)):
+    for place in (datasets / name, Path(name), Path(name).expanduser()):
         if place.exists():
             return place
-    if "/" in name and not name.startswith((".", "/")):
+    if "/" in name and not name.startswith((".", "/", "~")):
         fetched = datasets / name.replace("/", "--")
         if fetched.is_dir() and any(fetched.iterdir()):
             return fetched
-        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here; fetch it with swm.data.download({name!r})")
-    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path")
+        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here{nearest_names(Path(name))}; fetch it with swm.data.download({name!r})")
+    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path{nearest_names(Path(name).expanduser())}")
 
 
+@access_checked
 def download(repo: str, cache_dir: str | Path | None = None, revision: str = "main", allow_patterns: Sequence[str] | None = None) -> Path:
     """Fetches a dataset repository of the Hugging Face Hub to ``<cache_dir>/datasets/<user>--<repo>``.
 
@@ -191,6 +223,7 @@ def _run(work: Callable[..., tuple[str, list[str]]], request: Mapping[str, Any],
     return json.loads(made)
 
 
+@access_checked
 def convert(
     source: str | Path,
     dest: str | Path,
@@ -233,6 +266,7 @@ def convert(
     _copy([dataset if image_size is None else dataset.resized(image_size, fit)], dest, dest_format, progress, dest_kwargs)
 
 
+@access_checked
 def merge(
     sources: Sequence[str | Path],
     dest: str | Path,
@@ -265,6 +299,8 @@ def merge(
         partial: Join parts of divided recordings as they are: in the given order, whether or not others are missing.
         **dest_kwargs: Arguments of the writer.
     """
+    if isinstance(sources, (str, Path)):
+        raise TypeError(f"merge takes a list of datasets: [{str(sources)!r}, …]")
     if len(sources) < 2:
         raise ValueError(f"merge needs at least two source datasets, not {len(sources)}")
     formats = list(source_formats) if source_formats is not None else [None] * len(sources)
@@ -281,7 +317,7 @@ def merge(
                 missing, more = sorted(first - here), sorted(here - first)
                 raise ValueError(f"merge: {what} mismatch of {sources[0]} and {source}: missing {missing}; unexpected {more}")
     options = dest_kwargs | {"mode": mode}
-    is_new = mode != "append" or not Path(dest).exists()
+    is_new = mode != "append" or not Path(dest).expanduser().exists()
     request = _copy_request(datasets, dest, dest_format, opening, image_size, fit, options) if is_new else None
     if request is not None:
         paths = [str(dataset.path) for dataset in datasets]
@@ -299,6 +335,7 @@ def _joined_names(dataset: Any, names: str) -> set[str]:
     return {name for name in getattr(dataset, names, []) if not name.startswith("variation.")}
 
 
+@access_checked
 def split_files(
     source: str | Path,
     out: str | Path,
@@ -345,6 +382,7 @@ def split_files(
     return {name: Path(str(out).replace("{}", name)) for name in shares}
 
 
+@access_checked
 def verify(
     source: str | Path,
     *,
@@ -367,7 +405,9 @@ def verify(
     Returns:
         ``ok``; ``fixed`` and ``to_fix``, steps of a repair; ``report``: ``problems``, ``notes`` and counts.
     """
-    path = str(source) if _swm.is_remote(str(source)) else _find(str(source), get_cache_dir(cache_dir, "datasets"))
+    path = str(source) if _swm.is_remote(str(source)) else _find(str(source), datasets_folder(cache_dir))
+    if isinstance(path, Path) and path.is_file():
+        path.open("rb").close()  # What may not be read is no damaged dataset.
     request = {"dataset": str(path), "fix": fix, "dry_run": dry_run, "opening": _json(opening)}
     return dict(_run(_swm.verify_dataset, request, progress))
 
@@ -386,6 +426,12 @@ def _check_size(datasets: list[Any], image_size: tuple[int, int] | None, fit: st
 
 def _format_of(dest: Path, dest_format: str | None) -> str:
     by_suffix = {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in suffixes}
+    if dest_format is None and dest.suffix and dest.suffix not in by_suffix:
+        try:
+            get_format(dest.suffix[1:])
+        except ValueError as error:
+            raise ValueError(f"{dest}: {error}; end the name with one of {', '.join(by_suffix)}, or give dest_format=\"hdf5\"") from None
+        return dest.suffix[1:]
     return dest_format or by_suffix.get(dest.suffix, "hdf5")
 
 
@@ -399,7 +445,7 @@ def _copy_request(
     options: dict[str, Any],
 ) -> dict[str, Any] | None:
     """The settings of a copy that the core makes; None where a format of Python code takes part."""
-    target = Path(dest)
+    target = Path(dest).expanduser()
     name = _format_of(target, dest_format)
     sides = None if image_size is None else image_sides("image_size", image_size)
     probe = get_format(name).open_writer(target, **options)
@@ -432,7 +478,7 @@ def _is_detected(dataset: NativeDataset) -> bool:
 
 def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progress: bool, options: dict[str, Any]) -> None:
     """Copies all episodes, one by one."""
-    target = Path(dest)
+    target = Path(dest).expanduser()
     name = _format_of(target, dest_format)
     known = get_format(name)
     keeps = known.supports_episode_data

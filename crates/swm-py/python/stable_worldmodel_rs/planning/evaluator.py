@@ -13,6 +13,8 @@ except ImportError as _error:
     ) from _error
 
 from .._prepare import require_method
+from .solver._checks import given
+from .solver._errors import PlanAssertionError
 
 if TYPE_CHECKING:
     from ..protocols import Dynamics, Objective
@@ -53,7 +55,10 @@ def flat_goal_encode(model: Dynamics, info_dict: dict[str, Any]) -> torch.Tensor
             f"{type(model).__name__}.encode returned {has}; it must return a dict with the embedding as `emb`, [B, T, …], or give the "
             "evaluator another encode_goal"
         )
-    return cast("dict[str, Any]", encoded)["emb"]
+    found: Any = cast("dict[str, Any]", encoded)["emb"]
+    if not isinstance(found, torch.Tensor):
+        raise TypeError(f"{type(model).__name__}.encode gave `emb` as {given(found)}; give a torch.Tensor [B, T, D]")
+    return found
 
 
 def split_goal_encode(model: Any, info_dict: dict[str, Any]) -> torch.Tensor:
@@ -142,8 +147,21 @@ class ShootingCostEvaluator(torch.nn.Module):
 
     def get_cost(self, info_dict: dict[str, Any], action_candidates: torch.Tensor) -> torch.Tensor:
         """The cost ``(B, S)`` of candidates ``(B, S, H, D)``."""
-        return self.objective(self._rollout(info_dict, action_candidates))
+        return self._rated(self.objective, self._rollout(info_dict, action_candidates))
+
+    @staticmethod
+    def _rated(objective: Any, info_dict: dict[str, Any]) -> torch.Tensor:
+        """What an objective gives, if it gives ``(B, S)``."""
+        costs: Any = objective(info_dict)
+        # How many they are is compared by the solver: here, an export may leave B and S open.
+        if not isinstance(costs, torch.Tensor) or costs.ndim != 2:
+            name = getattr(objective, "__name__", type(objective).__name__)
+            raise PlanAssertionError(
+                f"the objective {name} returned {given(costs)}; expected a tensor [B, S], a cost per environment and candidate: "
+                "reduce over all axes behind S, and over no other, such as error.flatten(2).sum(-1)"
+            )
+        return costs
 
     def _get_constraints(self, info_dict: dict[str, Any], action_candidates: torch.Tensor) -> torch.Tensor:
         info_dict = self._rollout(info_dict, action_candidates)
-        return torch.stack([term(info_dict) for term in self.constraints or []], dim=-1)
+        return torch.stack([self._rated(term, info_dict) for term in self.constraints or []], dim=-1)

@@ -10,6 +10,7 @@ try:
 except ImportError as _error:
     raise ImportError("objectives are torch modules, and torch is not installed; `pip install torch`") from _error
 
+from .solver._checks import given
 from .solver._errors import PlanAssertionError
 
 if TYPE_CHECKING:
@@ -22,7 +23,17 @@ def _of(info_dict: dict[str, Any], key: str, fix: str) -> torch.Tensor:
     """What an objective reads."""
     if key not in info_dict:
         raise ValueError(f"the objective reads `{key}`, and the rollout has {', '.join(info_dict)}; {fix}")
-    return info_dict[key]
+    value: Any = info_dict[key]
+    if not isinstance(value, torch.Tensor):
+        raise PlanAssertionError(f"the objective reads `{key}`, which is {given(value)}; {_SHAPES.get(key, 'give a torch.Tensor')}")
+    return value
+
+
+_SHAPES: dict[str, str] = {
+    "predicted_emb": "let the model's `rollout` add a torch.Tensor [B, S, T, D]: an embedding per environment, candidate and frame",
+    "goal_emb": "give a torch.Tensor [B, T, D]: an embedding per environment and frame",
+    "action_candidates": "give a torch.Tensor [B, S, H, A]",
+}
 
 
 class GoalMSE(torch.nn.Module):
@@ -50,13 +61,20 @@ class GoalMSE(torch.nn.Module):
 
     def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
         fix = "let the model's `rollout` add it to the dict that it returns"
-        last = _of(info_dict, self.pred_key, f"{fix}, or give GoalMSE(pred_key=…)")[:, :, -1]
-        fix = "give the evaluator an encode_goal"
-        goal = _of(info_dict, self.goal_key, f"{fix}, or GoalMSE(goal_key=…)")[:, -1].detach().unsqueeze(1)
-        if last.shape[2:] != goal.shape[2:]:
+        predicted = _of(info_dict, self.pred_key, f"{fix}, or give GoalMSE(pred_key=…)")
+        if predicted.ndim < 3:
             raise PlanAssertionError(
-                f"GoalMSE compares {self.pred_key!r}, {tuple(last.shape[2:])} per candidate, with {self.goal_key!r}, "
-                f"{tuple(goal.shape[2:])}; give both one shape"
+                f"GoalMSE reads {self.pred_key!r}, {given(predicted)}; expected [B, S, T, D], an embedding per environment, candidate and frame: "
+                "add the axes that `rollout` leaves out, such as predicted.unsqueeze(2) of one frame"
+            )
+        last = predicted[:, :, -1]
+        fix = "give the evaluator an encode_goal"
+        wanted = _of(info_dict, self.goal_key, f"{fix}, or GoalMSE(goal_key=…)")
+        goal = wanted[:, -1].detach().unsqueeze(1) if wanted.ndim > 1 else wanted.detach()
+        if wanted.ndim < 2 or last.shape[2:] != goal.shape[2:]:
+            raise PlanAssertionError(
+                f"GoalMSE compares {self.pred_key!r}, {given(predicted)}, as [B, S, T, D] with {self.goal_key!r}, {given(wanted)}, as [B, T, D]: of "
+                f"the last frames, {list(last.shape[2:])} and {list(goal.shape[2:])}; give both one D: encode the goal as the observations"
             )
         error = (last - goal).pow(2).flatten(2) if last.ndim > 2 else (last - goal).pow(2).unsqueeze(-1)
         return error.sum(-1) if self.reduction == "sum" else error.mean(-1)

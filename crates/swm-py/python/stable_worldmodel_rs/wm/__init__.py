@@ -7,16 +7,18 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from . import gcrl, lewm, loss, pldm, prejepa, utils
+    from . import gcrl, lewm, loss, pldm, prejepa, tdmpc2, utils
     from .gcrl import GCRL
     from .lewm import LeWM
     from .pldm import PLDM
     from .prejepa import PreJEPA
+    from .tdmpc2 import TDMPC2
     from .utils import download_model, from_config, load_pretrained, save_pretrained
 
 __all__ = [
     "GCRL",
     "PLDM",
+    "TDMPC2",
     "LeWM",
     "PreJEPA",
     "download_model",
@@ -28,11 +30,12 @@ __all__ = [
     "pldm",
     "prejepa",
     "save_pretrained",
+    "tdmpc2",
     "utils",
 ]
 
-_MODULES = frozenset({"gcrl", "lewm", "loss", "pldm", "prejepa", "utils"})
-_CLASSES = {"GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa"}
+_MODULES = frozenset({"gcrl", "lewm", "loss", "pldm", "prejepa", "tdmpc2", "utils"})
+_CLASSES = {"GCRL": "gcrl", "LeWM": "lewm", "PLDM": "pldm", "PreJEPA": "prejepa", "TDMPC2": "tdmpc2"}
 _HOMES = _CLASSES | dict.fromkeys(("download_model", "from_config", "load_pretrained", "save_pretrained"), "utils")
 
 

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
-from . import gcrl, lewm, pldm, prejepa
+from . import gcrl, lewm, pldm, prejepa, tdmpc2
 from ._torch import nn
 from ._vit import vit_hf
 from .gcrl.gcrl import EvalOnly
@@ -19,7 +19,7 @@ _NO_MODULE = "{} is no module; give its settings with a _target_"
 _DEPTHS = ("depth", "num_hidden_layers")
 
 _MODELS: dict[str, Any] = {}
-for _class, _home in ((lewm.LeWM, "lewm"), (pldm.PLDM, "pldm"), (prejepa.PreJEPA, "prejepa"), (gcrl.GCRL, "gcrl")):
+for _class, _home in ((lewm.LeWM, "lewm"), (pldm.PLDM, "pldm"), (prejepa.PreJEPA, "prejepa"), (gcrl.GCRL, "gcrl"), (tdmpc2.TDMPC2, "tdmpc2")):
     for _path in (f"wm.{_home}.{_home}", f"wm.{_home}", "wm"):
         _MODELS[f"{_path}.{_class.__name__}"] = _class
 _MODELS["jepa.JEPA"] = lewm.LeWM
@@ -37,7 +37,7 @@ _PARTS: dict[str, Any] = _MODULES | {
 }
 _PARTIAL: dict[str, Any] = {f"torch.nn.{one.__name__}": one for one in (nn.BatchNorm1d, nn.LayerNorm, nn.GELU, nn.SiLU, nn.ReLU)}
 
-KINDS = {"lewm": lewm.LeWM, "pldm": pldm.PLDM, "prejepa": prejepa.PreJEPA, "gcrl": gcrl.GCRL}
+KINDS = {"lewm": lewm.LeWM, "pldm": pldm.PLDM, "prejepa": prejepa.PreJEPA, "gcrl": gcrl.GCRL, "tdmpc2": tdmpc2.TDMPC2}
 """Models by the names under which errors list them."""
 
 
@@ -51,8 +51,6 @@ def target_of(config: Mapping[str, Any]) -> Any:
     name = _ours(target)
     if name in _MODELS:
         return _MODELS[name]
-    if name.endswith(".TDMPC2"):
-        raise ValueError(f"config.json: {target} is TD-MPC2, of which there is no torch module here; `swm import` makes a run of it")
     raise ValueError(f"config.json: _target_ {target} is no model that this package has; known are {', '.join(KINDS)}")
 
 

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from .._access import access_checked
+
 if TYPE_CHECKING:
     from ._torch import Tensor, nn
 
@@ -35,6 +37,7 @@ def from_config(config: Mapping[str, Any], *, transformers: int = 5) -> nn.Modul
     return build(_plain(config), transformers)
 
 
+@access_checked
 def load_pretrained(
     name: str | os.PathLike[str],
     *,
@@ -43,7 +46,7 @@ def load_pretrained(
     cache_dir: str | os.PathLike[str] | None = None,
     extra_args: Mapping[str, Any] | None = None,
 ) -> Any:
-    """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, or a goal-conditioned policy.
+    """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, TD-MPC2, or a goal-conditioned policy.
 
     Args:
         name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
@@ -230,6 +233,7 @@ def _plain(config: Any) -> dict[str, Any]:
     return {str(key): value for key, value in cast("Mapping[Any, Any]", config).items()}
 
 
+@access_checked
 def save_pretrained(
     model: nn.Module,
     folder: str | os.PathLike[str],

@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from .._access import access_checked
 from .._core import core as _swm
 from .manifests import AnyPath, existing
 from .progress import Progress
@@ -16,6 +17,7 @@ from .progress import Progress
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
+@access_checked
 def bundle(
     result: AnyPath,
     out: AnyPath,
@@ -56,6 +58,7 @@ def bundle(
     return dict(json.loads(made))
 
 
+@access_checked
 def board(
     bundles: Sequence[AnyPath] | AnyPath,
     out: AnyPath,

@@ -6,11 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .._access import access_checked
+from .policies import explains_actions
 from .native import whole
 from .results import EvaluationResult
 from .world import World
 
 
+@explains_actions
+@access_checked
 def evaluate_from_dataset(
     world: World,
     dataset: Any,

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import difflib
+import logging
+import sys
 from functools import cache
+from typing import Any
 
 from .._core import core as _swm
 from .._files import offer_metaworld, offer_ogbench
 
+__all__ = ["aliases", "check_recorded_id", "env_ids", "native_id", "need"]
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 # Ids under which the reference has what this package numbers otherwise.
 RENAMED = {"swm/TwoRoom-v1": "swm/TwoRoom-v2"}
 _OURS = "swm_rs/"
@@ -47,3 +54,45 @@ def need(env: str) -> None:
         offer_ogbench()
     if env.startswith("swm/MetaWorld"):
         offer_metaworld()
+
+
+def check_recorded_id(what: str, env: Any) -> None:
+    """Compares an id for the metadata of a dataset with the known ones.
+
+    Ids of this package (``swm/…``, ``swm_rs/…``) must exist. Others may be of environments that are not installed here: a warning names
+    the nearest id of this package or of Gymnasium where one is within a few letters.
+
+    Args:
+        what: Where it was given, for the message.
+        env: The id.
+
+    Raises:
+        DataError: It is no text, or an id of this package that does not exist; the message names the nearest one.
+    """
+    if not isinstance(env, str) or not env:
+        raise _swm.DataError(f"{what} is {env!r}; give the id of an environment, such as 'swm/PushT-v1'")
+    ours = {*env_ids(), *aliases(), *RENAMED, *(_OURS + name.removeprefix("swm/") for name in env_ids())}
+    gymnasium = sys.modules.get("gymnasium")
+    known = ours | (set(gymnasium.registry) if gymnasium is not None else set[str]())
+    if env in known or env == "unknown":
+        return
+    if env.startswith(("swm/", _OURS)):
+        # By what follows the namespace and precedes the version.
+        mine = {_bare(name): name for name in sorted(ours) if name.partition("/")[0] == env.partition("/")[0]}
+        near = difflib.get_close_matches(_bare(env), mine, 1)
+        hint = f"did you mean {mine[near[0]]!r}?" if near else "`swm.envs.WORLDS` lists them."
+        raise _swm.DataError(
+            f"{what} is {env!r}, which is no environment of this package; {hint} An environment of your own has another namespace: 'mylab/Name-v0'"
+        )
+    bare = {_bare(name): name for name in sorted(known, reverse=True)}
+    near = difflib.get_close_matches(env, sorted(known), 1, 0.85)
+    meant = bare.get(env) or (near[0] if near and _bare(near[0]) != _bare(env) else None)
+    if meant is not None:
+        logger.warning("%s is %r, which is no known environment; did you mean %r? It is kept as it is", what, env, meant)
+
+
+def _bare(env: str) -> str:
+    """An id without its namespace and version."""
+    name = env.rpartition("/")[2]
+    head, dash, version = name.rpartition("-v")
+    return head if dash and version.isdigit() else name

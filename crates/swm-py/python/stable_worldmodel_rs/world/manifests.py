@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from .._access import access_checked
 from .._core import core as _swm
 from .ids import need, native_id
 from .native import checked_shape
@@ -40,6 +41,7 @@ def existing(path: AnyPath, what: str) -> str:
     return str(found)
 
 
+@access_checked
 def read_manifest(path: AnyPath) -> Manifest:
     """Read a manifest (TOML or JSON). One that was changed after it was written is refused.
 
@@ -66,6 +68,7 @@ def _plain(value: Any) -> Any:
     return cast("Any", value).tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
 
 
+@access_checked
 def make_manifest(
     path: AnyPath,
     env_name: str,
@@ -119,6 +122,8 @@ def make_manifest(
         SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
     shape = checked_shape(image_shape)
+    if "image_size" in settings:
+        raise TypeError("make_manifest has no argument 'image_size'; did you mean image_shape=(64, 64)?")
     request = {
         "env": native_id(env_name) or env_name,
         "env_option": settings,
@@ -146,6 +151,7 @@ def make_manifest(
     return Manifest(json.loads(text), hash)
 
 
+@access_checked
 def replay(
     path: AnyPath,
     episodes: Sequence[int] | None = None,

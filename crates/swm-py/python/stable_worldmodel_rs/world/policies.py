@@ -6,9 +6,12 @@ import inspect
 import json
 from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from copy import copy
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, TypeGuard, cast
+from typing import Any, TypeGuard, TypeVar, cast
+
+import numpy as np
+import numpy.typing as npt
 
 from .._core import core as _swm
 from .native import whole
@@ -98,15 +101,109 @@ def ask(policy: Any, infos: dict[str, Any], space: Any) -> Any:
     The policy gets infos of its own, to keep or to change: what is recorded stays as it is.
 
     Raises:
-        PolicyError: It returned None, as a function without ``return`` does.
+        PolicyError: It returned None, as a function without ``return`` does, or what is no array of actions.
     """
     actions = policy.get_action(PolicyInfos(infos))
+    if actions is not None and space.shape is None:
+        return actions  # Of several parts, which the environments take apart.
+    what = "whole numbers" if "Discrete" in type(space).__name__ else "real numbers"
+    return as_actions(describe(policy), actions, tuple(space.shape or ()), what)
+
+
+def as_actions(policy: str, actions: Any, shape: tuple[int, ...], what: str = "real numbers") -> npt.NDArray[Any]:
+    """What a policy returned, as an array of actions: tensors of any device and type come to the CPU, without their gradient.
+
+    Args:
+        policy: What it is called.
+        actions: What it returned.
+        shape: Of the actions, ``(N, *A)``. Axes of length 1 may come and go.
+        what: What actions are.
+
+    Raises:
+        PolicyError: It is none; the message has its kind and shape, and the fix.
+    """
+    try:
+        if isinstance(actions, (list, tuple)) and any(map(_is_tensor, cast("list[Any]", actions))):
+            array = np.stack([_numpy(one) for one in cast("list[Any]", actions)])
+        else:
+            array = _numpy(actions)
+    except (TypeError, ValueError, NotImplementedError):
+        array = None
+    if array is not None and array.dtype.kind in "biuf" and array.size == int(np.prod(shape)):
+        # Whether its shape fits is for the environments to say.
+        return array
+    found = _given(actions) if array is None or array.dtype.kind not in "biuf" else f"{array.dtype} of shape {list(array.shape)}"
+    raise _swm.PolicyError(
+        f"the policy `{policy}` returned {found}; it must return actions of shape {shape}, one row per environment, [N, *A]: {what}, as an array, a "
+        f"tensor or lists{_fix(actions, array, shape)}"
+    )
+
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def explains_actions(function: _F) -> _F:
+    """Adds to an error of actions that are not finite where they come from, in most cases; a decorator."""
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except _swm.PolicyError as error:
+            if "is not finite" in str(error) and hasattr(error, "add_note"):
+                error.add_note(
+                    "actions [N, *A] are finite real numbers. A network returns NaN for an input that is NaN or far out of the range that it was "
+                    "trained on, and with weights that are NaN: compare torch.isfinite of the infos that the policy reads and of "
+                    "model.parameters(); for actions that are only too large, np.clip(actions, space.low, space.high)"
+                )
+            raise
+
+    return cast("_F", call)
+
+
+def _fix(actions: Any, array: npt.NDArray[Any] | None, wanted: tuple[int, ...]) -> str:
+    """What a user may have meant, by what was returned."""
     if actions is None:
-        raise _swm.PolicyError(
-            f"the policy `{describe(policy)}` returned None; it must return actions of shape {space.shape}, one row per "
-            "environment"
-        )
-    return actions
+        return "; end the function with `return`"
+    if isinstance(actions, dict):
+        return "; return the value of the key that holds the actions"
+    if hasattr(actions, "rsample") or hasattr(actions, "log_prob"):
+        return "; return a sample of the distribution, or its mean: distribution.sample(), distribution.mean"
+    if isinstance(actions, tuple) and array is None and actions and np.shape(_numpy(actions[0]) if _is_tensor(actions[0]) else None) == wanted:
+        return "; return its first part alone"
+    if _is_tensor(actions) and actions.device.type == "meta":
+        return "; the model is on the device `meta`, which holds no values: load its weights on 'cpu'"
+    if array is not None and array.dtype.kind == "c":
+        return "; return the real part"
+    if array is not None and len(wanted) > 1 and array.shape == wanted[1:] and wanted[0] > 1:
+        return "; one action was returned for all environments: np.tile(action, (N, 1)), or act on each row of the infos"
+    return ""
+
+
+def _is_tensor(value: Any) -> bool:
+    return hasattr(value, "detach") and hasattr(value, "cpu")
+
+
+def _numpy(value: Any) -> npt.NDArray[Any]:
+    """An array of a value; of a tensor without its gradient."""
+    if not _is_tensor(value):
+        return np.asarray(value)
+    value = value.detach().cpu()
+    # NumPy has no bfloat16.
+    return np.asarray((value.float() if str(value.dtype) == "torch.bfloat16" else value).numpy())
+
+
+def _given(value: Any) -> str:
+    """A value by its kind and shape."""
+    if value is None:
+        return "None"
+    shape = getattr(value, "shape", None)
+    if isinstance(value, (list, tuple)):
+        parts = [_given(one) for one in cast("list[Any]", value)[:3]]
+        return f"a {type(value).__name__} of {', '.join(parts)}" + (", …" if len(cast("list[Any]", value)) > 3 else "")
+    if shape is not None and isinstance(shape, tuple):
+        return f"{type(value).__name__} of shape {list(cast('tuple[int, ...]', shape))}, {value.dtype}"
+    return f"{value!r}" if isinstance(value, (int, float, str)) else type(value).__name__
 
 
 class PolicyInfos(dict[str, Any]):

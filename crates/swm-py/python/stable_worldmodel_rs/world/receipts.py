@@ -9,12 +9,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, overload
 
+from .._access import access_checked
 from .._core import core as _swm
 from ..track import Tracker, tracked
 from .given import given_policy
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
-from .policies import NativePolicy
+from .policies import NativePolicy, explains_actions
 from .progress import Progress
 from .results import Comparison, Receipt
 
@@ -64,6 +65,8 @@ def evaluate(
     progress: bool = True,
     **world: Any,
 ) -> None: ...
+@explains_actions
+@access_checked
 def evaluate(
     manifest: AnyPath | Manifest,
     policy: Any,
@@ -204,6 +207,7 @@ def check_parts(
         )
 
 
+@access_checked
 def read_receipt(path: AnyPath) -> Receipt:
     """Read a receipt, from its file or its folder.
 
@@ -219,6 +223,7 @@ def _receipt(result: AnyPath | Mapping[str, Any]) -> Receipt:
     return result if isinstance(result, Receipt) else Receipt(result)
 
 
+@access_checked
 def receipt_to_repeat(result: AnyPath | Mapping[str, Any]) -> Receipt:
     """A result as it can be run again: of a bundle, after a comparison of the hashes of its files."""
     if isinstance(result, (str, PathLike)):
@@ -257,6 +262,7 @@ def same(first: AnyPath | Receipt, other: AnyPath | Receipt) -> bool:
     return not _receipt(first).differences(_receipt(other))
 
 
+@access_checked
 def verify(
     receipt: AnyPath | Receipt,
     policy: Any = None,

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, overload
 
+from .._access import access_checked
 from .._core import core as _swm
 from .given import given_policy
 from .ids import need
@@ -61,6 +62,7 @@ def sweep(
     progress: bool = True,
     **world: Any,
 ) -> None: ...
+@access_checked
 def sweep(
     manifest: AnyPath | Manifest,
     policy: Any,
@@ -134,6 +136,7 @@ def sweep(
     return None if swept is None else Sweep(json.loads(swept))
 
 
+@access_checked
 def read_sweep(path: AnyPath) -> Sweep:
     """Read a sweep, from its file or its folder.
 

@@ -16,7 +16,7 @@ from .._core import core as _swm
 from . import foreign
 from .ids import native_id
 from .native import NativePool, checked_shape, make_native
-from .policies import NativePolicy, as_policy, ask, describe
+from .policies import NativePolicy, as_policy, ask, describe, explains_actions
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
@@ -107,6 +107,10 @@ class World(Runs):
         self.policy: Any = None
         self.infos: dict[str, Any] = {}
         image_shape = checked_shape(image_shape)
+        if not isinstance(cast("Any", num_envs), (int, np.integer)):
+            raise TypeError(f"num_envs={num_envs!r}; give a whole number")
+        if num_envs < 1:
+            raise _swm.EnvError(f"num_envs={num_envs}; give 1 or more")
         if isinstance(env_name, str):
             if add_pixels and image_shape is None:
                 raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
@@ -258,6 +262,7 @@ class World(Runs):
         self._truncateds = np.zeros(self.num_envs, dtype=bool)
         self._show()
 
+    @explains_actions
     def step(self, actions: npt.ArrayLike | None = None) -> None:
         """Step every environment whose episode is not over; infos and results are updated.
 

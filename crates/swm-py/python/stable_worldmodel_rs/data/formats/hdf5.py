@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from .._paths import get_cache_dir, resolve
+from .._paths import datasets_folder, resolve
 from ..dataset import Transform
 from ..format import Format, register_format
 from ..native import NativeDataset
@@ -40,7 +40,7 @@ class HDF5Dataset(NativeDataset):
     ) -> None:
         if storage_options or "://" in str(path):
             raise ValueError(f"{path}: remote files are not read; copy the file here, or use swm.data.download(repo)")
-        folder = None if cache_dir is None else get_cache_dir(cache_dir, "datasets")
+        folder = None if cache_dir is None else datasets_folder(cache_dir)
         super().__init__(
             resolve(name, path, folder, ".h5", "HDF5Dataset"),
             frameskip=frameskip,

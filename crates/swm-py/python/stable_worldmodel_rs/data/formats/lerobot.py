@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from .._paths import get_cache_dir
+from .._paths import datasets_folder
 from ..dataset import Transform
 from ..format import Format, register_format
 from ..native import NativeDataset
@@ -62,10 +62,12 @@ class LeRobotAdapter(NativeDataset):
 
 def locate(repo_id: str, root: str | Path | None) -> Path:
     """The folder of a repository."""
-    places = [Path(root)] if root is not None else [Path(repo_id), get_cache_dir(sub_folder="datasets") / repo_id.replace("/", "--")]
+    places = [Path(root)] if root is not None else [Path(repo_id), datasets_folder() / repo_id.replace("/", "--")]
     for place in places:
         if place.is_dir():
             return place
+    if places[0].exists():
+        raise ValueError(f"{places[0]} is a file, and a LeRobot dataset is a folder with `meta/info.json`; give that folder, or leave out format=")
     raise FileNotFoundError(f"LeRobot dataset {repo_id!r} is not at {places[-1]}; fetch it with swm.data.download({repo_id!r})")
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..._core import core as _swm
-from .._paths import get_cache_dir, resolve
+from .._paths import datasets_folder, resolve
 from ..format import Format, register_format, split_episode_data
 from ..native import NativeDataset
 from ..writers import NativeWriter
@@ -52,7 +52,7 @@ class LanceDataset(NativeDataset):
         **options: Any,
     ) -> None:
         _require("LanceDataset")
-        folder = None if cache_dir is None else get_cache_dir(cache_dir, "datasets")
+        folder = None if cache_dir is None else datasets_folder(cache_dir)
         place = resolve(name, path, folder, ".lance", "LanceDataset")
         super().__init__(place, frameskip=frameskip, num_steps=num_steps, **options)
 

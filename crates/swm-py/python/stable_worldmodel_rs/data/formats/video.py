@@ -45,7 +45,7 @@ class VideoWriter(NativeWriter):
         fps: float = 25,
         codec: str = "libx264",
         *,
-        mode: str = "append",
+        mode: str | None = None,
         quality: int | None = None,
         key_frame_period: int | None = None,
         metadata: dict[str, Any] | None = None,

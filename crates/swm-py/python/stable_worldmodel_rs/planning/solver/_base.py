@@ -16,6 +16,7 @@ from ..._arrays import Array, is_array, is_tensor, require_torch
 from ..._prepare import require_method
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
+from ._checks import history_of
 from ._errors import PlanAssertionError
 from ._mode import note_training_mode
 from ._settings import native_solver
@@ -160,7 +161,34 @@ class BaseSolver:
         self._memory.clear()
         self._configured = True
         self._check_space(self._space)
+        self._check_device()
         note_training_mode(self.cost)
+        frames = history_of(self.cost, ("history_len",))
+        if frames is not None and frames[1] > getattr(config, "history_len", 1):
+            logger.warning(
+                "%s has %s=%d, and PlanConfig(history_len=%d) gives it fewer frames (T); give PlanConfig(history_len=%d), or leave it if the "
+                "model plans from fewer",
+                type(self.cost).__name__,
+                *frames,
+                getattr(config, "history_len", 1),
+                frames[1],
+            )
+
+    def _check_device(self) -> None:
+        """Refuses a device that this torch does not have, before a long run begins to plan."""
+        if str(self.device) == "cpu" or self.cost is None or self.array_api == "numpy":
+            return
+        torch, name = torch_of(self.cost), f"{type(self).__name__}(device={str(self.device)!r})"
+        try:
+            kind = torch.device(self.device).type
+        except (RuntimeError, TypeError):
+            raise PlanAssertionError(f"{name}: torch has no device of that name; give 'cpu', 'cuda', 'cuda:1' or 'mps'") from None
+        backend = {"cuda": getattr(torch, "cuda", None), "mps": getattr(getattr(torch, "backends", None), "mps", None)}.get(kind)
+        if backend is not None and not backend.is_available():
+            raise PlanAssertionError(
+                f"{name}: torch {torch.__version__} finds no such device here (torch.cuda.is_available() is False); give device='cpu', or "
+                "install the build of torch for your GPU and its driver"
+            )
 
     def set_bounds(self, low: Array, high: Array) -> None:
         """Tells the bounds of real actions in units of plans, ``(A,)`` each, where these are not the environment's."""

@@ -7,12 +7,13 @@ Python, so costs may keep them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
 from ..._arrays import Array, is_array, is_tensor
 from ...protocols import Constrainable
+from ._checks import as_array, check_returned, check_tensor, explained, given
 from ._errors import PlanAssertionError
 
 if TYPE_CHECKING:
@@ -87,22 +88,9 @@ class Bridge:
             return np.broadcast_to(value[:, None], shape)
         return value
 
-    def check(self, values: Any, samples: int, what: str, ndim: int) -> None:
+    def check(self, values: Any, samples: int, method: str) -> None:
         """Refuses costs and constraints of another shape, and those that are no real numbers."""
-        shape = tuple(values.shape)
-        dtype = str(values.dtype)
-        if "complex" in dtype or getattr(values.dtype, "kind", "f") in "OSUMmV":
-            method = "get_cost" if ndim == 2 else "get_constraints"
-            raise PlanAssertionError(
-                f"{type(self.cost).__name__}.{method} returned {what} of the type {dtype}; return real numbers"
-            )
-        if len(shape) != ndim or shape[:2] != (self.rows, samples):
-            wanted = (self.rows, samples, "C")[:ndim]
-            method = "get_cost" if ndim == 2 else "get_constraints"
-            raise PlanAssertionError(
-                f"{type(self.cost).__name__}.{method} returned {what} of shape {shape}; return "
-                f"({', '.join(map(str, wanted))}): a value per row and candidate"
-            )
+        check_returned(self.cost, method, values, self.rows, samples)
 
     def record_violation(self, values: Array) -> None:
         """Keeps the mean violation of the constraints, for the result."""
@@ -135,11 +123,18 @@ class Bridge:
 class NumpyBridge(Bridge):
     """For costs with ``array_api = "numpy"``."""
 
-    def evaluate(self, candidates: Array) -> Array:
+    def ask(self, method: str, candidates: Array) -> Array:
+        """Calls ``get_cost`` or ``get_constraints``, and checks what comes back."""
         samples = candidates.shape[1]
-        costs = np.asarray(self.cost.get_cost(self.infos(samples), candidates))
-        self.check(costs, samples, "costs", 2)
-        return np.ascontiguousarray(costs, np.float64)
+        infos = self.infos(samples)
+        with explained(self.solver, method, infos, candidates):
+            returned = getattr(self.cost, method)(infos, candidates)
+        values = as_array(self.cost, method, returned, self.rows, samples)
+        self.check(values, samples, method)
+        return np.ascontiguousarray(values, np.float64)
+
+    def evaluate(self, candidates: Array) -> Array:
+        return self.ask("get_cost", candidates)
 
     def differentiate(self, candidates: Array) -> tuple[Array, Array]:
         samples = candidates.shape[1]
@@ -150,9 +145,16 @@ class NumpyBridge(Bridge):
                 "`get_cost_and_gradient`; add that method, return torch tensors instead, or use a sampling solver such "
                 "as CEMSolver"
             )
-        costs, gradient = method(self.infos(samples), candidates)
-        costs, gradient = np.asarray(costs), np.asarray(gradient)
-        self.check(costs, samples, "costs", 2)
+        with explained(self.solver, "get_cost_and_gradient", self.infos(samples), candidates):
+            returned = method(self.infos(samples), candidates)
+        if not isinstance(returned, (tuple, list)) or len(cast("list[Any]", returned)) != 2:
+            raise PlanAssertionError(
+                f"{type(self.cost).__name__}.get_cost_and_gradient returned {given(returned)}; expected two arrays: costs [B, S] and their "
+                "gradient [B, S, H, A]"
+            )
+        costs = as_array(self.cost, "get_cost", returned[0], self.rows, samples)
+        gradient = as_array(self.cost, "get_cost_and_gradient", returned[1], self.rows, samples)
+        self.check(costs, samples, "get_cost")
         if gradient.shape != candidates.shape:
             raise PlanAssertionError(
                 f"{type(self.cost).__name__}.get_cost_and_gradient returned a gradient of shape {gradient.shape}; "
@@ -166,11 +168,8 @@ class NumpyBridge(Bridge):
                 f"{type(self.cost).__name__} is a NumPy cost, and gradients of constraints need torch; return torch "
                 "tensors from get_cost and get_constraints"
             )
-        samples = candidates.shape[1]
         costs = self.evaluate(candidates)
-        values = np.asarray(self.cost.get_constraints(self.infos(samples), candidates))
-        self.check(values, samples, "constraints", 3)
-        values = np.ascontiguousarray(values, np.float64)
+        values = self.ask("get_constraints", candidates)
         self.record_violation(values)
         return costs, values
 
@@ -202,14 +201,11 @@ class TorchBridge(Bridge):
 
     def ask(self, name: str, info: dict[str, Any], candidates: torch.Tensor) -> torch.Tensor:
         """Calls ``get_cost`` or ``get_constraints``, and checks what comes back."""
-        values = getattr(self.cost, name)(info, candidates)
-        what, ndim = ("costs", 2) if name == "get_cost" else ("constraints", 3)
-        if not isinstance(values, self._torch.Tensor):
-            raise PlanAssertionError(
-                f"{type(self.cost).__name__}.{name} returned {type(values).__name__}; return a torch.Tensor, or set "
-                '`array_api = "numpy"` on the cost to be given arrays'
-            )
-        self.check(values, candidates.shape[1], what, ndim)
+        with explained(self.solver, name, info, candidates):
+            values = getattr(self.cost, name)(info, candidates)
+        samples = candidates.shape[1]
+        check_tensor(self.cost, name, values, self.rows, samples, lambda part: is_tensor(part) and tuple(part.shape[:2]) == (self.rows, samples))
+        self.check(values, samples, name)
         return values
 
     def array(self, values: torch.Tensor, dtype: type[np.floating[Any]] = np.float64) -> Array:
@@ -241,12 +237,21 @@ class TorchBridge(Bridge):
                 "CEMSolver"
             )
 
+    def gradient(self, total: torch.Tensor, leaf: torch.Tensor) -> torch.Tensor:
+        """The derivative of a number by the candidates."""
+        (gradient,) = self._torch.autograd.grad(total, leaf, allow_unused=True)
+        if gradient is None:
+            raise PlanAssertionError(
+                f"{type(self.solver).__name__} needs gradients, and the costs of {type(self.cost).__name__} depend on its parameters and not "
+                "on the candidates [B, S, H, A]; let get_cost use the candidates that it is given, without `detach()` or `.data`"
+            )
+        return gradient
+
     def differentiate(self, candidates: Array) -> tuple[Array, Array]:
-        torch, leaf = self._torch, self.leaf(candidates)
+        leaf = self.leaf(candidates)
         costs = self.ask("get_cost", self.infos(candidates.shape[1]), leaf)
         self.require_gradient(costs)
-        (gradient,) = torch.autograd.grad(costs.sum(), leaf)
-        return self.array(costs), self.array(gradient, np.float32)
+        return self.array(costs), self.array(self.gradient(costs.sum(), leaf), np.float32)
 
     def constrain(self, candidates: Array, differentiable: bool) -> tuple[Array, Array]:
         torch = self._torch
@@ -269,5 +274,4 @@ class TorchBridge(Bridge):
         self._graph = None
         weighted = torch.from_numpy(weights).reshape(values.shape).to(values) * values
         total = costs.sum() + weighted.sum() if values.requires_grad else costs.sum()
-        (gradient,) = torch.autograd.grad(total, leaf)
-        return self.array(gradient, np.float32)
+        return self.array(self.gradient(total, leaf), np.float32)

@@ -16,13 +16,12 @@ _DIFFERS = ("Dropout", "AlphaDropout", "FeatureAlphaDropout", "BatchNorm", "Sync
 
 
 def note_training_mode(cost: Any) -> None:
-    """Warns of a cost whose modules are in training mode and give other values than in evaluation mode."""
-    if not is_module(cost):
-        return
-    differing = {type(one).__name__ for one in cost.modules() if one.training and type(one).__name__.startswith(_DIFFERS)}
+    """Warns of a cost, or of the models that it holds, whose modules are in training mode and give other values than in evaluation mode."""
+    owned = [cost] if is_module(cost) else [one for one in getattr(cost, "__dict__", {}).values() if is_module(one)]
+    differing = {type(one).__name__ for model in owned for one in model.modules() if one.training and type(one).__name__.startswith(_DIFFERS)}
     if differing:
         logger.warning(
-            "%s plans in training mode, in which %s gives other costs than in evaluation mode; call eval() on the model",
+            "%s plans in training mode, in which %s gives other costs at every call, so that results cannot be repeated; call eval() on the model",
             type(cost).__name__,
             ", ".join(sorted(differing)),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...protocols import Actionable
+from ._checks import given
 from ._errors import PlanAssertionError
 
 if TYPE_CHECKING:
@@ -55,8 +56,16 @@ def prepare_init_action(
     if isinstance(model, Actionable):
         with torch.no_grad():
             tail = model.get_action(info_dict, horizon=missing, prefix_actions=parts[0] if parts else None)
-        if tail.ndim == 2:  # Models drop the axis of a horizon of 1.
-            tail = tail.unsqueeze(1)
+        found: Any = tail
+        if isinstance(found, torch.Tensor) and found.ndim == 2:  # Models drop the axis of a horizon of 1.
+            found = found.unsqueeze(1)
+        if not isinstance(found, torch.Tensor) or tuple(found.shape) != (n_envs, missing, action_dim):
+            raise PlanAssertionError(
+                f"{type(model).__name__}.get_action(info, horizon={missing}) returned {given(tail)}; expected actions [B, H, A] = "
+                f"[{n_envs}, {missing}, {action_dim}], with A = action_block × values of an action: a model of single actions plans with "
+                "PlanConfig(action_block=1)"
+            )
+        tail = found
         tail = tail if device is None else tail.to(device)
     else:
         where = device if device is not None else (parts[0].device if parts else "cpu")
