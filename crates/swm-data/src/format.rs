@@ -20,6 +20,7 @@ use crate::error::DataError;
 use crate::foreign;
 use crate::formats::{self, disk};
 use crate::open_options::OpenOptions;
+use crate::remote;
 use crate::tools::part_folder;
 
 pub use crate::entry::{Create, Detect, Format, Open, OpenWith, Opened, Repair, StoredImages};
@@ -98,6 +99,9 @@ pub fn open_with(registry: &Registry, path: &Path, options: &OpenOptions) -> Ope
 
 /// As [`open_with`], with images as they are stored.
 fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
+    if remote::is_remote(path) {
+        return remote::open(registry, path, options);
+    }
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if !metadata.is_file() && !metadata.is_dir() {
         return Err(DataError::not_a_dataset(path, "it is neither a regular file nor a folder"));
@@ -175,6 +179,16 @@ const MAX_RATIO: u64 = 2048;
 
 /// Refuses a dataset that claims larger rows than its bytes can hold: a head of a few bytes can claim an image of 800 MB.
 fn check_rows(dataset: &dyn Dataset) -> Result<(), DataError> {
+    check_rows_of(dataset, || {
+        disk::size(dataset.path()).map_err(|source| DataError::io(dataset.path(), "open", source))
+    })
+}
+
+/// As [`check_rows`], where the bytes that it has are asked for.
+pub(crate) fn check_rows_of(
+    dataset: &dyn Dataset,
+    held: impl FnOnce() -> Result<u64, DataError>,
+) -> Result<(), DataError> {
     let fields = dataset.schema().fields();
     let Some(largest) = fields.iter().max_by_key(|field| row_bytes(std::slice::from_ref(field))) else {
         return Ok(());
@@ -183,8 +197,7 @@ fn check_rows(dataset: &dyn Dataset) -> Result<(), DataError> {
     if claimed <= LARGE_ROW || (0..dataset.num_episodes()).all(|episode| dataset.episode_len(episode) == 0) {
         return Ok(());
     }
-    let path = dataset.path();
-    let held = disk::size(path).map_err(|source| DataError::io(path, "open", source))?;
+    let (path, held) = (dataset.path(), held()?);
     match claimed as u64 / MAX_RATIO > held {
         true => Err(DataError::damaged(
             path,
@@ -244,6 +257,11 @@ pub fn create_in(
     options: &WriteOptions,
     format: Option<&str>,
 ) -> Opened<dyn DatasetWriter> {
+    if remote::is_remote(path) {
+        let reason =
+            "datasets that lie elsewhere are read, not written; write to a file here, and copy it there";
+        return Err(DataError::request(path, reason));
+    }
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
     let format = match (by_name(registry, format.unwrap_or(extension)), detect(registry, path)) {
         (Err(_), Some(there)) if format.is_none() => there,

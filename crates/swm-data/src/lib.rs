@@ -6,6 +6,7 @@
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
+//! * [`remote`]: datasets behind `https://`, `s3://` and `hf://`;
 //! * [`rendered`]: recordings without images, whose images are drawn when they are read;
 //! * [`stats`]: means, standard deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`tools`]: copying between formats, verifying, comparing;
@@ -51,6 +52,7 @@ mod lock;
 pub mod memory;
 mod open_options;
 pub mod recording;
+pub mod remote;
 pub mod rendered;
 pub mod stats;
 pub mod testing;

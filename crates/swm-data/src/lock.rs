@@ -273,7 +273,7 @@ pub(crate) fn beside(dataset: &Path, suffix: &str) -> PathBuf {
 }
 
 /// Whether `path` still names the open `file`. Where files cannot be told apart, an open one cannot be removed.
-fn is_at(file: &File, path: &Path) -> bool {
+pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(ours), Ok(there)) => disk::identity(&ours) == disk::identity(&there),
         _ => false,

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use swm::core::evaluate::check_fit;
 use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, SliceMut};
 use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset, Watched};
+use swm::data::remote::Event;
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
     DataError, Dataset, DatasetInfo, Looks, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps,
@@ -27,6 +28,8 @@ use crate::writer::recorded;
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Reader>()?;
     m.add_function(wrap_pyfunction!(dataset_formats, m)?)?;
+    m.add_function(wrap_pyfunction!(is_remote, m)?)?;
+    swm::data::remote::watch(tell);
     m.add_function(wrap_pyfunction!(detect_dataset, m)?)
 }
 
@@ -389,6 +392,25 @@ fn with_rows(rows: usize, field: &swm::core::Field) -> Vec<usize> {
 fn dataset_formats() -> Vec<(&'static str, &'static str, Vec<&'static str>)> {
     let formats = registry().all::<swm::data::Format>();
     formats.map(|format| (format.name, format.about, format.extensions.to_vec())).collect()
+}
+
+/// Logs what is fetched as a whole, before it is.
+fn tell(event: &Event<'_>) {
+    if let Event::Begin { name, bytes, done, to } = event {
+        let left = bytes.saturating_sub(*done) as f64 / 1e6;
+        let text = format!("fetching {name}: {left:.1} MB, to {}", to.display());
+        // A logger that fails is no reason to stop.
+        let _ = Python::attach(|py| {
+            let logger = py.import("logging")?.call_method1("getLogger", ("stable_worldmodel_rs",))?;
+            logger.call_method1("warning", ("%s", text)).map(drop)
+        });
+    }
+}
+
+/// Whether a path is the address of a dataset that lies elsewhere.
+#[pyfunction]
+fn is_remote(path: PathBuf) -> bool {
+    swm::data::remote::is_remote(&path)
 }
 
 /// The format of an existing file or folder, by its content.

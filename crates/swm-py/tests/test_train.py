@@ -121,7 +121,9 @@ def test_wrong_requests_are_told(rooms: Path, tmp_path: Path, arguments: tuple[s
 def test_an_interrupted_training_leaves_a_checkpoint(rooms: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     code = f"""
+import signal
 import stable_worldmodel_rs as swm
+signal.signal(signal.SIGINT, signal.default_int_handler)  # A shell's background ignores it.
 try:
     swm.train("pldm", {str(rooms)!r}, {str(run)!r}, preset="small", steps=100000, batch=2, log_every=1, progress=False)
 except KeyboardInterrupt:

@@ -78,6 +78,7 @@ pub(crate) const FEATURES: &[Feature] = &[
     feature!("mujoco", "environments on MuJoCo"),
     feature!("onnx", "world models exported to ONNX: `--policy onnx:DIR`"),
     feature!("rapier", "environments on rapier"),
+    feature!("remote", "datasets behind https://, s3:// and hf://"),
     feature!("ui", "the local page of `swm ui`"),
 ];
 
@@ -97,6 +98,8 @@ const ONNX: (&str, &str) = (
     "onnx",
     concat!(build_with!("onnx"), "; or use the command `swm-rs` of the Python package, which has it"),
 );
+#[cfg(all(feature = "cli", not(feature = "remote")))]
+pub(crate) const REMOTE: (&str, &str) = ("remote", build_with!("remote"));
 const RAPIER: (&str, &str) = ("rapier", build_with!("rapier"));
 
 const fn policy(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {

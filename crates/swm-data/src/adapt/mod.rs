@@ -6,7 +6,7 @@ mod cached;
 mod columns;
 mod concat;
 mod constants;
-mod inner;
+pub(crate) mod inner;
 mod joined;
 mod opened;
 mod resized;

@@ -230,6 +230,12 @@ fn differs(path: &str, all: &ByEpisode, lengths: &[usize], steps: &[usize]) -> O
     None
 }
 
+/// What a column of Minari is called here.
+#[cfg(feature = "lerobot")]
+pub(super) fn name_in_minari(path: &str) -> String {
+    name_of(Family::Minari, path)
+}
+
 fn name_of(family: Family, path: &str) -> String {
     let plain = path.replace("_index_", "").replace('/', ".");
     match (family, path) {
@@ -271,11 +277,11 @@ fn marks(columns: &mut BTreeMap<String, ByEpisode>, found: &mut Found, shift: Sh
     Ok(())
 }
 
-fn json_in(text: Option<String>) -> Value {
+pub(super) fn json_in(text: Option<String>) -> Value {
     text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
-fn json_at(path: &Path) -> Value {
+pub(super) fn json_at(path: &Path) -> Value {
     /// Files of metadata are never longer.
     const MAX_BYTES: u64 = 256 << 20;
     let is_small =
@@ -341,7 +347,7 @@ fn about_maniskill(file: &Path, found: &mut Found) {
     }
 }
 
-fn about_minari(file: &Path, found: &mut Found) {
+pub(super) fn about_minari(file: &Path, found: &mut Found) {
     let about = json_at(&file.with_file_name("metadata.json"));
     let spec = json_in(about["env_spec"].as_str().map(str::to_owned));
     if let Some(name) = spec["id"].as_str() {

@@ -2,8 +2,10 @@
 //! first bytes.
 
 use std::fs::{self, File};
-use std::io::{BufReader, Read as _};
+use std::io::BufReader;
 use std::path::Path;
+
+use crate::formats::disk::{ReadAt as _, Readable};
 
 /// What is to be done about all of them.
 pub(crate) const BRING: &str = "write it with `HDF5Writer`: docs/datasets.md, Formats that are not read yet";
@@ -149,13 +151,13 @@ fn has_entries(path: &Path, patterns: &[&str]) -> bool {
 
 /// Whether a file begins as a zip archive.
 pub(super) fn is_zip(path: &Path) -> bool {
-    path.is_file() && begins(path, b"PK\x03\x04")
+    begins(path, b"PK\x03\x04")
 }
 
 pub(super) fn begins(path: &Path, start: &[u8]) -> bool {
-    let mut found = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
-    read.is_ok() && found == start
+    let mut found = vec![0; start.len()];
+    // What is shorter has another start.
+    Readable::open(path).is_ok_and(|file| file.read_exact_at(&mut found, 0).is_ok()) && found == start
 }
 
 #[cfg(test)]

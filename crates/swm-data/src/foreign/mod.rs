@@ -14,7 +14,10 @@ mod hdf5;
 mod images;
 mod known;
 mod libero;
+#[cfg(feature = "lerobot")]
+mod minari;
 mod npz;
+mod rlds;
 mod torch;
 mod video;
 mod zarr;
@@ -44,6 +47,9 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { detect: dinowm::detect, open: dinowm::open },
     Reader { detect: npz::detect, open: npz::open },
     Reader { detect: zarr::detect, open: zarr::open },
+    #[cfg(feature = "lerobot")]
+    Reader { detect: minari::detect, open: minari::open },
+    Reader { detect: rlds::detect, open: rlds::open },
     Reader { detect: grouped::detect, open: grouped::open },
     Reader { detect: d4rl::detect, open: d4rl::open },
 ];

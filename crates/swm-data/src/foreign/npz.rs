@@ -12,8 +12,10 @@ use super::dataset::Span;
 use super::found::{Found, Source};
 use crate::dataset::{Dataset, Steps};
 use crate::error::{At as _, DataError, Result, invalid, unsupported};
+use crate::formats::disk::Readable;
 use crate::formats::npz;
 use crate::open_options::OpenOptions;
+use crate::remote::is_remote;
 
 pub(super) const NAME: &str = "ogbench";
 
@@ -85,7 +87,8 @@ fn part(path: &Path, split: Option<&str>) -> Result<(PathBuf, Option<String>), D
             return Err(DataError::Option { option: "split", reason });
         }
     };
-    match chosen.exists() {
+    let is_there = chosen.exists() || is_remote(&chosen) && Readable::open(&chosen).is_ok();
+    match is_there {
         true => Ok((chosen, None)),
         false => {
             let reason = format!("the file of this part, {}, is missing", chosen.display());

@@ -3,22 +3,129 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::DataError;
 
-/// Fills `out` with the bytes from `at` on, without moving the file's cursor: handles share the file.
+/// What is read by position.
+pub(crate) trait ReadAt: std::fmt::Debug + Send + Sync {
+    /// All of its bytes.
+    fn length(&self) -> io::Result<u64>;
+
+    /// Fills `out` with the bytes from `at` on, without moving a cursor: handles share what is open.
+    fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()>;
+}
+
+impl ReadAt for File {
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.metadata()?.len())
+    }
+
+    fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()> {
+        read_file_at(self, out, at)
+    }
+}
+
+/// An open file, or an object that lies elsewhere.
+#[derive(Clone, Debug)]
+pub(crate) enum Readable {
+    File(Arc<File>),
+    #[cfg(feature = "remote")]
+    Object(Arc<crate::remote::Object>),
+}
+
+impl Readable {
+    /// Opens a regular file, or what lies at an address.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        #[cfg(feature = "remote")]
+        if crate::remote::is_remote(path) {
+            return match crate::remote::Found::at(path)? {
+                crate::remote::Found::Object(object) => Ok(Self::Object(object)),
+                crate::remote::Found::Folder(_) => {
+                    Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder"))
+                }
+            };
+        }
+        Ok(Self::File(Arc::new(open_regular(path)?)))
+    }
+}
+
+impl ReadAt for Readable {
+    fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::File(file) => file.length(),
+            #[cfg(feature = "remote")]
+            Self::Object(object) => Ok(object.length()),
+        }
+    }
+
+    fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.read_exact_at(out, at),
+            #[cfg(feature = "remote")]
+            Self::Object(object) => object.read_exact_at(out, at),
+        }
+    }
+}
+
+/// Fills `out` with the bytes from `at` on.
+pub(crate) fn read_exact_at(file: &dyn ReadAt, out: &mut [u8], at: u64) -> io::Result<()> {
+    file.read_exact_at(out, at)
+}
+
+/// A cursor over what is read by position. Clones do not move each other's.
+#[derive(Clone, Debug)]
+pub(crate) struct Cursor {
+    file: Readable,
+    length: u64,
+    at: u64,
+}
+
+impl Cursor {
+    pub(crate) fn new(file: Readable) -> io::Result<Self> {
+        let length = file.length()?;
+        Ok(Self { file, length, at: 0 })
+    }
+
+    pub(crate) fn length(&self) -> u64 {
+        self.length
+    }
+}
+
+impl io::Read for Cursor {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let left = self.length.saturating_sub(self.at);
+        let count = usize::try_from(left).unwrap_or(usize::MAX).min(out.len());
+        read_exact_at(&self.file, &mut out[..count], self.at)?;
+        self.at += count as u64;
+        Ok(count)
+    }
+}
+
+impl io::Seek for Cursor {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let place = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => self.length.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = place.ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
+        Ok(self.at)
+    }
+}
+
 #[cfg(unix)]
-pub(crate) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
+fn read_file_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, out, at)
 }
 
 #[cfg(windows)]
-pub(crate) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
+fn read_file_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
     while !out.is_empty() {
         match std::os::windows::fs::FileExt::seek_read(file, out, at)? {
             0 => return Err(io::ErrorKind::UnexpectedEof.into()),

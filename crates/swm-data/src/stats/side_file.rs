@@ -12,10 +12,15 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::formats::disk::{read_regular, write_new};
 use crate::lock::beside;
+use crate::remote::is_remote;
 
 /// Where the statistics of the dataset at `path` are: `data.h5.stats.json`; beside a folder too, since the reference's
-/// readers take every file inside for a column.
+/// readers take every file inside for a column. Those of one that is open and lies elsewhere are in the cache.
 pub fn side_file(path: &Path) -> PathBuf {
+    #[cfg(feature = "remote")]
+    if let Some(file) = crate::remote::side_file(path, ".stats.json") {
+        return file;
+    }
     beside(path, ".stats.json")
 }
 
@@ -44,7 +49,7 @@ impl Statistics {
     /// The dataset is not on disk, these are the statistics of another, or the file beside it cannot be written.
     pub fn store(&self, dataset: &dyn Dataset) -> Result<PathBuf, DataError> {
         let path = side_file(dataset.path());
-        if !dataset.path().exists() {
+        if !dataset.path().exists() && !is_remote(dataset.path()) {
             return Err(DataError::request(
                 dataset.path(),
                 "it is not on disk, so there is no place beside it",

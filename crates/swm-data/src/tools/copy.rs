@@ -19,6 +19,7 @@ use super::{alike, begun};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
+use crate::remote::is_remote;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);
@@ -301,6 +302,9 @@ fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metada
 
 /// Whether two paths lead to the same file or folder, links of either kind included. Where nothing is, there is nothing the same.
 pub fn is_same(a: &Path, b: &Path) -> bool {
+    if is_remote(a) {
+        return a == b;
+    }
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt as _;

@@ -145,6 +145,9 @@ const SAMPLES: &[&str] = &[
     "minari_raw_hdf5",
     "halfcheetah-medium-v2.hdf5",
     "antmaze-large-play-v2.hdf5",
+    "rlds_toy",
+    #[cfg(feature = "lerobot")]
+    "minari_parquet",
 ];
 
 const OGBENCH: &[(&str, &str, f64)] = &[
@@ -372,6 +375,35 @@ fn episodes_of_minari_are_sorted_by_their_numbers() {
         let mut dataset = check(sample, &OpenOptions::default(), &names);
         assert_eq!(lengths(dataset.as_ref()), naturals(&json_of(sample)["rows_per_episode"]), "{sample}");
         assert_only_last_is_missing(dataset.as_mut(), "reward");
+    }
+}
+
+#[cfg(feature = "lerobot")]
+#[test]
+fn tables_of_minari_are_padded() {
+    let names = [
+        ("observation", "observations.observation", 1.0),
+        ("desired_goal", "desired_goal", 1.0),
+        ("pair/1", "observations.pair.1", 1.0),
+        ("actions", "action", 1.0),
+        ("rewards", "reward", 1.0),
+        ("terminations", "terminated", 1.0),
+        ("truncations", "truncated", 1.0),
+    ];
+    for path in ["minari_parquet", "minari_parquet/data"] {
+        let mut dataset = match path {
+            "minari_parquet" => check(path, &OpenOptions::default(), &names),
+            path => opened(&golden(path), &OpenOptions::default()).unwrap(),
+        };
+        assert_eq!(lengths(dataset.as_ref()), [5, 7]);
+        assert_only_last_is_missing(dataset.as_mut(), "action");
+        assert_only_last_is_missing(dataset.as_mut(), "reward");
+        let pair = column_of(dataset.as_ref(), "observations.pair.1");
+        assert_eq!(dataset.schema().fields()[pair].shape, [2, 2], "the shape is that of the space");
+        let pixels = column_of(dataset.as_ref(), "pixels");
+        assert_eq!(dataset.schema().fields()[pixels].shape, [32, 32, 3]);
+        let Column::U8(image) = rows(dataset.as_mut(), pixels, 1, 2, 1) else { panic!() };
+        assert!(image.iter().any(|&byte| byte != image[0]), "it holds an image");
     }
 }
 

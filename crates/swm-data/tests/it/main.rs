@@ -32,6 +32,8 @@ mod mutations;
 mod parts;
 #[cfg(target_os = "linux")]
 mod power_loss;
+#[cfg(feature = "video")]
+mod rlds;
 mod round_trip;
 mod statistics;
 mod streams;

@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{sha256, sha256_of};
 
-/// SHA-256 of a file; of a folder, that of its files' names and hashes in order.
+/// SHA-256 of a file; of a folder, that of its files' names and hashes in order; of a dataset that lies elsewhere, that of its version.
 ///
 /// # Errors
 ///
 /// A file or folder cannot be read.
 pub fn file_hash(path: &Path) -> Result<String, BoxError> {
     let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
+    if swm_data::remote::is_remote(path) {
+        return Ok(swm_data::remote::digest(path)?);
+    }
     if !path.is_dir() {
         if !fs::metadata(path).map_err(failed)?.is_file() {
             return Err(format!("cannot read {}: it is no regular file", path.display()).into());

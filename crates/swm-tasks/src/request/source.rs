@@ -9,6 +9,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::settings::read as read_settings;
 use swm_core::{EnvEntry, ImageSize, Manifest, Metadata, Registry};
 use swm_data::recording::WriterLock;
+use swm_data::remote::is_remote;
 use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered};
 use swm_media::Format;
 
@@ -35,10 +36,16 @@ pub fn open_dataset_with(
     options: &OpenOptions,
 ) -> Result<Box<dyn Dataset>, TaskError> {
     match std::fs::metadata(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(DataError::io(path, "open", error))),
+        Err(error) if error.kind() == ErrorKind::NotFound && !is_remote(path) => {
+            Err(wrong(DataError::io(path, "open", error)))
+        }
         // What else is in the way is found when it is opened.
         _ => swm_data::open_with(registry, path, options).map_err(|error| match error {
             error @ DataError::Option { .. } => wrong(error),
+            // Nothing is at this address.
+            DataError::Io { ref source, .. } if is_remote(path) && source.kind() == ErrorKind::NotFound => {
+                wrong(error)
+            }
             error => failed(error),
         }),
     }

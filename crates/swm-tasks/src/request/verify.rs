@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use swm_core::{Registry, WorldError};
 use swm_data::adapt::Watched;
+use swm_data::remote::is_remote;
 use swm_data::tools::verify::{Report as Found, verify};
 use swm_data::{DataError, Format, OpenOptions, format};
 
@@ -51,6 +52,12 @@ impl Request for Verify {
         if self.dry_run && !self.fix {
             let message = Message::about("dry_run", true, "is about a repair, and none is asked for");
             return Err(message.fix(Fix::Any(vec![Fix::set("fix", true), Fix::Leave("dry_run")])).into());
+        }
+        if self.fix && is_remote(&self.dataset) {
+            let path = self.dataset.display();
+            let text =
+                format!("{path} lies elsewhere, where nothing is changed; fetch it and repair the copy");
+            return Err(Message::about("fix", true, text).fix(Fix::Leave("fix")).into());
         }
         self.opening.check().map_err(wrong)?;
         check_exists(&self.dataset)

@@ -18,6 +18,7 @@ mod doctor;
 mod envs;
 mod eval;
 mod export;
+mod fetch;
 mod images;
 mod import;
 mod inputs;
@@ -135,6 +136,7 @@ enum Command {
     Checkpoints(train::Checkpoints),
     Import(Box<import::Import>),
     Export(export::Export),
+    Fetch(fetch::Fetch),
     Zoo(zoo::Zoo),
     Reproduce(Box<reproduce::ReproduceCommand>),
     Plan(plan::Plan),
@@ -182,6 +184,8 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         }
     };
     let output = Output::new(cli.json, cli.quiet);
+    #[cfg(feature = "remote")]
+    fetch::watch(&output);
     match run_command(registry, cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_cancelled() => {
@@ -260,6 +264,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),
+        Command::Fetch(command) => command.run(output),
         Command::Zoo(command) => command.run(output),
         Command::Reproduce(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),

@@ -165,6 +165,7 @@ impl fmt::Display for Failure {
 }
 
 /// Where and how results go.
+#[derive(Clone)]
 pub(crate) struct Output {
     json: bool,
     quiet: bool,

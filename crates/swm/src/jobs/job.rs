@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
 use swm_core::evaluate::sha256;
 use swm_data::recording::WriterLock;
+use swm_data::remote::is_remote;
 use swm_data::tools::parts;
 use swm_tasks::request::{Divided, Record};
 
@@ -69,6 +70,10 @@ impl Input {
     ///
     /// It cannot be read.
     pub(crate) fn of(path: &Path) -> Result<Self, BoxError> {
+        if is_remote(path) {
+            // Its hash is that of its version, which costs little.
+            return Ok(Self { bytes: 0, modified: 0, sha256: file_hash(path)?, path: path.to_owned() });
+        }
         let path = std::path::absolute(path).map_err(|error| cannot("read", path, error))?;
         let (bytes, modified) = stamp(&path)?;
         Ok(Self { bytes, modified, sha256: file_hash(&path)?, path })
@@ -80,7 +85,8 @@ impl Input {
     ///
     /// It is missing or has changed.
     pub(crate) fn check(&self, fully: bool) -> Result<(), BoxError> {
-        let is_as_it_was = !fully && !self.path.is_dir() && stamp(&self.path)? == (self.bytes, self.modified);
+        let has_stamp = !fully && !is_remote(&self.path) && !self.path.is_dir();
+        let is_as_it_was = has_stamp && stamp(&self.path)? == (self.bytes, self.modified);
         if is_as_it_was || file_hash(&self.path)? == self.sha256 {
             return Ok(());
         }

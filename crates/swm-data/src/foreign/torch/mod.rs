@@ -243,10 +243,10 @@ impl Array for Tensor {
         for (index, into) in bytes.chunks_exact_mut(row_bytes).enumerate() {
             let start = self.start + self.row(rows.first + index * rows.stride) * width as u64;
             if offsets.is_empty() {
-                read_exact_at(&self.file, into, start)?;
+                read_exact_at(self.file.as_ref(), into, start)?;
             } else {
                 for (value, offset) in into.chunks_exact_mut(width).zip(&offsets) {
-                    read_exact_at(&self.file, value, start + offset * width as u64)?;
+                    read_exact_at(self.file.as_ref(), value, start + offset * width as u64)?;
                 }
             }
         }

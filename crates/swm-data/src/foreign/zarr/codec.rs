@@ -93,7 +93,7 @@ pub(super) fn checked(mut bytes: Vec<u8>) -> Result<Vec<u8>> {
 }
 
 /// CRC-32C, Castagnoli's polynomial, of all bytes.
-fn crc32c(bytes: &[u8]) -> u32 {
+pub(in crate::foreign) fn crc32c(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 256] = {
         let (mut table, mut index) = ([0; 256], 0);
         while index < 256 {

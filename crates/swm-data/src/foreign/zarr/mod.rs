@@ -17,6 +17,8 @@ mod fill;
 mod meta;
 mod store;
 
+pub(super) use codec::crc32c;
+
 use std::path::Path;
 use std::sync::Arc;
 

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read as _};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+#[cfg(feature = "remote")]
 use std::sync::Arc;
 
 use zip::ZipArchive;
@@ -14,8 +14,10 @@ use zip::result::ZipError;
 use super::ENDS;
 use crate::error::{FormatError, Result, invalid, unsupported};
 use crate::foreign::natural;
-use crate::formats::disk::{open_regular, read_exact_at};
+use crate::formats::disk::{Cursor, ReadAt as _, Readable, open_regular, read_exact_at};
 use crate::formats::npz::check_end;
+#[cfg(feature = "remote")]
+use crate::remote::{self, Folder};
 
 /// Descriptions of an array, in the versions 2 and 3.
 pub(super) const V2: &str = ".zarray";
@@ -34,7 +36,10 @@ const MAX_RATIO: u64 = 1100;
 pub(super) enum Store {
     Folder(PathBuf),
     /// An archive, and the folder in it.
-    Zip(ZipArchive<Shared>, String),
+    Zip(ZipArchive<Cursor>, String),
+    /// Objects that lie elsewhere.
+    #[cfg(feature = "remote")]
+    Remote(Arc<Folder>),
 }
 
 impl fmt::Debug for Store {
@@ -42,6 +47,8 @@ impl fmt::Debug for Store {
         match self {
             Self::Folder(path) => f.debug_tuple("Folder").field(path).finish(),
             Self::Zip(archive, folder) => f.debug_tuple("Zip").field(&archive.len()).field(folder).finish(),
+            #[cfg(feature = "remote")]
+            Self::Remote(folder) => folder.fmt(f),
         }
     }
 }
@@ -49,6 +56,11 @@ impl fmt::Debug for Store {
 impl Store {
     /// The store at `path`, if there is one with ends of episodes.
     pub(super) fn open(path: &Path) -> Result<Option<Self>> {
+        #[cfg(feature = "remote")]
+        if let Some(remote::Found::Folder(folder)) = remote::opened(path) {
+            let is_there = [V2, V3].iter().any(|about| folder.has(&format!("{ENDS}/{about}")));
+            return Ok(is_there.then_some(Self::Remote(folder)));
+        }
         if path.is_dir() {
             let is_there = [V2, V3].iter().any(|about| path.join(ENDS).join(about).is_file());
             return Ok(is_there.then(|| Self::Folder(path.to_owned())));
@@ -56,11 +68,9 @@ impl Store {
         if !crate::foreign::known::is_zip(path) {
             return Ok(None);
         }
-        let file = open_regular(path)?;
-        let length = file.metadata()?.len();
-        check_end(&file, length)?;
-        let shared = Shared { file: Arc::new(file), length, at: 0 };
-        let archive = ZipArchive::new(shared).map_err(zip_error)?;
+        let file = Readable::open(path)?;
+        check_end(&file, file.length()?)?;
+        let archive = ZipArchive::new(Cursor::new(file)?).map_err(zip_error)?;
         let ends = [V2, V3].map(|about| format!("{ENDS}/{about}"));
         let folder = archive.file_names().find_map(|name| {
             let folder = ends.iter().find_map(|end| name.strip_suffix(end.as_str()))?;
@@ -90,6 +100,8 @@ impl Store {
                 Err(ZipError::FileNotFound) => Ok(None),
                 entry => Ok(Some(entry.map_err(zip_error)?.size())),
             },
+            #[cfg(feature = "remote")]
+            Self::Remote(folder) => Ok(folder.length(key)?),
         }
     }
 
@@ -144,6 +156,8 @@ impl Store {
                     false => Err(invalid(format!("`{key}` is cut short"))),
                 }
             }
+            #[cfg(feature = "remote")]
+            Self::Remote(folder) => folder.part(key, within),
         }
     }
 
@@ -155,11 +169,12 @@ impl Store {
             Self::Folder(folder) => below(&folder.join(group), "", 0, &mut found)?,
             Self::Zip(archive, folder) => {
                 let start = format!("{folder}{group}/");
-                for name in archive.file_names() {
-                    let Some(path) = name.strip_prefix(&start) else { continue };
-                    let array = [V2, V3].iter().find_map(|about| path.strip_suffix(about)?.strip_suffix('/'));
-                    found.extend(array.map(str::to_owned));
-                }
+                found.extend(archive.file_names().filter_map(|name| array_of(name, &start)));
+            }
+            #[cfg(feature = "remote")]
+            Self::Remote(folder) => {
+                let start = format!("{group}/");
+                found.extend(folder.names().filter_map(|name| array_of(name, &start)));
             }
         }
         let mut found: Vec<String> = found.into_iter().filter(|path| self.is_array(group, path)).collect();
@@ -174,6 +189,12 @@ impl Store {
         let about: serde_json::Value = serde_json::from_slice(&about).unwrap_or_default();
         about["node_type"] != "group"
     }
+}
+
+/// The path of an array, of that of its description, below a group.
+fn array_of(name: &str, start: &str) -> Option<String> {
+    let path = name.strip_prefix(start)?;
+    [V2, V3].iter().find_map(|about| path.strip_suffix(about)?.strip_suffix('/')).map(str::to_owned)
 }
 
 /// Arrays below a folder; what is below an array are its chunks.
@@ -209,8 +230,8 @@ fn is_group(folder: &Path) -> bool {
     about["node_type"] == "group"
 }
 
-fn archive_length(archive: &ZipArchive<Shared>) -> u64 {
-    archive.clone().into_inner().length
+fn archive_length(archive: &ZipArchive<Cursor>) -> u64 {
+    archive.clone().into_inner().length()
 }
 
 fn zip_error(error: ZipError) -> FormatError {
@@ -219,35 +240,5 @@ fn zip_error(error: ZipError) -> FormatError {
             unsupported(format!("an archive of this kind is not read: {what}"))
         }
         error => FormatError::other(error),
-    }
-}
-
-/// A reader of a file with a place of its own: clones do not move each other's.
-#[derive(Clone)]
-pub(super) struct Shared {
-    file: Arc<File>,
-    length: u64,
-    at: u64,
-}
-
-impl Read for Shared {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        let left = self.length.saturating_sub(self.at);
-        let count = usize::try_from(left).unwrap_or(usize::MAX).min(out.len());
-        read_exact_at(&self.file, &mut out[..count], self.at)?;
-        self.at += count as u64;
-        Ok(count)
-    }
-}
-
-impl Seek for Shared {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let place = match to {
-            SeekFrom::Start(at) => Some(at),
-            SeekFrom::End(by) => self.length.checked_add_signed(by),
-            SeekFrom::Current(by) => self.at.checked_add_signed(by),
-        };
-        self.at = place.ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
-        Ok(self.at)
     }
 }

@@ -23,7 +23,7 @@ const SWMR_WRITER: u8 = 4;
 const END_OF_FILE: usize = 28;
 const CHECKSUM: usize = 44;
 
-/// The fields of the superblock that are read.
+/// What the superblock says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Superblock {
     version: u8,

@@ -25,6 +25,8 @@ mod tasks;
 mod values;
 mod writer;
 
+pub(crate) use table::Table;
+
 use crate::adapt;
 use crate::entry::{Format, StoredImages};
 use crate::recording::BackendWriter;

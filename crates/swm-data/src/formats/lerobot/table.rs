@@ -9,13 +9,14 @@ use super::values::{MAX_VALUES, Values, is_half, is_unsigned, type_name};
 use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
 use crate::formats::element;
+use parquet::basic::{ConvertedType, Type};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::{ByteArray, FixedLenByteArray};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use swm_core::Column;
 
 /// An open file.
-pub(super) struct Table {
+pub(crate) struct Table {
     reader: SerializedFileReader<File>,
     /// By name: where the column stands, and how many parts a value has.
     columns: BTreeMap<String, (usize, usize)>,
@@ -23,7 +24,7 @@ pub(super) struct Table {
 }
 
 impl Table {
-    pub(super) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = open_regular(path).at(path.display())?;
         let reader = guarded(|| SerializedFileReader::new(file).map_err(FormatError::other));
         let reader = reader.at(path.display())?;
@@ -39,7 +40,7 @@ impl Table {
         Ok(Self { reader, columns, rows })
     }
 
-    pub(super) fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.rows
     }
 
@@ -60,6 +61,32 @@ impl Table {
         .at(format_args!("column `{name}`"))
     }
 
+    /// The columns of structures and of lists, by their paths without the levels of lists, and whether their values are bytes that are no
+    /// text.
+    pub(crate) fn leaves(&self) -> Vec<(String, bool)> {
+        let schema = self.reader.metadata().file_metadata().schema_descr();
+        let of = |leaf: &std::sync::Arc<parquet::schema::types::ColumnDescriptor>| {
+            let mut parts = leaf.path().parts();
+            if leaf.max_rep_level() > 0 && parts.len() > 2 {
+                parts = &parts[..parts.len() - 2];
+            }
+            let is_text = leaf.converted_type() == ConvertedType::UTF8;
+            (parts.join("/"), leaf.physical_type() == Type::BYTE_ARRAY && !is_text)
+        };
+        schema.columns().iter().map(of).collect()
+    }
+
+    /// All values of a leaf, row after row.
+    pub(crate) fn leaf(&self, leaf: usize) -> Result<Column> {
+        guarded(|| self.read(leaf))
+    }
+
+    /// The bytes of all rows of a leaf.
+    pub(crate) fn bytes(&self, leaf: usize) -> Result<Vec<Vec<u8>>> {
+        let all = guarded(|| self.read_bytes(leaf, 0..self.rows))?;
+        Ok(all.iter().map(|bytes| bytes.data().to_vec()).collect())
+    }
+
     /// All values of a column of whole numbers, one a row; `None`: there is no such column, or it holds others.
     pub(super) fn integers(&self, name: &str) -> Option<Vec<i64>> {
         let numbers = match self.column(name).ok()? {
@@ -78,7 +105,10 @@ impl Table {
     fn read_images(&self, name: &str, rows: Range<usize>) -> Result<Vec<ByteArray>> {
         let schema = self.reader.metadata().file_metadata().schema_descr();
         let leaf = schema.columns().iter().position(|leaf| *leaf.path().parts() == [name, "bytes"]);
-        let leaf = leaf.ok_or(missing("it holds no encoded images"))?;
+        self.read_bytes(leaf.ok_or(missing("it holds no encoded images"))?, rows)
+    }
+
+    fn read_bytes(&self, leaf: usize, rows: Range<usize>) -> Result<Vec<ByteArray>> {
         let (mut images, mut begin) = (Vec::new(), 0_usize);
         for group in 0..self.reader.num_row_groups() {
             let group = self.reader.get_row_group(group).map_err(FormatError::other)?;

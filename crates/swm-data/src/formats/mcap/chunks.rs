@@ -1,12 +1,11 @@
 //! Chunks of messages: where they lie, and their bytes. Ours are not compressed, so that a message can be read where it
 //! lies; other programs compress them with LZ4 (frames) or Zstandard, and then a chunk is read as a whole.
 
-use std::fs::File;
 use std::io::{self, Read};
 
 use super::records::{HEAD, Reader};
 use crate::error::{At as _, Result, invalid, unsupported};
-use crate::formats::disk::read_exact_at;
+use crate::formats::disk::{ReadAt, read_exact_at};
 
 /// Bytes of a chunk's head up to its messages, with the longest name of a compression.
 const HEAD_BYTES: u64 = 64;
@@ -52,7 +51,7 @@ pub(super) struct Chunk {
 
 impl Chunk {
     /// Reads the head of a chunk record that begins at `at` and has `length` bytes of content.
-    pub(super) fn read(file: &File, at: u64, length: u64) -> Result<Self> {
+    pub(super) fn read(file: &dyn ReadAt, at: u64, length: u64) -> Result<Self> {
         let mut bytes = vec![0; length.min(HEAD_BYTES) as usize];
         read_exact_at(file, &mut bytes, at + HEAD)?;
         let mut reader = Reader(&bytes);
@@ -90,7 +89,7 @@ impl Chunk {
     }
 
     /// Reads its messages, as they were before they were compressed.
-    pub(super) fn messages(&self, file: &File, out: &mut Vec<u8>) -> Result<()> {
+    pub(super) fn messages(&self, file: &dyn ReadAt, out: &mut Vec<u8>) -> Result<()> {
         out.resize(self.stored as usize, 0);
         read_exact_at(file, out, self.messages_at())?;
         let stored: &[u8] = out;
@@ -123,7 +122,7 @@ pub(super) struct Messages {
 
 impl Messages {
     /// The record that begins at the byte `at` of the file, which has `length` bytes.
-    pub(super) fn outside(&mut self, file: &File, length: u64, at: u64) -> Result<(u8, &[u8])> {
+    pub(super) fn outside(&mut self, file: &dyn ReadAt, length: u64, at: u64) -> Result<(u8, &[u8])> {
         let mut head = [0; HEAD as usize];
         read_exact_at(file, &mut head, at)?;
         let size = Reader(&head[1..]).u64()?;
@@ -138,7 +137,7 @@ impl Messages {
     /// The record (opcode, length, content) that begins at the byte `offset` of a chunk's messages.
     pub(super) fn record(
         &mut self,
-        file: &File,
+        file: &dyn ReadAt,
         chunks: &[Chunk],
         (index, offset): (usize, u64),
     ) -> Result<(u8, &[u8])> {

@@ -2,7 +2,6 @@
 //! them, or as one whose recording was cut off, behind whose last episode no other may have been committed.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::ops::Range;
 
 use crc32fast::Hasher;
@@ -10,7 +9,7 @@ use crc32fast::Hasher;
 use super::index::EPISODE;
 use super::records::{FOOTER, HEAD, MAGIC, METADATA, Reader, STATISTICS};
 use crate::error::{Result, invalid};
-use crate::formats::disk::read_exact_at;
+use crate::formats::disk::{ReadAt, read_exact_at};
 
 /// Bytes of a footer with its head, and of the magic behind it.
 const FOOTER_BYTES: u64 = HEAD + 20;
@@ -39,7 +38,7 @@ pub(super) struct Footer {
 
 impl Footer {
     /// Reads it; `None` if the file was not finished.
-    pub(super) fn read(file: &File, length: u64) -> Result<Option<Self>> {
+    pub(super) fn read(file: &dyn ReadAt, length: u64) -> Result<Option<Self>> {
         let Some(at) = length.checked_sub(END_BYTES).filter(|&at| at >= MAGIC.len() as u64) else {
             return Ok(None);
         };
@@ -63,7 +62,7 @@ impl Footer {
     }
 
     /// Compares the checksum of the summary, and its counts of metadata records and chunks with those that were `found`.
-    pub(super) fn check(&self, file: &File, length: u64, found: [usize; 2]) -> Result<()> {
+    pub(super) fn check(&self, file: &dyn ReadAt, length: u64, found: [usize; 2]) -> Result<()> {
         let start = if self.summary == 0 { self.at } else { self.summary };
         // The footer up to its checksum.
         let end = length - MAGIC.len() as u64 - 4;
@@ -99,7 +98,7 @@ impl Footer {
 }
 
 /// The checksum of a range of bytes.
-pub(super) fn checksum(file: &File, range: Range<u64>) -> Result<Hasher> {
+pub(super) fn checksum(file: &dyn ReadAt, range: Range<u64>) -> Result<Hasher> {
     let (mut hasher, mut at) = (Hasher::new(), range.start);
     let mut bytes = Vec::new();
     while at < range.end {
@@ -113,7 +112,7 @@ pub(super) fn checksum(file: &File, range: Range<u64>) -> Result<Hasher> {
 
 /// Looks through what lies behind the last committed episode of a file that was not finished, `rest`: if one from
 /// number `next` on was committed there, a record before it is damaged, and nothing may be cut.
-pub(super) fn check_cut(file: &File, rest: Range<u64>, next: u64) -> Result<()> {
+pub(super) fn check_cut(file: &dyn ReadAt, rest: Range<u64>, next: u64) -> Result<()> {
     let needle = [&(EPISODE.len() as u32).to_le_bytes(), EPISODE.as_bytes()].concat();
     let (mut at, mut bytes) = (rest.start, Vec::new());
     while at + (needle.len() as u64) < rest.end {
@@ -137,7 +136,7 @@ pub(super) fn check_cut(file: &File, rest: Range<u64>, next: u64) -> Result<()> 
 }
 
 /// The number of the episode that a record commits, if one begins there.
-fn committed(file: &File, at: u64, length: u64) -> Option<u64> {
+fn committed(file: &dyn ReadAt, at: u64, length: u64) -> Option<u64> {
     let mut head = [0; HEAD as usize];
     read_exact_at(file, &mut head, at).ok()?;
     let size = Reader(&head[1..]).u64().ok()?;

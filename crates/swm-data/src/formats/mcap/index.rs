@@ -1,8 +1,6 @@
 //! What a file holds, found by walking over its records without reading the messages: columns, runs, and for every
 //! committed episode where its messages lie.
 
-use std::fs::File;
-
 use swm_core::{Dtype, Field, Metadata};
 
 use super::chunks::{Chunk, Messages};
@@ -13,7 +11,7 @@ use super::records::{
     SCHEMA,
 };
 use crate::error::{At as _, Result, invalid, missing};
-use crate::formats::disk::read_exact_at;
+use crate::formats::disk::{ReadAt, read_exact_at};
 
 /// Metadata record: the columns.
 pub(super) const DATASET: &str = "swm.dataset";
@@ -114,8 +112,8 @@ impl Index {
     /// Walks over a file. Errors say what is damaged. A file that just ends is that of a killed recording, if it was not
     /// finished and no later episode was committed. Which episode a message belongs to, its time tells: other programs that rewrite a
     /// file put the records in another order.
-    pub(super) fn read(file: &File) -> Result<Self> {
-        let length = file.metadata()?.len();
+    pub(super) fn read(file: &dyn ReadAt) -> Result<Self> {
+        let length = file.length()?;
         let mut magic = [0; MAGIC.len()];
         read_exact_at(file, &mut magic, 0).map_err(|_| invalid("it is shorter than its head"))?;
         if &magic != MAGIC {
@@ -278,7 +276,7 @@ impl Index {
     }
 
     /// Takes the channels and, where it has no index, the messages of a chunk.
-    fn scan(&mut self, file: &File, index: usize, found: &mut Found) -> Result<()> {
+    fn scan(&mut self, file: &dyn ReadAt, index: usize, found: &mut Found) -> Result<()> {
         let (chunk, mut messages) = (self.chunks[index].clone(), Messages::default());
         let (is_indexed, chunk) = (!chunk.indexes.is_empty(), [chunk]);
         let mut at = 0;
@@ -295,7 +293,7 @@ impl Index {
     }
 
     /// Gives every message to its episode. Times are rows.
-    fn place(&mut self, file: &File, mut found: Found) -> Result<()> {
+    fn place(&mut self, file: &dyn ReadAt, mut found: Found) -> Result<()> {
         let row_ns = self.row_ns;
         self.runs.iter_mut().for_each(|(_, run)| *run = at_rate(std::mem::take(run), row_ns));
         let mut is_in_order = found.messages.iter().all(|message| message.chunk != OUTSIDE)

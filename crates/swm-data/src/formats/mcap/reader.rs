@@ -1,6 +1,5 @@
 //! Reading an MCAP dataset: any row of any column, by the positions that the walk over the file found.
 
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,6 +15,7 @@ use super::rows::from_json;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 use crate::foreign;
+use crate::formats::disk::{ReadAt as _, Readable};
 use crate::recording::EP_IDX;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
@@ -41,7 +41,7 @@ struct Rows {
 #[derive(Debug)]
 struct Shared {
     info: DatasetInfo,
-    file: File,
+    file: Readable,
     /// Of the file, in bytes.
     length: u64,
     index: Index,
@@ -52,7 +52,7 @@ struct Shared {
 impl McapDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let failed = |source| DataError::io(path, "open", source);
-        let file = File::open(path).map_err(failed)?;
+        let file = Readable::open(path).map_err(failed)?;
         let damaged = |error: FormatError| DataError::damaged(path, error);
         let index = Index::read(&file).map_err(damaged)?;
         if index.columns.is_empty() {
@@ -72,7 +72,7 @@ impl McapDataset {
         let mut info = DatasetInfo::new(path, super::FORMAT.name, schema, lengths);
         info.runs = index.runs.clone().into();
         info.has_checksums = true;
-        let length = file.metadata().map_err(failed)?.len();
+        let length = file.length().map_err(failed)?;
         let shared = Shared { info, file, length, index, channels };
         Ok(Self { shared: Arc::new(shared), rows: None, messages: Messages::default() })
     }

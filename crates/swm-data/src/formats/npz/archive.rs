@@ -1,9 +1,9 @@
 //! Reading the array of an `.npz` file: straight from the file where it is stored as it is, from memory where it is
 //! deflated.
 
-use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use swm_core::SliceMut;
@@ -13,7 +13,7 @@ use zip::{CompressionMethod, ZipArchive};
 use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
-use crate::formats::disk::{new_file, open_regular, read_exact_at};
+use crate::formats::disk::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
 use crate::formats::element::Element;
 
 /// Where numpy puts the only array of an archive.
@@ -50,7 +50,7 @@ pub(crate) struct Array {
 #[derive(Debug)]
 enum Values {
     /// From this byte of the file on.
-    File(File, u64),
+    File(Readable, u64),
     Memory(Vec<u8>),
 }
 
@@ -63,11 +63,11 @@ impl Array {
     /// Opens an array of an archive of several. A compressed one that is too large for memory is decoded into a file of the folder
     /// `storage`, which has no name.
     pub(crate) fn open_member(path: &Path, member: &str, storage: Option<&Path>) -> Result<Self> {
-        let file = open_regular(path)?;
-        let length = file.metadata()?.len();
+        let file = Readable::open(path)?;
+        let length = file.length()?;
         check_end(&file, length)?;
-        let mut archive =
-            ZipArchive::new(BufReader::new(&file)).map_err(|error| archive_error(error, member))?;
+        let mut archive = ZipArchive::new(BufReader::new(Cursor::new(file.clone())?))
+            .map_err(|error| archive_error(error, member))?;
         let entry = archive.by_name(member).map_err(|error| archive_error(error, member))?;
         let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
         if entry.compressed_size() > length || size / MAX_RATIO > entry.compressed_size() {
@@ -127,7 +127,7 @@ impl Array {
             ));
         }
         let (start, available) = (head.bytes as u64, size.saturating_sub(head.bytes as u64));
-        Self::new(head, available, Values::File(file, start))
+        Self::new(head, available, Values::File(Readable::File(Arc::new(file)), start))
     }
 
     /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
@@ -141,6 +141,7 @@ impl Array {
             None => return Err(unsupported("it is a single value, not one per row")),
         }
         let start = growing::VALUES;
+        let file = Readable::File(Arc::new(file));
         Self::new(head, length.saturating_sub(start), Values::File(file, start))
     }
 
@@ -291,9 +292,10 @@ fn by_row(bytes: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
 
 /// Names of the arrays of an archive, without `.npy`.
 pub(crate) fn members(path: &Path) -> Result<Vec<String>> {
-    let file = open_regular(path)?;
-    check_end(&file, file.metadata()?.len())?;
-    let archive = ZipArchive::new(BufReader::new(&file)).map_err(|error| archive_error(error, ""))?;
+    let file = Readable::open(path)?;
+    check_end(&file, file.length()?)?;
+    let archive =
+        ZipArchive::new(BufReader::new(Cursor::new(file)?)).map_err(|error| archive_error(error, ""))?;
     let mut names: Vec<String> =
         archive.file_names().filter_map(|name| name.strip_suffix(".npy").map(str::to_owned)).collect();
     names.sort();
@@ -301,7 +303,7 @@ pub(crate) fn members(path: &Path) -> Result<Vec<String>> {
 }
 
 /// Whether a zip archive ends here. The zip crate would look for the record through all of the file, however large.
-pub(crate) fn check_end(file: &File, length: u64) -> Result<()> {
+pub(crate) fn check_end(file: &dyn ReadAt, length: u64) -> Result<()> {
     let count = length.min(MAX_END);
     let mut tail = vec![0; count as usize];
     read_exact_at(file, &mut tail, length - count)?;

@@ -157,7 +157,8 @@ class NativeDataset(Dataset):
         for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache), ("vary", vary)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
-        self.path: Any = Path(path)
+        # An address is no path: that would make one slash of two.
+        self.path: Any = str(path) if _swm.is_remote(str(path)) else Path(path)
         for name, value in (("num_steps", num_steps), ("frameskip", frameskip)):
             if not isinstance(cast("Any", value), (int, float, np.number)):
                 whole_number(name, value, 1)

@@ -57,7 +57,8 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
 
     Args:
         name: A file or folder (absolute, or below ``<cache_dir>/datasets``, or below the working directory), the id of a
-            repository that :func:`download` has fetched, or ``lerobot://<repo id>``.
+            repository that :func:`download` has fetched, or ``lerobot://<repo id>``. An address, ``https://…``, ``s3://BUCKET/KEY``
+            or ``hf://datasets/USER/REPO[@REVISION]/PATH``, is read where it is, and fetched as far as it is read.
         cache_dir: Default: ``$STABLEWM_HOME``, else ``~/.stable_worldmodel``.
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
@@ -75,13 +76,18 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         raise TypeError(f"load_dataset was given {type(name).__name__}{shown} in the place of a path{several}{is_open}")
     if not str(name):
         raise ValueError("load_dataset was given an empty name; give the path of a dataset, or its name below <cache_dir>/datasets")
+    if _swm.is_remote(str(name)):
+        if format is not None:
+            raise ValueError(f"format={format!r}: the content of {str(name)!r} tells its format; leave it out")
+        options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+        return NativeDataset(str(name), **kwargs, **({"options": options} if options else {}))
     if "://" in str(name):
         known = get_format(format) if format else next((known for known in FORMATS.values() if known.detect(str(name))), None)
         own = {native for native, *_ in _swm.dataset_formats()} - {"lerobot"}
         if known is None or known.name in own:
             raise ValueError(
-                f"No format detected for {str(name)!r}: of schemes, only lerobot:// is known, and nothing is fetched; fetch the file "
-                "and give its path, or a repository of the Hub by swm.data.download(repo)"
+                f"No format detected for {str(name)!r}: of schemes, https://, s3://, hf://datasets/ and lerobot:// are known; fetch the "
+                "file and give its path, or a repository of the Hub by swm.data.download(repo)"
             )
         return known.open_reader(str(name), **kwargs)
     with checked_access(name):
@@ -405,8 +411,8 @@ def verify(
     Returns:
         ``ok``; ``fixed`` and ``to_fix``, steps of a repair; ``report``: ``problems``, ``notes`` and counts.
     """
-    path = _find(str(source), datasets_folder(cache_dir))
-    if path.is_file():
+    path = str(source) if _swm.is_remote(str(source)) else _find(str(source), datasets_folder(cache_dir))
+    if isinstance(path, Path) and path.is_file():
         path.open("rb").close()  # What may not be read is no damaged dataset.
     request = {"dataset": str(path), "fix": fix, "dry_run": dry_run, "opening": _json(opening)}
     return dict(_run(_swm.verify_dataset, request, progress))

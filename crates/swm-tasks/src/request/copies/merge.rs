@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
 use swm_data::adapt::fill_factors;
+use swm_data::remote::is_remote;
 use swm_data::tools::alike::check_recordings;
 use swm_data::tools::copy::{all, is_same};
 use swm_data::tools::part_folder::datasets_in;
@@ -84,7 +85,9 @@ impl Merge {
 /// Refuses a path where nothing is.
 pub(in super::super) fn check_exists(path: &Path) -> Result<(), TaskError> {
     match std::fs::metadata(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(DataError::io(path, "open", error))),
+        Err(error) if error.kind() == ErrorKind::NotFound && !is_remote(path) => {
+            Err(wrong(DataError::io(path, "open", error)))
+        }
         // What else is in the way is found when it is opened.
         _ => Ok(()),
     }

@@ -1,0 +1,154 @@
+//! Servers with faults: what is tried again, and what the errors name.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use super::super::fetch::fetch_from;
+use super::super::test_server::Fault;
+use super::super::{Object, RemoteError};
+use super::*;
+
+#[test]
+fn cut_slow_and_busy_answers_are_continued() {
+    let whole = bytes(3 << 20);
+    for faults in [
+        vec![Fault::Cut, Fault::Cut, Fault::Cut],
+        vec![Fault::Status(503), Fault::Status(429), Fault::Status(500)],
+        vec![Fault::Slow],
+        vec![Fault::Silent],
+    ] {
+        let test = Test::http(&[("/x", whole.clone())]);
+        test.server.fail(&faults);
+        let object = test.object("/x").unwrap();
+        let mut out = vec![0; whole.len()];
+        object.read_exact_at(&mut out, 0).unwrap();
+        assert_eq!(out, whole, "{faults:?}");
+    }
+}
+
+#[test]
+fn what_does_not_work_is_named_with_its_fix() {
+    let test = Test::http(&[("/x.npz", bytes(100)), ("/empty.npz", Vec::new())]);
+    let message = |path: &str| test.open(&test.at(path)).err().unwrap().to_string();
+    for (faults, path, reasons) in [
+        (vec![], "/none.npz", ["nothing is there (404)", "check the address"]),
+        (vec![Fault::Status(403); 3], "/x.npz", ["access is denied (403)", "wants a login"]),
+        (vec![Fault::Status(503); 5], "/x.npz", ["answers 503, 5 times", "what was fetched is kept"]),
+        (vec![Fault::Status(416)], "/x.npz", ["416", "another server"]),
+        (vec![Fault::Status(418)], "/x.npz", ["418", "check the address"]),
+        (vec![], "/empty.npz", ["the file is empty", ""]),
+        (vec![], "/x.npz", ["not a dataset", ""]),
+    ] {
+        test.server.fail(&faults);
+        let message = message(path);
+        test.server.state.faults.lock().unwrap().clear();
+        assert!(reasons.iter().all(|reason| message.contains(reason)), "{message}");
+        assert!(message.contains(path.trim_start_matches('/')) && !message.contains("damaged"), "{message}");
+    }
+    let none = test.open(Path::new("http://127.0.0.1:9/x.npz")).err().unwrap().to_string();
+    assert!(none.contains("5 times") && none.contains("http://127.0.0.1:9/x.npz"), "{none}");
+}
+
+#[test]
+fn a_change_under_the_reader_is_an_error() {
+    let test = Test::http(&[("/x", bytes(3 << 20))]);
+    let object = test.object("/x").unwrap();
+    test.server.put("/x", vec![1; 3 << 20]);
+    let mut out = vec![0; 10];
+    let error = object.read_exact_at(&mut out, 2 << 20).unwrap_err().to_string();
+    assert!(error.contains("changed after it was opened") && error.contains("open it again"), "{error}");
+    // A new look at it reads the new version, and none of the old blocks.
+    test.object("/x").unwrap().read_exact_at(&mut out, 0).unwrap();
+    assert_eq!(out, [1; 10]);
+}
+
+#[test]
+fn servers_without_ranges_or_tags() {
+    let (whole, name) = (bytes((2 << 20) + 5), "pldm_maze.npz");
+    let test = Test::http(&[("/x", whole.clone()), ("/p.npz", std::fs::read(golden(name)).unwrap())]);
+    test.server.state.has_no_ranges.store(true, Ordering::Relaxed);
+    let object = test.object("/x").unwrap();
+    let error = object.read_exact_at(&mut [0; 10], 2 << 20).unwrap_err().to_string();
+    assert!(error.contains("gives no parts of it"), "{error}");
+    assert!(
+        same(&rows(test.open(&test.at("/p.npz")).unwrap().as_mut()).unwrap(), &local(name)),
+        "it is one block"
+    );
+    let out = test.cache.path().join("x");
+    fetch_from(&test.remote, &test.at("/x"), Some(&out)).unwrap();
+    assert_eq!(std::fs::read(&out).unwrap(), whole);
+    test.server.state.has_no_tags.store(true, Ordering::Relaxed);
+    assert!(test.open(&test.at("/p.npz")).is_ok());
+}
+
+/// What a failed reading of an object shows.
+fn message_of(object: &Object, at: u64) -> String {
+    let error = object.read_exact_at(&mut [0; 10], at).unwrap_err();
+    let found = RemoteError::within(&error).unwrap().clone();
+    found.while_trying("read").to_string()
+}
+
+#[test]
+fn every_fault_of_an_open_object_is_named_with_address_reason_and_fix() {
+    let many = |fault| vec![fault; 5];
+    for (faults, reason, fix) in [
+        (many(Fault::Cut), "early, 5 times", "what was fetched is kept"),
+        (many(Fault::Silent), "no answer in 1.5 s, 5 times", "check the connection"),
+        (many(Fault::Status(500)), "answers 500, 5 times", "check the connection"),
+        (vec![Fault::Status(401)], "access is denied (401)", "wants a login"),
+        (vec![Fault::Status(403)], "access is denied (403)", "wants a login"),
+        (vec![Fault::Status(404)], "nothing is there (404)", "check the address"),
+        (vec![Fault::Status(412)], "it was changed after it was opened", "open it again"),
+        (vec![Fault::Status(416)], "from 2097152 on (416)", "another server"),
+    ] {
+        // The last block is so short that half of it is no progress.
+        let test = Test::http(&[("/x", bytes((2 << 20) + 50))]);
+        let object = test.object("/x").unwrap();
+        test.server.fail(&faults);
+        let message = message_of(&object, (2 << 20) + 40);
+        let name = format!("cannot read {}/x: ", test.server.url);
+        assert!(message.starts_with(&name), "{faults:?}: {message}");
+        assert!(message.contains(reason) && message.contains(fix), "{faults:?}: {message}");
+        assert!(!message.contains("damaged"), "{faults:?}: {message}");
+    }
+}
+
+#[test]
+fn an_object_that_was_cut_there_is_changed() {
+    let test = Test::http(&[("/x", bytes(3 << 20))]);
+    test.server.state.has_no_tags.store(true, Ordering::Relaxed);
+    let object = test.object("/x").unwrap();
+    // Without a tag its length tells.
+    test.server.put("/x", bytes(2 << 20));
+    let message = message_of(&object, (2 << 20) + 5);
+    assert!(message.contains("changed after it was opened"), "{message}");
+}
+
+#[test]
+fn a_chunk_that_was_changed_is_an_error_that_names_it() {
+    let test = Test::new(&[], |settings, url| settings.s3.endpoint = Some(url.to_owned()));
+    put_all(&test.server, "pusht_cchi_v7_replay.zarr", "/bucket/p.zarr");
+    let mut dataset = test.open(Path::new("s3://bucket/p.zarr")).unwrap();
+    let pixels = dataset.schema().index("pixels").unwrap();
+    let all: Vec<String> = test.server.state.files.lock().unwrap().keys().cloned().collect();
+    for path in all.iter().filter(|path| path.contains("/data/img/") && !path.contains("/.z")) {
+        test.server.put(path, vec![1; 10]);
+    }
+    // Of the first episode, something was read when it was opened.
+    let episode = dataset.num_episodes() - 1;
+    let (count, field) = (dataset.episode_len(episode), dataset.schema().fields()[pixels].clone());
+    let mut out = Column::zeros(field.dtype, count * field.dim());
+    let read = dataset.rows(pixels, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut());
+    let error = read.unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("s3://bucket/p.zarr/data/img/"), "{message}");
+    assert!(message.contains("changed after it was opened") && !message.contains("damaged"), "{message}");
+}
+
+#[test]
+fn a_file_of_another_kind_is_named_by_its_address() {
+    let test = Test::http(&[("/x.h5", b"\x89HDF\r\n\x1a\n and nothing more".to_vec())]);
+    let message = test.open(&test.at("/x.h5")).err().unwrap().to_string();
+    assert!(message.contains(&format!("{}/x.h5", test.server.url)), "{message}");
+    assert!(!message.contains("copies"), "{message}");
+}

@@ -1,0 +1,219 @@
+//! Datasets on a server of this machine.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
+mod faults;
+mod fetching;
+mod formats;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use swm_core::Column;
+use tempfile::TempDir;
+
+use super::address::Address;
+use super::found::{Found, Remote};
+use super::open::open_from;
+use super::settings::{Credentials, Hub, Settings};
+use super::test_server::Server;
+use crate::dataset::{Dataset, Steps};
+use crate::error::DataError;
+use crate::format::built_in;
+use crate::open_options::OpenOptions;
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field").join(name)
+}
+
+/// Bytes that are no dataset, over several blocks.
+fn bytes(count: usize) -> Vec<u8> {
+    (0..count).map(|at| (at * 7 + at / 251) as u8).collect()
+}
+
+struct Test {
+    server: Server,
+    cache: TempDir,
+    remote: Arc<Remote>,
+}
+
+impl Test {
+    fn new(files: &[(&str, Vec<u8>)], change: impl FnOnce(&mut Settings, &str)) -> Self {
+        let (server, cache) = (Server::start(files), tempfile::tempdir().unwrap());
+        let mut settings = Settings::of_test(cache.path());
+        change(&mut settings, &server.url);
+        Self { remote: Remote::new(settings).unwrap(), server, cache }
+    }
+
+    fn http(files: &[(&str, Vec<u8>)]) -> Self {
+        Self::new(files, |_, _| {})
+    }
+
+    fn at(&self, path: &str) -> PathBuf {
+        PathBuf::from(format!("{}{path}", self.server.url))
+    }
+
+    fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
+        open_from(&self.remote, built_in(), path, &OpenOptions::default())
+    }
+
+    fn object(&self, path: &str) -> Result<Arc<super::Object>, super::RemoteError> {
+        match self.remote.find(&Address::of(&self.at(path))?)? {
+            Found::Object(object) => Ok(object),
+            Found::Folder(_) => panic!("{path} is an object"),
+        }
+    }
+}
+
+/// All rows of all columns.
+fn rows(dataset: &mut dyn Dataset) -> Result<Vec<Column>, DataError> {
+    let mut all = Vec::new();
+    for column in 0..dataset.schema().fields().len() {
+        for episode in 0..dataset.num_episodes() {
+            let (field, count) = (dataset.schema().fields()[column].clone(), dataset.episode_len(episode));
+            let mut out = Column::zeros(field.dtype, count * field.dim());
+            dataset.rows(column, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut())?;
+            all.push(out);
+        }
+    }
+    Ok(all)
+}
+
+fn same(a: &[Column], b: &[Column]) -> bool {
+    format!("{a:?}") == format!("{b:?}")
+}
+
+fn local(name: &str) -> Vec<Column> {
+    rows(crate::open(&golden(name)).unwrap().as_mut()).unwrap()
+}
+
+/// The files of a folder, below a path.
+fn files_of(folder: &Path, below: &str) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap().flatten() {
+        let path = format!("{below}/{}", entry.file_name().to_str().unwrap());
+        match entry.path().is_dir() {
+            true => found.extend(files_of(&entry.path(), &path)),
+            false => found.push((path, std::fs::read(entry.path()).unwrap())),
+        }
+    }
+    found
+}
+
+fn put_all(server: &Server, folder: &str, below: &str) {
+    for (path, bytes) in files_of(&golden(folder), below) {
+        server.put(&path, bytes);
+    }
+}
+
+#[test]
+fn blocks_are_fetched_as_they_are_read() {
+    let whole = bytes(5 * (1 << 20) + 77);
+    let test = Test::http(&[("/x", whole.clone())]);
+    let object = test.object("/x").unwrap();
+    let read = |object: &super::Object, at: usize, count: usize| {
+        let mut out = vec![0; count];
+        object.read_exact_at(&mut out, at as u64).map(|()| out)
+    };
+    assert_eq!(read(&object, 4_000_000, 300_000).unwrap(), whole[4_000_000..4_300_000]);
+    assert_eq!(test.server.count(), 3, "the first block, and the two that have these bytes");
+    assert_eq!(read(&object, 0, whole.len()).unwrap(), whole);
+    assert!(read(&object, whole.len() - 1, 2).is_err() && read(&object, usize::MAX, 2).is_err());
+    let again = test.object("/x").unwrap();
+    let before = test.server.count();
+    assert_eq!(read(&again, 0, whole.len()).unwrap(), whole);
+    assert_eq!(test.server.count(), before, "all blocks are on disk");
+}
+
+#[test]
+fn stores_of_s3_are_listed_and_signed() {
+    let name = "pusht_cchi_v7_replay.zarr";
+    let test = Test::new(&[("/bucket/other/file", bytes(10))], |settings, url| {
+        settings.s3.endpoint = Some(url.to_owned());
+        settings.s3.credentials = Some(Credentials {
+            key: "KEY".to_owned(),
+            secret: "SECRET".to_owned(),
+            session: Some("SESSION".to_owned()),
+        });
+    });
+    put_all(&test.server, name, "/bucket/sets/pusht.zarr");
+    *test.server.state.wants.lock().unwrap() = Some("AWS4-HMAC-SHA256 Credential=KEY/");
+    let path = Path::new("s3://bucket/sets/pusht.zarr");
+    let mut dataset = test.open(path).unwrap();
+    assert!(same(&rows(dataset.as_mut()).unwrap(), &local(name)));
+    assert_eq!(dataset.path(), path);
+    assert!(!test.cache.path().join("copies").exists(), "its chunks are read one by one");
+    drop(dataset);
+    let asked = |test: &Test| {
+        test.server.state.asked.lock().unwrap().iter().filter(|(target, _)| !target.contains('?')).count()
+    };
+    let before = asked(&test);
+    rows(test.open(path).unwrap().as_mut()).unwrap();
+    assert_eq!(asked(&test), before + 1, "chunks that are on disk are not fetched again");
+    *test.server.state.wants.lock().unwrap() = Some("AWS4-HMAC-SHA256 Credential=OTHER/");
+    let message = test.open(Path::new("s3://bucket/sets/none.zarr")).err().unwrap().to_string();
+    assert!(message.contains("denied (403, AccessDenied)") && message.contains("AWS_REGION"), "{message}");
+    assert!(!["SECRET", "SESSION", "KEY,"].iter().any(|secret| message.contains(secret)), "{message}");
+    for (path, content) in files_of(test.cache.path(), "") {
+        for secret in ["KEY", "SECRET", "SESSION"] {
+            let is_in = content.windows(secret.len()).any(|part| part == secret.as_bytes());
+            assert!(!path.contains(secret) && !is_in, "{path}");
+        }
+    }
+}
+
+#[test]
+fn a_bucket_without_credentials_names_the_variables() {
+    let test = Test::new(&[], |settings, url| settings.s3.endpoint = Some(url.to_owned()));
+    *test.server.state.wants.lock().unwrap() = Some("AWS4");
+    let message = test.open(Path::new("s3://bucket/x.h5")).err().unwrap().to_string();
+    assert!(message.contains("s3://bucket/x.h5") && message.contains("set AWS_ACCESS_KEY_ID"), "{message}");
+    *test.server.state.wants.lock().unwrap() = None;
+    let message = test.open(Path::new("s3://bucket/x.h5")).err().unwrap().to_string();
+    assert!(message.contains("nothing is there (404)"), "{message}");
+}
+
+fn of_hub(files: &[(&str, Vec<u8>)], token: Option<&str>) -> Test {
+    Test::new(files, |settings, url| {
+        settings.hub = Hub { endpoint: url.to_owned(), token: token.map(str::to_owned) };
+    })
+}
+
+#[test]
+fn repositories_of_the_hub_are_read_at_a_commit() {
+    let test = of_hub(&[("/data/p.npz", std::fs::read(golden("pldm_maze.npz")).unwrap())], Some("TOKEN"));
+    *test.server.state.wants.lock().unwrap() = Some("Bearer TOKEN");
+    put_all(&test.server, "v3_sharded.zarr", "/s.zarr");
+    put_all(&test.server, "dinowm_pusht_noise", "/noise");
+    for (path, name) in [
+        ("hf://datasets/user/repo/data/p.npz", "pldm_maze.npz"),
+        ("hf://datasets/user/repo@main/s.zarr", "v3_sharded.zarr"),
+        ("hf://datasets/user/repo/noise", "dinowm_pusht_noise"),
+    ] {
+        let mut dataset = test.open(Path::new(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
+        assert!(same(&rows(dataset.as_mut()).unwrap(), &local(name)), "{path}");
+    }
+    *test.server.state.wants.lock().unwrap() = Some("Bearer OTHER");
+    let message = test.open(Path::new("hf://datasets/user/repo/x.npz")).err().unwrap().to_string();
+    assert!(message.contains("the token of HF_TOKEN") && !message.contains("TOKEN\""), "{message}");
+    assert!(!message.contains("Bearer"), "{message}");
+}
+
+#[test]
+fn what_is_open_stays_at_its_commit() {
+    let (old, new) = (bytes(3 << 20), vec![9; 3 << 20]);
+    let test = of_hub(&[("/x", old.clone()), ("/moved/x", new)], None);
+    let path = Path::new("hf://datasets/user/repo@main/x");
+    let find = || match test.remote.find(&Address::of(path).unwrap()).unwrap() {
+        Found::Object(object) => object,
+        Found::Folder(_) => panic!("it is a file"),
+    };
+    let object = find();
+    test.server.state.is_moved.store(true, Ordering::Relaxed);
+    let mut out = vec![0; 100];
+    object.read_exact_at(&mut out, 2 << 20).unwrap();
+    assert_eq!(out, old[2 << 20..][..100], "the branch moved, and what is open did not");
+    find().read_exact_at(&mut out, 2 << 20).unwrap();
+    assert_eq!(out, [9; 100], "it is opened at the commit that the branch is now");
+}
