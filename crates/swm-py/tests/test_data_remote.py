@@ -1,37 +1,80 @@
-"""Datasets behind an address, on a server of this machine."""
+"""Datasets behind an address, on a server of this machine: as plain files, as a repository of the Hub, and as a bucket of S3."""
 
 from __future__ import annotations
 
+import hashlib
 import http.server
 import json
+import os
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import parse_qs, quote, unquote, urlsplit
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
 import stable_worldmodel_rs as swm
+from stable_worldmodel_rs import _swm
 
+FIELD = Path(__file__).parents[3] / "tests" / "golden" / "field"
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
+SECRETS = {"AWS_ACCESS_KEY_ID": "THEKEY", "AWS_SECRET_ACCESS_KEY": "THESECRET", "HF_TOKEN": "THETOKEN"}
 
 
 class Handler(http.server.BaseHTTPRequestHandler):
-    """Files of a folder with ranges, and a repository of the Hub with the same files."""
+    """Files of a folder with ranges; the same as the repository ``user/repo``, and as the bucket ``bucket``, which want a login."""
 
     folder: Path
+    asked: list[str]
 
     def do_GET(self) -> None:
-        path = self.path.split("?")[0]
-        if path.startswith("/api/datasets/user/repo/revision/"):
+        self.asked.append(self.path)
+        parts = urlsplit(self.path)
+        path, query = unquote(parts.path).lstrip("/"), parse_qs(parts.query)
+        login = self.headers.get("Authorization", "")
+        if "/datasets/user/repo/" in "/" + path and login != "Bearer THETOKEN":
+            return self.answer(401, b"", {})
+        if path.startswith("bucket/") and not login.startswith("AWS4-HMAC-SHA256 Credential=THEKEY/"):
+            return self.answer(403, b"<Error><Code>AccessDenied</Code></Error>", {})
+        if path.startswith("api/datasets/user/repo/revision/"):
             return self.answer(200, json.dumps({"sha": COMMIT}).encode(), {})
-        path = path.removeprefix(f"/datasets/user/repo/resolve/{COMMIT}")
-        file = self.folder / path.lstrip("/")
+        tree = f"api/datasets/user/repo/tree/{COMMIT}/"
+        if path.startswith(tree):
+            return self.list_tree(path.removeprefix(tree))
+        if "list-type" in query:
+            return self.list_bucket(query["prefix"][0])
+        for start in (f"datasets/user/repo/resolve/{COMMIT}/", "bucket/"):
+            path = path.removeprefix(start)
+        return self.file(self.folder / path)
+
+    def files(self, prefix: str) -> list[Path]:
+        return sorted(file for file in (self.folder / prefix).rglob("*") if file.is_file())
+
+    def list_tree(self, prefix: str) -> None:
+        files = self.files(prefix)
+        nodes = [
+            {"type": "file", "path": file.relative_to(self.folder).as_posix(), "size": file.stat().st_size, "oid": self.tag(file)}
+            for file in files
+        ]
+        self.answer(200 if files else 404, json.dumps(nodes).encode(), {})
+
+    def list_bucket(self, prefix: str) -> None:
+        text = "<ListBucketResult><IsTruncated>false</IsTruncated>"
+        for file in self.files(prefix):
+            key, size = escape(file.relative_to(self.folder).as_posix()), file.stat().st_size
+            text += f"<Contents><Key>{key}</Key><Size>{size}</Size><ETag>{escape(self.tag(file))}</ETag></Contents>"
+        self.answer(200, (text + "</ListBucketResult>").encode(), {})
+
+    def tag(self, file: Path) -> str:
+        return f'"{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"'
+
+    def file(self, file: Path) -> None:
         if not file.is_file():
             return self.answer(404, b"", {})
-        content = file.read_bytes()
-        headers = {"ETag": f'"{len(content)}-{file.stat().st_mtime_ns}"'}
+        content, headers = file.read_bytes(), {"ETag": self.tag(file)}
         if "Range" not in self.headers:
             return self.answer(200, content, headers)
         first, last = self.headers["Range"].removeprefix("bytes=").split("-")
@@ -51,48 +94,170 @@ class Handler(http.server.BaseHTTPRequestHandler):
         pass
 
 
+class Server:
+    """What is served, and processes that read it: variables are read once by a process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.cache, self.asked = folder / "served", folder / "cache", list[str]()
+        self.folder.mkdir()
+        handler = type("OfFolder", (Handler,), {"folder": self.folder, "asked": self.asked})
+        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self.url = f"http://127.0.0.1:{self.server.server_port}"
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def run(self, *words: str) -> subprocess.CompletedProcess[str]:
+        own = {"SWM_CACHE": str(self.cache), "HF_ENDPOINT": self.url, "AWS_ENDPOINT_URL": self.url, **SECRETS}
+        done = subprocess.run(words, env={**os.environ, **own}, capture_output=True, text=True, timeout=300)
+        for secret in SECRETS.values():
+            assert secret not in done.stdout + done.stderr
+        return done
+
+    def python(self, code: str) -> subprocess.CompletedProcess[str]:
+        return self.run(sys.executable, "-c", "import stable_worldmodel_rs as swm\n" + code)
+
+    def addresses(self, path: str) -> list[str]:
+        return [f"{self.url}/{quote(path)}", f"s3://bucket/{path}", f"hf://datasets/user/repo@main/{path}"]
+
+
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[tuple[str, Path]]:
-    folder = tmp_path / "served"
-    folder.mkdir()
-    handler = type("OfFolder", (Handler,), {"folder": folder})
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}", folder
-    server.shutdown()
+def server(tmp_path: Path) -> Iterator[Server]:
+    server = Server(tmp_path)
+    yield server
+    server.server.shutdown()
 
 
-def run(code: str, url: str, cache: Path) -> subprocess.CompletedProcess[str]:
-    """Runs code in a process with its own cache: the variables are read once."""
-    import os
-
-    env = {**os.environ, "SWM_CACHE": str(cache), "HF_ENDPOINT": url}
-    return subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=120)
-
-
-def test_datasets_open_by_their_address(server: tuple[str, Path], tmp_path: Path) -> None:
-    url, folder = server
-    states = np.arange(24, dtype=np.float32).reshape(6, 4)
+def make(folder: Path) -> list[str]:
+    """Datasets of six formats: their names."""
+    states = np.arange(48, dtype=np.float32).reshape(12, 4)
+    images = np.random.default_rng(0).integers(0, 256, (12, 3, 16, 16), dtype=np.uint8)
     with swm.data.HDF5Writer(folder / "mine.h5") as writer:
-        writer.write_episode({"state": states, "action": np.zeros((6, 2), np.float32)})
-    for address in (f"{url}/mine.h5", "hf://datasets/user/repo@main/mine.h5"):
-        code = (
-            "import stable_worldmodel_rs as swm\n"
-            f"dataset = swm.data.load_dataset({address!r})\n"
-            "print(dataset.lengths.tolist(), float(dataset[0]['state'].sum()), dataset.path)"
-        )
-        done = run(code, url, tmp_path / "cache")
+        for first in (0, 6):
+            rows = slice(first, first + 6)
+            writer.write_episode({"pixels": images[rows], "state": states[rows], "action": states[rows, :2] / 50})
+    for name, kind in (("mine.folder", "folder"), ("mine.mcap", "mcap"), ("mine.lerobot", "lerobot")):
+        options = {"fps": 10} if kind == "lerobot" else {}
+        swm.data.convert(folder / "mine.h5", folder / name, dest_format=kind, progress=False, **options)
+    for name in ("pusht_cchi_v7_replay.zarr", "pointmaze-medium-navigate-v0.npz"):
+        subprocess.run(["cp", "-r", str(FIELD / name), str(folder / name)], check=True)
+    return ["mine.h5", "mine.folder", "mine.mcap", "mine.lerobot", "pusht_cchi_v7_replay.zarr", "pointmaze-medium-navigate-v0.npz"]
+
+
+READ = """
+import hashlib, json, sys
+import numpy as np
+def read(path):
+    dataset = swm.data.load_dataset(path)
+    columns = {}
+    for episode in range(len(dataset.lengths)):
+        for name, values in dataset.load_episode(episode).items():
+            columns.setdefault(name, hashlib.sha256()).update(np.asarray(values).tobytes())
+    return {"lengths": dataset.lengths.tolist(), **{name: found.hexdigest() for name, found in columns.items()}}
+"""
+
+
+def test_every_format_opens_by_its_address(server: Server) -> None:
+    pairs = []
+    for name in make(server.folder):
+        is_folder = (server.folder / name).is_dir()
+        # A server of plain HTTP gives no lists.
+        pairs += [(str(server.folder / name), address) for address in server.addresses(name)[1 if is_folder else 0 :]]
+    done = server.python(READ + f"for here, there in {pairs!r}:\n    print(json.dumps([there, read(here), read(there)]))")
+    assert done.returncode == 0, done.stderr
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(found) == len(pairs) == 15
+    for there, expected, columns in found:
+        assert columns == expected, there
+        assert len(columns) > 1, there
+    # Its size is logged before a file is fetched as a whole; what is read by position is not.
+    assert "fetching s3://bucket/mine.h5: 0.0 MB" in done.stderr, done.stderr
+    assert "fetching s3://bucket/mine.mcap" not in done.stderr and ".npz" not in done.stderr, done.stderr
+    for file in server.cache.rglob("*"):
+        content = file.read_bytes() if file.is_file() else b""
+        assert not any(secret.encode() in content or secret in str(file) for secret in SECRETS.values()), file
+
+
+def test_commands_take_addresses(server: Server, command: str, tmp_path: Path) -> None:
+    make(server.folder)
+    http, s3, hub = server.addresses("mine.h5")
+    for address, name in ((http, "mine.h5"), ("s3://bucket/pusht_cchi_v7_replay.zarr", "pusht_cchi_v7_replay.zarr"), (hub, "mine.h5")):
+        shown = json.loads(server.run(command, "inspect", address, "--json").stdout)
+        assert shown["path"] == address
+        out = str(tmp_path / f"{hashlib.sha256(address.encode()).hexdigest()[:8]}.h5")
+        done = server.run(command, "convert", address, out)
         assert done.returncode == 0, done.stderr
-        assert done.stdout.strip() == f"[6] {states[0].sum()} {address}"
-        # Its size is logged before a file is fetched as a whole.
-        assert f"fetching {address}: 0.0 MB" in done.stderr, done.stderr
+        done = server.run(command, "diff", out, str(server.folder / name))
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert server.run(command, "verify", address).returncode == 0
+    done = server.run(command, "diff", s3, str(server.folder / "mine.h5"))
+    assert done.returncode == 0, done.stdout + done.stderr
+    done = server.run(command, "verify", s3, "--fix")
+    assert done.returncode == 2 and "lies elsewhere" in done.stderr, done.stderr
+    done = server.run(command, "merge", s3, s3, "--out", str(tmp_path / "twice.h5"))
+    assert done.returncode == 2 and "named twice" in done.stderr, done.stderr
+    done = server.run(command, "convert", str(server.folder / "mine.h5"), "s3://bucket/new.h5")
+    assert done.returncode == 2 and "are read, not written" in done.stderr, done.stderr
+    done = server.run(command, "inspect", "s3://bucket/none.h5")
+    assert done.returncode == 2 and "s3://bucket/none.h5" in done.stderr and "nothing is there (404)" in done.stderr, done.stderr
 
 
-def test_what_is_not_there_is_named(server: tuple[str, Path], tmp_path: Path) -> None:
-    url, _ = server
-    done = run(f"import stable_worldmodel_rs as swm\nswm.data.load_dataset({url + '/none.h5'!r})", url, tmp_path / "cache")
-    assert "nothing is there (404)" in done.stderr and f"{url}/none.h5" in done.stderr, done.stderr
-    secret = f"import stable_worldmodel_rs as swm\nswm.data.load_dataset({url.replace('//', '//me:SECRET@') + '/x.h5'!r})"
-    done = run(secret, url, tmp_path / "cache")
+def test_whole_datasets_are_fetched(server: Server, command: str, tmp_path: Path) -> None:
+    make(server.folder)
+    done = server.run(command, "fetch", "s3://bucket/mine.lerobot", "--out", str(tmp_path / "own.lerobot"), "--json")
+    assert done.returncode == 0, done.stderr
+    files = [file for file in (server.folder / "mine.lerobot").rglob("*") if file.is_file()]
+    assert json.loads(done.stdout)["files"] == len(files)
+    for file in files:
+        assert (tmp_path / "own.lerobot" / file.relative_to(server.folder / "mine.lerobot")).read_bytes() == file.read_bytes()
+    done = server.run(command, "fetch", "s3://bucket/mine.lerobot", "--out", str(tmp_path / "own.lerobot"))
+    assert done.returncode == 2 and "exists already" in done.stderr, done.stderr
+    done = server.run(command, "fetch", str(tmp_path))
+    assert done.returncode == 2 and "is no address" in done.stderr, done.stderr
+
+
+def test_functions_take_addresses(server: Server, tmp_path: Path) -> None:
+    make(server.folder)
+    s3 = "s3://bucket/mine.h5"
+    code = (
+        f"swm.data.convert({s3!r}, {str(tmp_path / 'copy.h5')!r}, progress=False)\n"
+        f"dataset = swm.data.load_dataset({s3!r}, num_steps=2, image_size=(8, 8))\n"
+        "print(dataset.path, dataset[0]['pixels'].shape)\n"
+        f"print(swm.data.verify({s3!r}, progress=False)['ok'])\n"
+    )
+    done = server.python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [f"{s3} (2, 3, 8, 8)", "True"]
+    copy, own = (swm.data.load_dataset(path) for path in (tmp_path / "copy.h5", server.folder / "mine.h5"))
+    assert np.array_equal(copy.get_col_data("state"), own.get_col_data("state"))
+
+
+def test_a_dataset_that_is_here_asks_no_server(server: Server) -> None:
+    make(server.folder)
+    done = server.python(READ + f"read({str(server.folder / 'pointmaze-medium-navigate-v0.npz')!r})")
+    assert done.returncode == 0, done.stderr
+    assert server.asked == []
+
+
+@pytest.mark.skipif(not _swm.HAS_TRAINING, reason="this build has no training")
+def test_a_model_is_trained_on_an_address(server: Server, tmp_path: Path) -> None:
+    states = np.random.default_rng(0).normal(size=(60, 4)).astype(np.float32)
+    with swm.data.HDF5Writer(server.folder / "states.h5") as writer:
+        for first in range(0, 60, 20):
+            rows = slice(first, first + 20)
+            writer.write_episode({"state": states[rows], "observation": states[rows], "action": states[rows, :2]})
+    code = f"swm.train('gcbc', 's3://bucket/states.h5', {str(tmp_path / 'run')!r}, preset='small', steps=2, batch=4, progress=False)\n"
+    done = server.python(code)
+    assert done.returncode == 0, done.stderr
+    assert "s3://bucket/states.h5" in (tmp_path / "run" / "config.json").read_text()
+
+
+def test_what_is_not_there_is_named(server: Server) -> None:
+    done = server.python(f"swm.data.load_dataset({server.url + '/none.h5'!r})")
+    assert "nothing is there (404)" in done.stderr and f"{server.url}/none.h5" in done.stderr, done.stderr
+    secret = server.url.replace("//", "//me:SECRET@") + "/x.h5"
+    done = server.python(f"swm.data.load_dataset({secret!r})")
     assert "a name and a password" in done.stderr, done.stderr
     assert "SECRET" not in done.stderr.splitlines()[-1]
+    done = server.python("swm.data.load_dataset('hf://datasets/user/repo/none.h5')")
+    assert "hf://datasets/user/repo/none.h5" in done.stderr and "404" in done.stderr, done.stderr
+    with pytest.raises(ValueError, match="leave it out"):
+        swm.data.load_dataset("s3://bucket/mine.h5", format="hdf5")

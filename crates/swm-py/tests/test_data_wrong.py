@@ -238,8 +238,8 @@ def test_names_that_are_no_paths_are_refused(tmp_path: Path, monkeypatch: pytest
             swm.data.load_dataset(wrong)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="given an empty name"):
         swm.data.load_dataset("")
-    for url in ("https://host/a.h5", "s3://bucket/a"):
-        with pytest.raises(ValueError, match=r"of schemes, only lerobot:// is known, and nothing is fetched"):
+    for url in ("gs://bucket/a.h5", "ftp://host/a"):
+        with pytest.raises(ValueError, match=r"of schemes, https://, s3://, hf://datasets/ and lerobot:// are known"):
             swm.data.load_dataset(url)
     write(tmp_path / "pusht.h5")
     with pytest.raises(FileNotFoundError, match=r"did you mean '.*pusht.h5'\?"):

@@ -11,6 +11,7 @@ const LANCE: &str = "lance-core";
 const MATRICES: &str = "faer";
 const MUJOCO: &str = "swm-envs-mujoco";
 const ONNX: &str = "ort";
+const NETWORK: &str = "ureq-proto";
 const PARQUET: &str = "parquet";
 const PHYSICS_2D: &str = "rapier2d-f64";
 const PHYSICS_3D: &str = "rapier3d-f64";
@@ -20,7 +21,7 @@ const WEB: &str = "axum";
 
 /// What crates keep out, but for what they are there for.
 const HEAVY: &[&str] =
-    &[TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, VIDEOS, SHELL];
+    &[TENSORS, HDF5, LANCE, MATRICES, MUJOCO, NETWORK, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, VIDEOS, SHELL];
 
 /// Crates, the heavy parts that features of theirs may pull in, and what else none does.
 const LIMITS: &[(&str, &[&str], &[&str])] = &[
@@ -32,7 +33,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-envs-3d", &[PHYSICS_3D], &["swm-data", "swm-solvers"]),
     ("swm-envs-mujoco", &[MUJOCO], &["swm-data", "swm-solvers"]),
     ("swm-solvers", &[MATRICES], &["swm-data", "swm-render"]),
-    ("swm-data", &[HDF5, PARQUET, VIDEOS], &["swm-solvers"]),
+    ("swm-data", &[HDF5, NETWORK, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-data-lance", &[HDF5, LANCE, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
     ("swm-tasks", &[HDF5, MATRICES], &[]),
@@ -53,6 +54,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
     ("onnx", ONNX),
     ("rapier", PHYSICS_2D),
     ("rapier", PHYSICS_3D),
+    ("remote", NETWORK),
     ("ui", WEB),
 ];
 

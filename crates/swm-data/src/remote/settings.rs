@@ -141,13 +141,13 @@ mod tests {
                 ("AWS_ACCESS_KEY_ID", "KEY"),
                 ("AWS_SECRET_ACCESS_KEY", "SECRET"),
                 ("HF_TOKEN", "TOKEN"),
-                ("SWM_HOME", "/home"),
+                ("SWM_HOME", "/data"),
                 ("SWM_CACHE_GB", "0.5"),
             ],
             "linux",
         );
         assert_eq!(all.s3.endpoint.as_deref(), Some("http://127.0.0.1:9000"));
-        assert_eq!(all.cache.as_deref(), Some(std::path::Path::new("/home/cache")));
+        assert_eq!(all.cache.as_deref(), Some(std::path::Path::new("/data/cache")));
         assert_eq!(all.cache_bytes, 500_000_000);
         let shown = format!("{all:?}");
         assert!(!["SECRET", "KEY", "TOKEN"].iter().any(|secret| shown.contains(secret)), "{shown}");

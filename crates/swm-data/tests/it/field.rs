@@ -408,6 +408,45 @@ fn tables_of_minari_are_padded() {
 }
 
 #[test]
+fn files_with_addresses_of_four_bytes_are_read() {
+    use hdf5_metno::plist::file_create::{Sizeof, SizeofInfo};
+
+    let folder = tempfile::tempdir().unwrap();
+    for is_new in [false, true] {
+        let path = folder.path().join(format!("short-{is_new}.hdf5"));
+        let mut builder = hdf5_metno::FileBuilder::new();
+        builder.with_fcpl(|made| {
+            made.sizes(SizeofInfo { sizeof_addr: Sizeof::Bytes4, sizeof_size: Sizeof::Bytes4 })
+        });
+        builder.with_fapl(|access| if is_new { access.libver_latest() } else { access.libver_earliest() });
+        let file = builder.create(&path).unwrap();
+        let values = ndarray::arr2(&[0, 1, 2, 3, 4, 5u8].map(|value| [f32::from(value)]));
+        for name in ["observations", "actions"] {
+            file.new_dataset_builder().with_data(&values).create(name).unwrap();
+        }
+        file.new_dataset_builder().with_data(&[0.0f32; 6]).create("rewards").unwrap();
+        file.new_dataset_builder().with_data(&[false; 6]).create("terminals").unwrap();
+        let ends = [false, false, true, false, false, true];
+        file.new_dataset_builder().with_data(&ends).create("timeouts").unwrap();
+        drop(file);
+        let start = std::fs::read(&path).unwrap();
+        assert_eq!(if is_new { start[9] } else { start[13] }, 4, "bytes of an address");
+        let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
+        assert_eq!(lengths(dataset.as_ref()), [3, 3]);
+        let state = column_of(dataset.as_ref(), "state");
+        assert_eq!(numbers(&rows(dataset.as_mut(), state, 1, 0, 3)), [3.0, 4.0, 5.0]);
+        // A superblock that was changed is damage, whatever it says about sizes.
+        if is_new {
+            let mut changed = start;
+            changed[14] ^= 1;
+            std::fs::write(&path, changed).unwrap();
+            let message = opened(&path, &OpenOptions::default()).err().unwrap().to_string();
+            assert!(message.contains("checksum"), "{message}");
+        }
+    }
+}
+
+#[test]
 fn ends_of_d4rl_are_time_limits_or_ends_of_the_task() {
     let names = [("observations", "state", 1.0), ("actions", "action", 1.0), ("rewards", "reward", 1.0)];
     let mut cheetah = check("halfcheetah-medium-v2.hdf5", &OpenOptions::default(), &names);

@@ -105,12 +105,24 @@ pub(super) fn rendered(
     Ok(Box::new(Rendered::new(dataset, registry, &RenderOptions::default().image(size)).map_err(wrong)?))
 }
 
+/// Refuses to write to an address: datasets that lie elsewhere are read, not written.
+fn check_here(path: &Path) -> Result<(), TaskError> {
+    if !is_remote(path) {
+        return Ok(());
+    }
+    let path = path.display();
+    Err(wrong(format!(
+        "{path} is an address, where datasets are read, not written; write here, and copy it there"
+    )))
+}
+
 /// Makes a folder for results.
 ///
 /// # Errors
 ///
 /// It cannot be made.
 pub fn make_folder(dir: &Path) -> Result<(), TaskError> {
+    check_here(dir)?;
     let failed = |error| wrong(format!("cannot write to the folder {}: {error}", dir.display()));
     std::fs::create_dir_all(dir).map_err(failed)
 }
@@ -121,6 +133,7 @@ pub fn make_folder(dir: &Path) -> Result<(), TaskError> {
 ///
 /// It cannot be made.
 pub fn create_parent(path: &Path) -> Result<(), TaskError> {
+    check_here(path)?;
     let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
     std::fs::create_dir_all(parent)
         .map_err(|source| failed(DataError::io(parent, "create the folder", source)))

@@ -23,7 +23,7 @@ const SWMR_WRITER: u8 = 4;
 const END_OF_FILE: usize = 28;
 const CHECKSUM: usize = 44;
 
-/// What the superblock says.
+/// The fields of the superblock that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Superblock {
     version: u8,
@@ -70,6 +70,10 @@ impl Superblock {
         let bytes: [u8; SIZE] = start.try_into().map_err(|_| cut())?;
         let version = bytes[SIGNATURE.len()];
         if bytes.starts_with(&SIGNATURE) && version >= 2 {
+            // No recording has addresses of another size; the library reads them, and nothing of such a file is repaired here.
+            if has_other_sizes(&bytes) {
+                return Ok(Self { version: 0, bytes, file_length });
+            }
             let stored = u32::from_le_bytes([bytes[44], bytes[45], bytes[46], bytes[47]]);
             if bytes[9..11] != [8, 8] || stored != lookup3(&bytes[..CHECKSUM]) {
                 return Err(DataError::damaged(path, "the checksum of its first 48 bytes is wrong"));
@@ -108,6 +112,18 @@ impl Superblock {
         bytes.copy_from_slice(&self.bytes[END_OF_FILE..END_OF_FILE + 8]);
         u64::from_le_bytes(bytes)
     }
+}
+
+/// Whether addresses or lengths have 2 or 4 bytes, in a superblock of version 2 or 3 whose checksum is right.
+fn has_other_sizes(bytes: &[u8; SIZE]) -> bool {
+    let is_known = |size: u8| matches!(size, 2 | 4 | 8);
+    let (addresses, lengths) = (bytes[9], bytes[10]);
+    if !is_known(addresses) || !is_known(lengths) || [addresses, lengths] == [8, 8] {
+        return false;
+    }
+    // Behind four addresses.
+    let end = 12 + 4 * usize::from(addresses);
+    bytes[end..].first_chunk().is_some_and(|stored| u32::from_le_bytes(*stored) == lookup3(&bytes[..end]))
 }
 
 /// The error of a file without its end.

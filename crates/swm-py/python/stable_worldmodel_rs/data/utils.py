@@ -77,10 +77,7 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     if not str(name):
         raise ValueError("load_dataset was given an empty name; give the path of a dataset, or its name below <cache_dir>/datasets")
     if _swm.is_remote(str(name)):
-        if format is not None:
-            raise ValueError(f"format={format!r}: the content of {str(name)!r} tells its format; leave it out")
-        options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
-        return NativeDataset(str(name), **kwargs, **({"options": options} if options else {}))
+        return _elsewhere(str(name), format, kwargs)
     if "://" in str(name):
         known = get_format(format) if format else next((known for known in FORMATS.values() if known.detect(str(name))), None)
         own = {native for native, *_ in _swm.dataset_formats()} - {"lerobot"}
@@ -92,6 +89,18 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         return known.open_reader(str(name), **kwargs)
     with checked_access(name):
         return _opened(_find(str(name), datasets_folder(cache_dir)), format, kwargs)
+
+
+def _elsewhere(address: str, format: str | None, kwargs: dict[str, Any]) -> NativeDataset:
+    if format is not None:
+        raise ValueError(f"format={format!r}: the content of {address!r} tells its format; leave it out")
+    options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+    if options:
+        kwargs["options"] = options
+    try:
+        return NativeDataset(address, **kwargs)
+    except TypeError as error:
+        raise _unknown_argument(error, kwargs) or error from None
 
 
 def _opened(path: Path, format: str | None, kwargs: dict[str, Any]) -> Any:
