@@ -429,7 +429,7 @@ fn files_with_addresses_of_four_bytes_are_read() {
         let ends = [false, false, true, false, false, true];
         file.new_dataset_builder().with_data(&ends).create("timeouts").unwrap();
         drop(file);
-        let start = std::fs::read(&path).unwrap();
+        let start = fs::read(&path).unwrap();
         assert_eq!(if is_new { start[9] } else { start[13] }, 4, "bytes of an address");
         let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
         assert_eq!(lengths(dataset.as_ref()), [3, 3]);
@@ -439,7 +439,7 @@ fn files_with_addresses_of_four_bytes_are_read() {
         if is_new {
             let mut changed = start;
             changed[14] ^= 1;
-            std::fs::write(&path, changed).unwrap();
+            fs::write(&path, changed).unwrap();
             let message = opened(&path, &OpenOptions::default()).err().unwrap().to_string();
             assert!(message.contains("checksum"), "{message}");
         }
