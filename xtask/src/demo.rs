@@ -5,12 +5,14 @@ mod robustness;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use serde_json::{Value as Json, json};
 
-use crate::{process, setup};
+use crate::metadata::Metadata;
+use crate::{process, setup, test};
 
 /// Options of `cargo xtask demo`.
 #[derive(clap::Args)]
@@ -28,34 +30,27 @@ pub(crate) struct Args {
 
 /// How much of everything.
 struct Size {
-    profile: &'static [&'static str],
     recorded: &'static str,
     evaluated: &'static str,
     planner: &'static str,
     planner_evaluated: &'static str,
     robustness: robustness::Amount,
-    /// Whether models are trained.
-    has_model: bool,
 }
 
 const FULL: Size = Size {
-    profile: &["--profile", "demo"],
     recorded: "200",
     evaluated: "50",
     planner: "cem:samples=128,iterations=8,elites=16,horizon=10,receding_horizon=4,action_block=1",
     planner_evaluated: "50",
     robustness: robustness::FULL,
-    has_model: false,
 };
 
 const SHORT: Size = Size {
-    profile: &[],
     recorded: "6",
     evaluated: "4",
     planner: "cem:samples=32,iterations=2,elites=4,horizon=4,receding_horizon=4,action_block=2",
     planner_evaluated: "2",
     robustness: robustness::SHORT,
-    has_model: false,
 };
 
 const ENV: &str = "swm/PushT-v1";
@@ -63,14 +58,13 @@ const ENV: &str = "swm/PushT-v1";
 /// The whole demonstration.
 pub(crate) fn run(args: &Args) -> Result<()> {
     setup::for_build()?;
-    let size = Size { has_model: args.robustness, ..if args.short { SHORT } else { FULL } };
-    process::run(process::cargo(["build"]).args(size.package()).args(size.profile))?;
+    let size = if args.short { SHORT } else { FULL };
+    let swm = &Swm::build(args)?;
     let started = Instant::now();
     let out = std::path::absolute(&args.out)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let data = out.join("pusht_expert.h5");
-    let recorded = swm(
-        &size,
+    let recorded = swm.json(
         &[
             "collect",
             ENV,
@@ -110,9 +104,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             "42",
             "--again",
         ];
-        results.push((name, folder.clone(), swm(&size, &call, &paths)?));
+        results.push((name, folder.clone(), swm.json(&call, &paths)?));
     }
-    let robustness = if size.has_model { robustness::run(&size, &out)? } else { Vec::new() };
+    let robustness = if args.robustness { robustness::run(swm, &size.robustness, &out)? } else { Vec::new() };
     let table = markdown(&results, &robustness);
     println!("\n{table}");
     let seconds = started.elapsed().as_secs_f64();
@@ -123,34 +117,38 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-impl Size {
-    /// The command `swm`, with videos in MP4 where the machine can build them. The build of the profile `demo` leaves out
-    /// what it does not need, MuJoCo, rapier and faer; the development build has the features of the tests, and so is built already.
-    fn package(&self) -> Vec<&'static str> {
-        let mut args = vec!["--package", "swm", "--bin", "swm"];
-        let is_own = !self.profile.is_empty();
-        match (is_own, process::has_cxx()) {
-            (true, true) => args.extend(["--no-default-features", "--features", "cli,mp4"]),
-            (_, false) => args.extend(["--no-default-features", "--features", "cli"]),
-            (false, true) => {}
-        }
-        if self.has_model {
-            args.extend(["--features", "baselines"]);
-        }
-        args
-    }
-}
+/// The command `swm` of one build.
+struct Swm(PathBuf);
 
-/// Runs the command `swm` and returns what it says as JSON.
-fn swm(size: &Size, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
-    let mut command = process::cargo(["run", "--quiet"]);
-    command.args(size.package()).args(size.profile).arg("--").args(args);
-    for (option, path) in paths {
-        command.arg(option).arg(path);
+impl Swm {
+    /// Builds it, with videos in MP4 where the machine can build them. The build of the profile `demo` leaves out what it does not
+    /// need: MuJoCo, rapier and faer. The short form takes the program of the tests, which is built already.
+    fn build(args: &Args) -> Result<Self> {
+        let (profile, folder) = match (args.short, args.robustness) {
+            (true, false) => return Ok(Self(test::program()?)),
+            (true, true) => (&[][..], "debug"),
+            (false, _) => (&["--profile", "demo"][..], "demo"),
+        };
+        let mut features = vec!["cli"];
+        features.extend(process::has_cxx().then_some("mp4"));
+        features.extend(args.robustness.then_some("baselines"));
+        let package = ["build", "--package", "swm", "--bin", "swm", "--no-default-features", "--features"];
+        process::run(process::cargo(package).arg(features.join(",")).args(profile))?;
+        let name = format!("swm{}", std::env::consts::EXE_SUFFIX);
+        Ok(Self(Metadata::load()?.target_directory.join(folder).join(name)))
     }
-    eprintln!("swm {}", args.join(" "));
-    let printed = process::output(command.args(["--json", "--quiet"]))?;
-    serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))
+
+    /// Runs it and returns what it prints as JSON.
+    fn json(&self, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
+        let mut command = Command::new(&self.0);
+        command.args(args).current_dir(process::root());
+        for (option, path) in paths {
+            command.arg(option).arg(path);
+        }
+        eprintln!("swm {}", args.join(" "));
+        let printed = process::output(command.args(["--json", "--quiet"]))?;
+        serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))
+    }
 }
 
 const HEAD: [&str; 6] = ["policy", "success", "95 % interval", "episodes", "steps to success", "wall time"];

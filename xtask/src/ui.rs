@@ -1,6 +1,7 @@
 //! `cargo xtask ui`: the page of `swm ui`: built again from its sources and compared, and opened in a headless Chromium with data
 //! that the program made. Skipped, with the reason, where there is no npm or no Chromium.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -28,13 +29,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     process::run(npm().args(["ci", "--no-fund", "--no-audit"]).current_dir(&web))?;
-    let before = files(&web.join("dist"))?;
-    process::run(npm().args(["run", "build"]).current_dir(&web))?;
+    let folder = tempfile::tempdir()?;
+    // Beside the page that is there: cargo would build all that holds it anew.
+    let (dist, built) = (web.join("dist"), folder.path().join("dist"));
+    let out = if args.build { &dist } else { &built };
+    process::run(npm().args(["run", "build", "--"]).arg(out).current_dir(&web))?;
     if args.build {
         return Ok(());
     }
-    if files(&web.join("dist"))? != before {
-        bail!("crates/swm-ui/web/dist was not what its sources build; it is now: commit it");
+    if files(&dist)? != files(&built)? {
+        bail!(
+            "crates/swm-ui/web/dist is not what its sources build: run `cargo xtask ui --build`, and commit it"
+        );
     }
     println!("ui: web/dist is what its sources build");
     let known = ["chromium", "chromium-browser", "google-chrome"];
@@ -45,7 +51,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         println!("ui: the page is not opened: there is no Chromium (Debian: apt install chromium)");
         return Ok(());
     };
-    let folder = tempfile::tempdir()?;
     let program = demo_data(folder.path())?;
     let mut test = Command::new("node");
     test.arg("test.mjs").arg(program).arg(folder.path()).env("CHROMIUM", which(&chromium)).current_dir(&web);
@@ -74,11 +79,11 @@ fn which(program: &str) -> PathBuf {
 }
 
 /// Names and contents, by name.
-fn files(folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>> {
+fn files(folder: &Path) -> Result<Vec<(OsString, Vec<u8>)>> {
     let mut all = Vec::new();
     for entry in fs::read_dir(folder).with_context(|| format!("failed to read {}", folder.display()))? {
-        let path = entry?.path();
-        all.push((path.clone(), fs::read(path)?));
+        let entry = entry?;
+        all.push((entry.file_name(), fs::read(entry.path())?));
     }
     all.sort();
     Ok(all)

@@ -226,8 +226,12 @@ impl Input {
             self.shape[1..].iter().map(|&size| usize::try_from(size).unwrap_or(0)).collect();
         if wanted != *shape {
             return Err(wrong(format!(
-                "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment, or \
-                 let --image-size (of `swm manifest make`, where there is a manifest) render images in its size"
+                "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment{}",
+                match shape.len() {
+                    3 =>
+                        ", or let --image-size (of `swm manifest make`, where there is a manifest) render images in its size",
+                    _ => "",
+                }
             )));
         }
         let shape = self.shape.clone();

@@ -72,7 +72,8 @@ pub(crate) fn actions(spec: &EnvSpec, num_envs: usize, given: &Bound<'_, PyAny>)
     let count: usize = shape.iter().product();
     let wrong = |found: String| {
         SwmError::new_err(format!(
-            "actions must be numbers of shape {shape:?}, one row per environment, found {found}"
+            "actions must be numbers of shape {shape:?}{}, found {found}",
+            if num_envs > 1 { ", one row per environment" } else { "" }
         ))
     };
     // The usual case without a detour: an array of the space's own type.

@@ -350,3 +350,15 @@ def test_an_append_holds_the_factors_that_the_file_holds(tmp_path: Path) -> None
         assert len(color) == 5 and (color[2:] == color[2]).all() and (color[:2] != color[2]).any()
     world.collect(writer=swm.data.HDF5Writer(path, mode="append"), episodes=1, seed=4, progress=False)
     assert len(swm.data.load_dataset(path).lengths) == 6
+
+
+def test_a_total_continues_a_recording_to_the_same_episodes(tmp_path: Path) -> None:
+    world = make(2)
+    world.set_policy("random")
+    whole, grown = tmp_path / "whole.h5", tmp_path / "grown.h5"
+    world.collect(whole, episodes=5, seed=2, progress=False)
+    world.collect(grown, episodes=2, seed=2, progress=False)
+    written = world.collect(grown, total=5, seed=2, mode="append", progress=False)
+    assert (written["episodes"], written["total_episodes"]) == (3, 5)
+    for name, values in columns(whole).items():
+        np.testing.assert_array_equal(columns(grown)[name], values)

@@ -136,6 +136,42 @@ def half_an_episode(_: Path) -> None:
     world().evaluate(episodes=2.5, seed=0)
 
 
+def no_environments(_: Path) -> None:
+    world(num_envs=-1)
+
+
+def half_an_environment(_: Path) -> None:
+    world(num_envs=2.0)
+
+
+def episodes_and_a_total(folder: Path) -> None:
+    world().collect(folder / "a.h5", episodes=2, total=4, progress=False)
+
+
+def copy_to_an_unknown_format(folder: Path) -> None:
+    swm.data.convert(recording(folder), folder / "copy.foo", progress=False)
+
+
+def merge_of_one_path(folder: Path) -> None:
+    swm.data.merge(str(recording(folder)), folder / "all.h5", progress=False)
+
+
+def an_unknown_fit(folder: Path) -> None:
+    swm.data.convert(recording(folder), folder / "copy.h5", image_size=(16, 16), fit="cropp", progress=False)
+
+
+def half_a_clip(folder: Path) -> None:
+    swm.data.load_dataset(recording(folder))[1.5]
+
+
+def clips_by_slice(folder: Path) -> None:
+    swm.data.load_dataset(recording(folder))[0:3]
+
+
+def image_size_of_a_manifest(folder: Path) -> None:
+    swm.make_manifest(folder / "task.toml", "swm/PushT-v1", image_size=(64, 64))
+
+
 INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (unknown_option, ["no reset option `variations`", "it has variation,"]),
     (color_beyond_its_range, ["`agent.color`", "between 0 and 255, found 300"]),
@@ -161,4 +197,13 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (size_of_images_as_text, ["image_size='44': give the height and width"]),
     (overwriting_by_an_episode_without_rows, ["an episode without rows"]),
     (half_an_episode, ["episodes=2.5; ask for 1 or more, a whole number"]),
+    (no_environments, ["num_envs=-1; give 1 or more"]),
+    (half_an_environment, ["num_envs=2.0; give a whole number"]),
+    (episodes_and_a_total, ["episodes=2 and total=4; leave one of them out"]),
+    (copy_to_an_unknown_format, ["copy.foo: unknown format 'foo'", 'dest_format="hdf5"']),
+    (merge_of_one_path, ["merge takes a list of datasets"]),
+    (an_unknown_fit, ['fit="cropp"', "did you mean `crop`?"]),
+    (half_a_clip, ["dataset[1.5]: clips have whole numbers"]),
+    (clips_by_slice, ["dataset[slice(0, 3, None)]: clips have whole numbers"]),
+    (image_size_of_a_manifest, ["did you mean image_shape=(64, 64)?"]),
 ]

@@ -29,7 +29,11 @@ pub(crate) fn box_bounds<'a>(
 ) -> Result<(&'a [f64], &'a [f64]), PlanError> {
     let refuse = |reason| Err(PlanError::Space { solver, reason });
     let Space::Box { low, high, .. } = space else {
-        return refuse(format!("it needs real numbers (a box), and the action space is {}", space.kind()));
+        let kind = space.kind();
+        let reason = format!(
+            "it needs real numbers (a box), and the action space is {kind}; categorical-cem plans integers"
+        );
+        return refuse(reason);
     };
     if let Some(index) = (0..low.len()).find(|&i| low[i].is_nan() || high[i].is_nan() || low[i] > high[i]) {
         let (low, high) = (low[index], high[index]);

@@ -1,4 +1,5 @@
-// Builds the page: `npm ci && npm run build`. The result in `dist` is part of the repository, so that `swm` builds without Node.
+// Builds the page into a folder, `dist` by default: `npm ci && npm run build -- FOLDER`. `dist` is part of the repository, so that
+// `swm` builds without Node.
 import { build } from "esbuild";
 import { copyFile, mkdir, readFile } from "node:fs/promises";
 
@@ -8,10 +9,11 @@ Preact: Copyright (c) 2015-present Jason Miller. uPlot: Copyright (c) 2022 Leon 
 ${(await readFile("node_modules/preact/LICENSE", "utf8")).split("\n\n").slice(2).join("\n\n").trim()}
 */`;
 
-await mkdir("dist", { recursive: true });
+const out = process.argv[2] ?? "dist";
+await mkdir(out, { recursive: true });
 await build({
   entryPoints: [{ in: "src/main.tsx", out: "app" }, { in: "src/style.css", out: "app" }],
-  outdir: "dist",
+  outdir: out,
   bundle: true,
   minify: true,
   format: "esm",
@@ -21,4 +23,4 @@ await build({
   legalComments: "none",
   banner: { js: NOTICE },
 });
-for (const name of ["index.html", "icon.svg"]) await copyFile(`src/${name}`, `dist/${name}`);
+for (const name of ["index.html", "icon.svg"]) await copyFile(`src/${name}`, `${out}/${name}`);

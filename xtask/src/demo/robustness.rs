@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use serde_json::Value as Json;
 
-use super::{Size, swm};
+use super::Swm;
 
 const ENV: &str = "swm/TwoRoom-v2";
 const FACTORS: &str = "background.color,agent.color,agent.speed";
@@ -29,8 +29,7 @@ pub(super) const SHORT: Amount =
     Amount { recorded: "20", trained: "3", pairs: "2", planner: "samples=8,iterations=2,elites=2" };
 
 /// Records, trains, and evaluates under each change. Gives one row per change: its name, success, difference, p-value.
-pub(super) fn run(size: &Size, out: &Path) -> Result<Vec<[String; 4]>> {
-    let amount = &size.robustness;
+pub(super) fn run(swm: &Swm, amount: &Amount, out: &Path) -> Result<Vec<[String; 4]>> {
     let at = |name: &str| out.join("robustness").join(name);
     let (data, model, task, sweep) = (at("noisy.h5"), at("lewm"), at("tworoom.toml"), at("sweep"));
     if model.exists() {
@@ -40,14 +39,14 @@ pub(super) fn run(size: &Size, out: &Path) -> Result<Vec<[String; 4]>> {
     let collect =
         ["collect", ENV, "--policy", "noisy-expert:2", "--episodes", amount.recorded, "--seed", "1"];
     let collect = [&collect[..], &images, &["--without", "goal", "--mode", "overwrite"]].concat();
-    swm(size, &collect, &[("--out", &data)])?;
+    swm.json(&collect, &[("--out", &data)])?;
     let train = ["train", "lewm", "--preset", "small", "--steps", amount.trained];
-    swm(size, &train, &[("--dataset", &data), ("--out", &model)])?;
+    swm.json(&train, &[("--dataset", &data), ("--out", &model)])?;
     let make = ["manifest", "make", ENV, "--tier", "historic", "--episodes", amount.pairs];
-    swm(size, &[&make[..], &images].concat(), &[("--dataset", &data), ("--out", &task)])?;
+    swm.json(&[&make[..], &images].concat(), &[("--dataset", &data), ("--out", &task)])?;
     let policy = format!("mpc:{},{}", model.display(), amount.planner);
     let call = ["sweep", "--policy", &policy, "--factors", FACTORS, "--again"];
-    rows(&swm(size, &call, &[("--manifest", &task), ("--out", &sweep)])?)
+    rows(&swm.json(&call, &[("--manifest", &task), ("--out", &sweep)])?)
 }
 
 /// The cells of a sweep, as text.

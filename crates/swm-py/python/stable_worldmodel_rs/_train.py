@@ -292,6 +292,9 @@ def _reason(status: int, said: Sequence[str]) -> str:
     if begin is None:
         return "\n".join(said) or f"the training ended with status {status}"
     text = "\n".join(said[begin:]).removeprefix("error: ").split("\n\nUsage:")[0].strip()
+    without, _, build = text.partition(": in a checkout, cargo install")
+    if build:
+        return f"{without}, which every wheel has; install one, or build it in a checkout by `cargo xtask wheel`"
     # Not in commands, which are between backticks.
     parts = text.split("`")
     return "`".join(re.sub(r"--([a-z][a-z-]*)(?: (?=[A-Z<]))?", _argument, part) if at % 2 == 0 else part for at, part in enumerate(parts))

@@ -126,7 +126,7 @@ fn environments_that_cannot_be_planned_for_are_refused() {
     let message = |entry, text| planner(entry, text).err().expect("refused").to_string();
     assert_eq!(
         message(&DISCRETE_TOY, SMALL),
-        "policy `cem`: cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete"
+        "policy `cem`: cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete; categorical-cem plans integers"
     );
     let setting = Setting { entry: NO_TASK_COST, ..Setting::default() };
     let error = run(&setting, planner(&NO_TASK_COST, SMALL).unwrap()).unwrap_err().to_string();

@@ -234,7 +234,7 @@ fn wrong_problems_are_refused() {
     let error = cem.check(&Space::Discrete { n: 5, start: 0 }).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete"
+        "cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete; categorical-cem plans integers"
     );
     for (solver, part) in [
         (Cem { elites: 301, ..Cem::default() }, "setting `elites`: 301 of 300 samples"),

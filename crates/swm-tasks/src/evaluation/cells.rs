@@ -97,7 +97,7 @@ impl CellLedger {
     ///
     /// # Errors
     ///
-    /// The folder cannot be made; as of [`Ledger::open`].
+    /// The folder cannot be made, or holds parts of another number of parts, which could not be joined with this one; as of [`Ledger::open`].
     pub fn open_part(
         dir: &Path,
         (shard, of): (u64, u64),
@@ -110,12 +110,21 @@ impl CellLedger {
         let parts = dir.join(PARTS);
         fs::create_dir_all(&parts)
             .map_err(|error| format!("cannot write to the folder {}: {error}", parts.display()))?;
+        let there = parts_in(&parts)?;
+        if let Some((one, other)) = there.keys().find(|(_, other)| *other != of) {
+            let parts = parts.display();
+            return Err(format!(
+                "{parts} holds part {one}/{other}, and {shard}/{of} would not go with it; run parts of {other}, remove those that are \
+                 there, or give another folder"
+            )
+            .into());
+        }
         let range = parts::range(shard, of, cells * pairs);
         let by_cell = Division::ByCell.identity(identity)?;
-        let is_older =
-            |(&(_, other), path): (&(u64, u64), &PathBuf)| other == of && Ledger::is_of(path, &by_cell);
         let division = match division {
-            Division::ByPair if cells > 1 && !parts_in(&parts)?.iter().any(is_older) => Division::ByPair,
+            Division::ByPair if cells > 1 && !there.values().any(|path| Ledger::is_of(path, &by_cell)) => {
+                Division::ByPair
+            }
             _ => Division::ByCell,
         };
         let opened = Self::open(&path, &division.identity(identity)?, cells, pairs)?;
@@ -325,6 +334,18 @@ mod tests {
             divided(folder.path(), 2, Division::ByCell),
             [[0..10, 0..5, 0..0], [10..10, 5..10, 0..10]]
         );
+    }
+
+    #[test]
+    fn a_part_of_another_number_of_parts_is_refused_before_it_runs() {
+        let folder = tempfile::tempdir().unwrap();
+        let part = |shard, of| {
+            CellLedger::open_part(folder.path(), (shard, of), Division::default(), &IDENTITY, 3, 10)
+        };
+        part(1, 2).unwrap();
+        let message = part(2, 3).err().expect("parts of two divisions").to_string();
+        assert!(message.contains("holds part 1/2, and 2/3 would not go with it"), "{message}");
+        part(2, 2).unwrap();
     }
 
     /// Runs part `shard` of 2, as the version does that divides so, up to its end.

@@ -196,7 +196,12 @@ pub fn verify_by(
     }
     for reference in &receipt.references {
         if reference.role == Role::Oracle && !oracle {
-            notes.push("the oracle was not run again: its episodes are as the receipt has them".to_owned());
+            // Where the policy is its own oracle, its episodes are those that were run.
+            if reference.candidate != *candidate {
+                notes.push(
+                    "the oracle was not run again: its episodes are as the receipt has them".to_owned(),
+                );
+            }
             continue;
         }
         let again = run_pairs(
@@ -328,9 +333,9 @@ fn cause(recorded: Option<&EpisodeResult>, again: Option<&EpisodeResult>) -> (Pa
         return (Part::Outcomes, "it is missing on one side");
     };
     if recorded.decisions != again.decisions {
-        (Part::Solver, "the first plan is another")
+        (Part::Solver, "its first decision is another")
     } else if recorded.digest != again.digest {
-        (Part::Physics, "the first plan is the same, what came of it is not")
+        (Part::Physics, "its first decision is the same, what came of it is not")
     } else {
         (Part::Outcomes, "the same happened, and the receipt says otherwise")
     }

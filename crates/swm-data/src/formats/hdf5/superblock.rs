@@ -59,6 +59,13 @@ impl Superblock {
         let mut start = Vec::with_capacity(SIZE);
         let read = file.take(SIZE as u64).read_to_end(&mut start);
         read.map_err(|source| DataError::io(path, "read", source))?;
+        // A text, for instance, was never longer.
+        if !start.starts_with(&SIGNATURE[..SIGNATURE.len().min(start.len())]) && start.len() < SIZE {
+            return Err(DataError::not_a_dataset(
+                path,
+                "it does not begin as HDF5 files do: it is another file",
+            ));
+        }
         let cut = || cut_short(path, file_length, None);
         let bytes: [u8; SIZE] = start.try_into().map_err(|_| cut())?;
         let version = bytes[SIGNATURE.len()];
@@ -220,6 +227,22 @@ mod tests {
         // From the driver in lookup3.c.
         assert_eq!(lookup3(b""), 0xdead_beef);
         assert_eq!(lookup3(b"Four score and seven years ago"), 0x1777_0551);
+    }
+
+    #[test]
+    fn short_files_are_cut_short_only_if_they_begin_as_hdf5_does() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.h5");
+        let cases = [
+            (&b"hello"[..], "it is another file"),
+            (b"\x89HDF", "it is cut short"),
+            (b"", "it is cut short"),
+        ];
+        for (content, reason) in cases {
+            std::fs::write(&path, content).unwrap();
+            let error = Superblock::read(&path).err().expect("no superblock").to_string();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 
     #[test]

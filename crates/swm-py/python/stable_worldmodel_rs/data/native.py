@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import operator
 import os
 import re
 from collections import Counter
@@ -366,9 +367,13 @@ class NativeDataset(Dataset):
         if not self._is_plain:
             return super().__getitem__(idx)
         size = len(self)
-        if not -size <= idx < size:
-            raise IndexError(f"clip {idx} of {size}")
-        batch = self._batch([int(idx) % size])
+        try:
+            number = operator.index(idx)
+        except TypeError:
+            raise TypeError(f"dataset[{idx!r}]: clips have whole numbers; for several, dataset.__getitems__([0, 1, 2])") from None
+        if not -size <= number < size:
+            raise IndexError(f"clip {number} of {size}")
+        batch = self._batch([number % size])
         return self._clip({key: values[0] for key, values in batch.items()})
 
     def __getitems__(self, indices: Sequence[int]) -> Sequence[dict[str, Any]]:

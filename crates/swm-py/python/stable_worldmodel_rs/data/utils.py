@@ -299,6 +299,8 @@ def merge(
         partial: Join parts of divided recordings as they are: in the given order, whether or not others are missing.
         **dest_kwargs: Arguments of the writer.
     """
+    if isinstance(sources, (str, Path)):
+        raise TypeError(f"merge takes a list of datasets: [{str(sources)!r}, …]")
     if len(sources) < 2:
         raise ValueError(f"merge needs at least two source datasets, not {len(sources)}")
     formats = list(source_formats) if source_formats is not None else [None] * len(sources)
@@ -315,7 +317,7 @@ def merge(
                 missing, more = sorted(first - here), sorted(here - first)
                 raise ValueError(f"merge: {what} mismatch of {sources[0]} and {source}: missing {missing}; unexpected {more}")
     options = dest_kwargs | {"mode": mode}
-    is_new = mode != "append" or not Path(dest).exists()
+    is_new = mode != "append" or not Path(dest).expanduser().exists()
     request = _copy_request(datasets, dest, dest_format, opening, image_size, fit, options) if is_new else None
     if request is not None:
         paths = [str(dataset.path) for dataset in datasets]
@@ -424,6 +426,12 @@ def _check_size(datasets: list[Any], image_size: tuple[int, int] | None, fit: st
 
 def _format_of(dest: Path, dest_format: str | None) -> str:
     by_suffix = {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in suffixes}
+    if dest_format is None and dest.suffix and dest.suffix not in by_suffix:
+        try:
+            get_format(dest.suffix[1:])
+        except ValueError as error:
+            raise ValueError(f"{dest}: {error}; end the name with one of {', '.join(by_suffix)}, or give dest_format=\"hdf5\"") from None
+        return dest.suffix[1:]
     return dest_format or by_suffix.get(dest.suffix, "hdf5")
 
 
@@ -437,7 +445,7 @@ def _copy_request(
     options: dict[str, Any],
 ) -> dict[str, Any] | None:
     """The settings of a copy that the core makes; None where a format of Python code takes part."""
-    target = Path(dest)
+    target = Path(dest).expanduser()
     name = _format_of(target, dest_format)
     sides = None if image_size is None else image_sides("image_size", image_size)
     probe = get_format(name).open_writer(target, **options)
@@ -470,7 +478,7 @@ def _is_detected(dataset: NativeDataset) -> bool:
 
 def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progress: bool, options: dict[str, Any]) -> None:
     """Copies all episodes, one by one."""
-    target = Path(dest)
+    target = Path(dest).expanduser()
     name = _format_of(target, dest_format)
     known = get_format(name)
     keeps = known.supports_episode_data

@@ -128,7 +128,7 @@ class NativeWriter:
         self._mode_is_given = mode is not None
         if quality is not None and not 1 <= quality <= 100:
             raise ValueError(f"quality={quality}; give 1 to 100, or None for the default of the format")
-        self.path: Path = Path(path)
+        self.path: Path = Path(path).expanduser()
         self.quality = quality
         self.fps: float | None = None
         self.key_frame_period: int | None = None

@@ -122,6 +122,8 @@ def make_manifest(
         SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
     shape = checked_shape(image_shape)
+    if "image_size" in settings:
+        raise TypeError("make_manifest has no argument 'image_size'; did you mean image_shape=(64, 64)?")
     request = {
         "env": native_id(env_name) or env_name,
         "env_option": settings,

@@ -198,12 +198,13 @@ class Runs:
         replayable: int | None = None,
         check: bool = False,
         mix: bool = False,
+        total: int | None = None,
     ) -> dict[str, Any]:
         """Record episodes of the policy: exactly ``episodes`` of them, safe as soon as each is written.
 
         Args:
             path: File or folder of the dataset; or give ``writer``.
-            episodes: How many.
+            episodes: How many; with ``mode="append"``, this many more.
             seed: Seed of the run; None: any. The file says which.
             options: Reset options for all, or a list with one dict per episode.
             format: ``"hdf5"``, ``"folder"``, ``"video"``, ``"lerobot"``, …; None: by the suffix of the path, else HDF5.
@@ -215,6 +216,7 @@ class Runs:
             replayable: Record simulator states every so many steps in place of images, which are rendered when read.
             check: Replay the new episodes afterwards, as `replay` does: environments of this package, into a file.
             mix: With ``mode="append"``: continue a part of a divided recording with episodes of another one.
+            total: In place of ``episodes``: record until the dataset holds this many, the same ones as in one run.
 
         Returns:
             ``path``, ``episodes``, ``total_episodes`` and ``steps`` of what was written.
@@ -224,8 +226,13 @@ class Runs:
         """
         if (path is None) == (writer is None):
             raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
-        if not isinstance(cast("Any", episodes), (int, np.integer)) or episodes < 1:
-            raise ValueError(f"World.collect: episodes={episodes}; ask for 1 or more, a whole number")
+        if total is not None and episodes:
+            raise ValueError(f"World.collect: episodes={episodes} and total={total}; leave one of them out")
+        if total is not None and (self._core is None or writer is not None):
+            raise TypeError(f"World.collect: total={total} counts episodes in files that the core writes, of environments of this package")
+        asked = ("episodes", episodes) if total is None else ("total", total)
+        if not isinstance(cast("Any", asked[1]), (int, np.integer)) or asked[1] < 1:
+            raise ValueError(f"World.collect: {asked[0]}={asked[1]}; ask for 1 or more, a whole number")
         target = Path(str(path or "")).expanduser()
         if path is not None:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -246,13 +253,14 @@ class Runs:
         _note_options(core, options)
         run = self.envs.run_seed(seed)
         act = self._driver(options)
-        with Progress("Recording", episodes, progress) as bar:
+        with Progress("Recording", asked[1], progress) as bar:
             if writer is not None:
                 steps = self._collect_into(writer, core, act, episodes, run, options, bar)
                 return _written(path, format, mode, episodes, steps)
             request = {
                 "env": self._built["id"],
-                "episodes": int(episodes),
+                "episodes": int(episodes) if total is None else None,
+                "total": None if total is None else int(total),
                 "seed": run,
                 "out": str(target),
                 "format": format,
@@ -265,12 +273,12 @@ class Runs:
         written: dict[str, Any] = json.loads(text)
         for note in notes:
             logger.warning("%s", note)
-        logger.info("%s: %d episodes recorded, it has %d", target, episodes, written["total_episodes"])
+        new, held = int(written["episodes"]), int(written["total_episodes"])
+        logger.info("%s: %d episodes recorded, it has %d", target, new, held)
         if check:
             from .manifests import replay
 
-            total = int(written["total_episodes"])
-            found = replay(target, range(total - episodes, total), env_name=self._built["id"], progress=progress)
+            found = replay(target, range(held - new, held), env_name=self._built["id"], progress=progress)
             if not found["ok"]:
                 raise _swm.DataError(f"{target}: a replay of the new episodes differs from what was recorded: {found}")
         return written

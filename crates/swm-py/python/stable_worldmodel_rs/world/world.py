@@ -108,6 +108,10 @@ class World(Runs):
         self.policy: Any = None
         self.infos: dict[str, Any] = {}
         image_shape = checked_shape(image_shape)
+        if not isinstance(cast("Any", num_envs), (int, np.integer)):
+            raise TypeError(f"num_envs={num_envs!r}; give a whole number")
+        if num_envs < 1:
+            raise _swm.EnvError(f"num_envs={num_envs}; give 1 or more")
         if isinstance(env_name, str):
             if add_pixels and image_shape is None:
                 raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
