@@ -54,9 +54,9 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
     "transform without return": (lambda path: opened(path, transform=lambda clip: None)[0], "transform= returned NoneType; .*end it with `return clip`"),
     "episodes as text": (lambda path: opened(path, episodes="0"), r"episodes='0' is a text; give a list of numbers"),
     "image of a side": (lambda path: opened(path, image=8), "image=8: give the height and width"),
-    "clip by a column": (lambda path: opened(path)["pixels"], r"dataset\['pixels'\]: clips are read by their number, 0 to 32, and columns .*get_col_data"),
-    "clip of a half": (lambda path: opened(path)[1.5], r"dataset\[1.5\]: clips are read by their number"),
-    "slice of clips": (lambda path: opened(path)[0:2], r"dataset\[slice\(0, 2, None\)\].*several by __getitems__"),
+    "clip by a column": (lambda path: opened(path)["pixels"], r"dataset\['pixels'\]: clips have whole numbers; a column is read by get_col_data"),
+    "clip of a half": (lambda path: opened(path)[1.5], r"dataset\[1.5\]: clips have whole numbers"),
+    "slice of clips": (lambda path: opened(path)[0:2], r"dataset\[slice\(0, 2, None\)\].*__getitems__\(\[0, 1, 2\]\)"),
     "dataset in the place of a path": (lambda path: swm.data.convert(opened(path), path), "in the place of a path; it is open already: its path is .*a.h5"),
     "path in the place of a dataset": (lambda path: swm.data.split(str(path), [0.5]), "split divides a dataset, not .*open it first"),  # type: ignore[arg-type]
     "parts as text": (lambda path: swm.data.split(opened(path), [0.5, "x"]), r"fractions=\[0.5, 'x'\]: give parts of 1 as numbers"),  # type: ignore[list-item]
@@ -67,7 +67,7 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
         r"ZScoreScaler was fitted on rows of 2 values, and is given \[3, 4\]; give \(…, 2\)",
     ),
     "environment of none": (lambda _: swm.World(None, num_envs=1), "World was given None; give the id of an environment"),  # type: ignore[arg-type]
-    "environments as text": (lambda _: swm.World("swm/PushT-v1", num_envs="2", add_pixels=False), "num_envs='2': give a whole number"),  # type: ignore[arg-type]
+    "environments as text": (lambda _: swm.World("swm/PushT-v1", num_envs="2", add_pixels=False), "num_envs='2'; give a whole number"),  # type: ignore[arg-type]
     "no environments": (lambda _: swm.World("swm/PushT-v1", num_envs=0, add_pixels=False), "num_envs"),
     "solver's seed": (lambda _: CEMSolver(Cost(), seed="a"), "seed='a': give a whole number"),  # type: ignore[arg-type]
     "solver's batch size": (lambda _: CEMSolver(Cost(), batch_size="a"), "batch_size='a': give a whole number"),  # type: ignore[arg-type]

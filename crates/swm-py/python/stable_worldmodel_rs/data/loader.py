@@ -12,7 +12,7 @@ import numpy as np
 from .._arguments import device_of, named_list, require_callable, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
-from ._tensors import Output, Rewards, converter, require_torch, stack, sums_rewards, torch_or_none
+from ._tensors import Output, Rewards, converter, require_torch, stack, sums_rewards
 from .concat import ConcatDataset
 from .dataset import ACTION
 from .goals import GoalDataset
@@ -179,12 +179,11 @@ class Loader:
         }
         self._moved = [name for name, fixed in ((name, _moves(name, *field)) for name, field in self._fields.items()) if fixed]
         self._clip_transform: Callable[[dict[str, Any]], dict[str, Any]] | None = getattr(first, "transform", None)
-        torch = torch_or_none() if output != "numpy" else None
-        on_gpu = torch is not None and device is not None and str(device).startswith("cuda")
-        self.pin_memory: bool = on_gpu if pin_memory is None else pin_memory
-        if device is not None or self.pin_memory:
+        if device is not None or pin_memory:
             require_torch("device= and pin_memory=")
-        self.device = None if device is None else device_of("device", device)
+        self.device: Any = None if device is None else device_of("device", device)
+        on_gpu = output != "numpy" and self.device is not None and self.device.type == "cuda"
+        self.pin_memory: bool = on_gpu if pin_memory is None else pin_memory
         self._convert = converter(output)
         self._make_table: Callable[[], tuple[dict[str, Any], Any]] | None = self._pinned if self.pin_memory else None
         self._stream = self._start(None)

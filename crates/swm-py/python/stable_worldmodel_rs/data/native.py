@@ -362,16 +362,14 @@ class NativeDataset(Dataset):
         return type(self)._load_slice is NativeDataset._load_slice
 
     def __getitem__(self, idx: int) -> dict[str, Any]:
-        if not isinstance(cast("Any", idx), (int, np.integer)):
-            fix = ", and columns are read by get_col_data" if isinstance(cast("Any", idx), str) else ", several by __getitems__([0, 1]) or a DataLoader"
-            raise TypeError(f"dataset[{idx!r}]: clips are read by their number, 0 to {len(self) - 1}{fix}")
         if not self._is_plain:
             return super().__getitem__(idx)
         size = len(self)
         try:
             number = operator.index(idx)
         except TypeError:
-            raise TypeError(f"dataset[{idx!r}]: clips have whole numbers; for several, dataset.__getitems__([0, 1, 2])") from None
+            fix = "a column is read by get_col_data" if isinstance(cast("Any", idx), str) else "for several, dataset.__getitems__([0, 1, 2])"
+            raise TypeError(f"dataset[{idx!r}]: clips have whole numbers; {fix}") from None
         if not -size <= number < size:
             raise IndexError(f"clip {number} of {size}")
         batch = self._batch([number % size])

@@ -133,7 +133,7 @@ class NativeWriter:
         self.fps: float | None = None
         self.key_frame_period: int | None = None
         self.last_row: str | None = None
-        self.metadata = None if metadata is None else _checked(metadata)
+        self.metadata: dict[str, Any] | None = None if metadata is None else _checked(metadata)
         self._writer: _swm.EpisodeWriter | None = None
         self._known: dict[str, tuple[int, ...]] | None = None
         self._constant: list[str] = []

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .._arguments import whole_number
 from .._core import core as _swm
 from . import foreign
 from .ids import native_id
@@ -123,7 +122,6 @@ class World(Runs):
                     f"World was given {env_name!r}; give the id of an environment, such as 'swm/PushT-v1', or a list of functions that each make one: "
                     "[lambda: gymnasium.make('CartPole-v1')]"
                 )
-        num_envs = whole_number("num_envs", num_envs, -(1 << 62))
         if native is None:
             from .wrap import make_pool
 

@@ -119,14 +119,14 @@ class NormedLinear(nn.Linear):
     """A linear layer, dropout, a layer norm, and an activation: Mish unless another is given."""
 
     def __init__(self, in_features: int, out_features: int, bias: bool = True, dropout: float = 0.0, act: nn.Module | None = None) -> None:
-        super().__init__(in_features, out_features, bias=bias)  # pyright: ignore[reportUnknownMemberType]
+        super().__init__(in_features, out_features, bias=bias)
         self.ln: nn.Module = nn.LayerNorm(out_features)
         self.act: nn.Module = cast("Any", nn).Mish() if act is None else act
         self.dropout: nn.Module | None = nn.Dropout(dropout) if dropout else None
 
     def forward(self, input: Tensor) -> Tensor:
         """``(..., in_features)`` to ``(..., out_features)``."""
-        x = cast("Any", super().forward(input))  # pyright: ignore[reportUnknownMemberType]
+        x: Any = super().forward(input)
         return self.act(self.ln(x if self.dropout is None else self.dropout(x)))
 
 
