@@ -49,8 +49,9 @@ impl Address {
         let Some(text) = path.to_str() else {
             return Err(wrong("", "it is no text", "write it in Unicode"));
         };
+        // A path keeps one slash of two.
         let (scheme, rest) = text.split_once(":/").unwrap_or_default();
-        let rest = rest.trim_start_matches('/');
+        let rest = rest.strip_prefix('/').unwrap_or(rest);
         match scheme {
             "http" | "https" => http(scheme, rest),
             "s3" => {
