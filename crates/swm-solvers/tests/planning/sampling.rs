@@ -322,7 +322,8 @@ fn solvers_refuse_actions_of_the_wrong_kind() {
     let five = Space::Discrete { n: 5, start: 0 };
     for solver in [&Icem::default() as &dyn Solver, &Mppi::default(), &PredictiveSampling::default()] {
         let name = solver.name();
-        let reason = "it needs real numbers (a box), and the action space is discrete";
+        let reason =
+            "it needs real numbers (a box), and the action space is discrete; categorical-cem plans integers";
         assert_eq!(message(solver, &five), format!("{name} cannot plan these actions: {reason}"));
     }
     let solver = CategoricalCem::default();
