@@ -283,8 +283,12 @@ impl Client {
     }
 
     fn reason(&self, error: &io::Error) -> String {
-        match error.kind() {
-            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => self.timed_out(),
+        // Of a body, the client's own error is within.
+        let within = error.get_ref().and_then(|within| within.downcast_ref::<ureq::Error>());
+        match (error.kind(), within) {
+            (io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock, _) | (_, Some(ureq::Error::Timeout(_))) => {
+                self.timed_out()
+            }
             _ => format!("the connection failed ({error})"),
         }
     }
