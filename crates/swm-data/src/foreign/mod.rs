@@ -28,7 +28,9 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
-pub(crate) use found::{REWARDS_NOTE, RewardsAt, source_record};
+#[cfg(feature = "lerobot")]
+pub(crate) use found::REWARDS_NOTE;
+pub(crate) use found::{RewardsAt, source_record};
 #[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};

@@ -256,7 +256,7 @@ mod tests {
         ];
         for (content, reason) in cases {
             std::fs::write(&path, content).unwrap();
-            let error = Superblock::read(&path).err().expect("no superblock").to_string();
+            let error = Superblock::read(&path).expect_err("no superblock").to_string();
             assert!(error.contains(reason), "{error}");
         }
     }
