@@ -131,9 +131,16 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "lance",
-        about: "the crate of the formats on Lance, which is built apart",
+        about: "the crate of the formats on Lance, which is built apart: no lint warns",
         tiers: CI,
         run: lance,
+    },
+    // What they link takes a quarter of an hour to build, more than all other steps save `test`.
+    Step {
+        name: "pylance",
+        about: "the tests of that crate, with pylance",
+        tiers: NIGHTLY,
+        run: lance_tests,
     },
     Step {
         name: "release",
@@ -270,12 +277,20 @@ fn baselines() -> Result<()> {
     test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
 
-/// With pylance, which reads what we write; and the command with these formats.
+/// The crate, and the command with these formats.
 fn lance() -> Result<()> {
+    let lint = ["clippy", "--all-targets", "--package", "swm-data-lance", "--", "-D", "warnings"];
+    process::run(process::cargo(lint).envs(setup::tools::protoc()))?;
+    process::run(
+        process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(setup::tools::protoc()),
+    )
+}
+
+/// With pylance, which reads what we write.
+fn lance_tests() -> Result<()> {
     let mut environment = setup::tools::protoc().to_vec();
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
-    apart::check("swm-data-lance", &environment)?;
-    process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
+    apart::check("swm-data-lance", &environment)
 }
 
 #[cfg(test)]
