@@ -2,7 +2,6 @@
 //! and each has a step of its own in `cargo xtask ci`.
 
 use std::path::PathBuf;
-use std::process::Command;
 
 use anyhow::Result;
 
@@ -17,13 +16,18 @@ pub(crate) fn all_others() -> Vec<&'static str> {
     std::iter::once("--workspace").chain(excluded).collect()
 }
 
-/// Lints, tests, examples and documentation of one of them, with variables that its build or its tests need.
-pub(crate) fn check(name: &str, environment: &[(&str, PathBuf)]) -> Result<()> {
-    let run = |command: &mut Command| {
-        process::run(command.envs(environment.iter().map(|(key, value)| (key, value))))
-    };
-    let package = ["--package", name];
-    run(process::cargo(["clippy", "--all-targets"]).args(package).args(["--", "-D", "warnings"]))?;
-    run(process::cargo(["test"]).args(package))?;
-    run(process::cargo(["doc", "--no-deps"]).args(package).env("RUSTDOCFLAGS", "-D warnings"))
+/// Lints of one of them, with variables that its build needs.
+pub(crate) fn lint(name: &str, environment: &[(&str, PathBuf)]) -> Result<()> {
+    run(&["clippy", "--all-targets", "--package", name, "--", "-D", "warnings"], environment)
+}
+
+/// Its tests, examples and documentation, with variables that its build or its tests need.
+pub(crate) fn test(name: &str, environment: &[(&str, PathBuf)]) -> Result<()> {
+    run(&["test", "--package", name], environment)?;
+    let mut doc = process::cargo(["doc", "--no-deps", "--package", name]);
+    process::run(doc.envs(environment.iter().cloned()).env("RUSTDOCFLAGS", "-D warnings"))
+}
+
+fn run(args: &[&str], environment: &[(&str, PathBuf)]) -> Result<()> {
+    process::run(process::cargo(args).envs(environment.iter().cloned()))
 }

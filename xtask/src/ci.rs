@@ -279,18 +279,16 @@ fn baselines() -> Result<()> {
 
 /// The crate, and the command with these formats.
 fn lance() -> Result<()> {
-    let lint = ["clippy", "--all-targets", "--package", "swm-data-lance", "--", "-D", "warnings"];
-    process::run(process::cargo(lint).envs(setup::tools::protoc()))?;
-    process::run(
-        process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(setup::tools::protoc()),
-    )
+    let environment = setup::tools::protoc();
+    apart::lint("swm-data-lance", &environment)?;
+    process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
 }
 
 /// With pylance, which reads what we write.
 fn lance_tests() -> Result<()> {
     let mut environment = setup::tools::protoc().to_vec();
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
-    apart::check("swm-data-lance", &environment)
+    apart::test("swm-data-lance", &environment)
 }
 
 #[cfg(test)]
