@@ -63,10 +63,12 @@ fn find(folder: &Path) -> Result<Found> {
     let spaces = [("observations", "observation_space"), ("actions", "action_space")]
         .map(|(column, space)| (column, json_in(about[space].as_str().map(str::to_owned))));
     let files = files(folder)?;
-    let told = about["total_episodes"].as_u64();
-    if told.is_some_and(|told| told != files.len() as u64) {
-        let told = told.unwrap_or_default();
-        return Err(invalid(format!("`{ABOUT}` tells of {told} episodes, and {} are there", files.len())));
+    let expected = about["total_episodes"].as_u64().unwrap_or(files.len() as u64);
+    if expected != files.len() as u64 {
+        return Err(invalid(format!(
+            "`{ABOUT}` tells of {expected} episodes, and {} are there",
+            files.len()
+        )));
     }
     let Some(first) = files.first() else { return Ok(Found::default()) };
     let model = Table::open(first)?;
@@ -102,7 +104,7 @@ fn find(folder: &Path) -> Result<Found> {
         let spans = found.lengths.iter().enumerate().map(span).collect();
         found.sources.push(Source::step(&path, &name_in_minari(&path), arrays, spans));
     }
-    // The first row of the first episode tells whether all can be read.
+    // Whether all can be read is seen in the first row of the first episode.
     for source in &found.sources {
         if let Some(array) = source.arrays.first().filter(|array| array.rows() > 0) {
             super::array::values(array.as_ref(), Steps { first: 0, count: 1, stride: 1 }, &mut scratch)

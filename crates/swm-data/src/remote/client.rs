@@ -355,7 +355,7 @@ fn bad_answer(link: &Link, what: &str) -> RemoteError {
     RemoteError::new(Kind::Answer, &link.name, format!("the server {what}"), fix)
 }
 
-/// What tells versions apart.
+/// What versions differ in.
 fn tag_of(headers: &HeaderMap) -> Option<String> {
     let value = headers.get("etag").or_else(|| headers.get("last-modified"))?;
     value.to_str().ok().map(str::to_owned)

@@ -45,12 +45,12 @@ pub enum Event<'a> {
     End,
 }
 
-/// Who is told.
+/// What gets the events of this process.
 type Watcher = Arc<dyn Fn(&Event<'_>) + Send + Sync>;
 
 static WATCHER: RwLock<Option<Watcher>> = RwLock::new(None);
 
-/// Sets who is told what is fetched as a whole, before it is: its size, and how it goes on. A program sets this once.
+/// Sets the function that gets the events of what is fetched as a whole: its size before it begins, and its progress. A program sets this once.
 pub fn watch(watcher: impl Fn(&Event<'_>) + Send + Sync + 'static) {
     *WATCHER.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(watcher));
 }
@@ -142,10 +142,10 @@ fn locked(name: &str, draft: &Path) -> Result<WriterLock, RemoteError> {
     }
 }
 
-/// A file that is told of.
-struct Told(File);
+/// A file whose growth is an event.
+struct Watched(File);
 
-impl Write for Told {
+impl Write for Watched {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.0.write(bytes)?;
         tell(&Event::More(count as u64));
@@ -169,9 +169,14 @@ fn file(object: &Object, draft: &Path) -> Result<(), RemoteError> {
     }
     if there < object.length() {
         out.flush().map_err(failed)?;
-        let mut told = Told(out);
-        object.remote.client.read(&object.link, there..object.length(), Some(&object.version), &mut told)?;
-        out = told.0;
+        let mut watched = Watched(out);
+        object.remote.client.read(
+            &object.link,
+            there..object.length(),
+            Some(&object.version),
+            &mut watched,
+        )?;
+        out = watched.0;
     }
     out.sync_all().map_err(failed)?;
     let Some(expected) = &object.sha256 else { return Ok(()) };
