@@ -268,22 +268,6 @@ fn bench_measures_every_image_kind() {
     }
 }
 
-/// The tests are built without the tensor library; what is said then is tested here, training itself in its crate.
-#[test]
-fn commands_that_need_baselines_say_how_to_build_them() {
-    for call in [
-        &["train", "--list"][..],
-        &["checkpoints", "runs/lewm"],
-        &["export", "runs/lewm", "--out", "published"],
-        &["eval", PUSHT, "--policy", "mpc:runs/lewm"],
-        &["eval", PUSHT, "--policy", "lewm:published"],
-        &["render", PUSHT, "--policy", "gcbc:runs/gcbc", "--out", "a.png"],
-    ] {
-        let message = swm_fails(2, call);
-        assert!(message.contains("--features baselines") && !message.contains("did you mean"), "{message}");
-    }
-}
-
 #[test]
 fn golden_trajectories_replay() {
     let registry = swm::registry();

@@ -7,8 +7,8 @@ use anyhow::Result;
 
 use crate::process;
 
-/// Their names. They are no default members of the workspace either.
-pub(crate) const APART: &[&str] = &["swm-baselines", "swm-data-lance"];
+/// Their names. They are no default members of the workspace either, nor is `swm-baselines`, whose tensors few need.
+pub(crate) const APART: &[&str] = &["swm-data-lance"];
 
 /// Cargo's options for the workspace without them.
 pub(crate) fn all_others() -> Vec<&'static str> {

@@ -20,11 +20,21 @@ pub(crate) fn root() -> &'static Path {
     &ROOT
 }
 
-/// The cargo that runs us, to be started in the checkout's root.
+/// The cargo that runs us, to be started in the checkout's root, without the variables that it set to describe xtask: build
+/// scripts that read them (ring's) would be run again, and all that depends on them built again, after each other cargo.
 pub(crate) fn cargo<I: AsRef<OsStr>>(args: impl IntoIterator<Item = I>) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    for (name, _) in std::env::vars_os().filter(|(name, _)| describes_a_package(name)) {
+        command.env_remove(name);
+    }
     command.current_dir(root()).args(args);
     command
+}
+
+/// Whether `cargo run` sets this variable to tell a program about its own package.
+fn describes_a_package(name: &OsStr) -> bool {
+    let name = name.to_string_lossy();
+    name.starts_with("CARGO_PKG_") || matches!(&*name, "CARGO_MANIFEST_DIR" | "CARGO_MANIFEST_PATH")
 }
 
 /// Whether cargo has the subcommand `name`, its own or an installed one.
@@ -106,6 +116,16 @@ mod tests {
             "{error}"
         );
         assert!(error.contains("no such command"), "{error}");
+    }
+
+    #[test]
+    fn a_cargo_that_we_start_knows_nothing_of_our_package() {
+        let of_ours = ["CARGO_PKG_VERSION_MAJOR", "CARGO_MANIFEST_DIR"];
+        assert!(of_ours.iter().all(|name| describes_a_package(name.as_ref())));
+        let of_users = ["CARGO_TARGET_DIR", "CARGO_INCREMENTAL", "CARGO_HOME", "CARGO"];
+        assert!(!of_users.iter().any(|name| describes_a_package(name.as_ref())));
+        let command = cargo(["metadata"]);
+        assert!(command.get_envs().any(|(name, value)| name == "CARGO_MANIFEST_DIR" && value.is_none()));
     }
 
     #[test]

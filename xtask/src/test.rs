@@ -2,7 +2,7 @@
 //!
 //! Benchmarks in test mode are a step of `cargo xtask nightly`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 
@@ -73,27 +73,34 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
 
 /// Builds what tests use, and nothing twice: the program `swm`, whose path is returned, and the Python extension.
 pub(crate) fn program() -> Result<PathBuf> {
-    let all = Args::default();
     // With tests: what they depend on decides about features, too.
     let mut build = process::cargo(["build", "--quiet", "--lib", "--bins", "--tests"]);
-    process::run(build.args(all.selection()).args(features(&all)))?;
+    process::run(build.args(whole_workspace()))?;
     Ok(Metadata::load()?.target_directory.join("debug").join(format!("swm{}", std::env::consts::EXE_SUFFIX)))
 }
 
-/// The pages of the book that need the feature `what` of a command `swm`, with `program`, which has it.
-pub(crate) fn book(what: &str, program: &Path) -> Result<()> {
-    let all = Args::default();
-    // As `suites` builds them: nothing is built again.
-    let mut command = process::cargo(["test", "--test", "integration"]);
-    command.args(all.selection()).args(features(&all)).args(["--", "every_block_of_the_book_runs"]);
-    command.env("SWM_BOOK_COMMAND", program).env("SWM_BOOK_NEEDS", what);
-    process::run(command.env("SWM_INTEROP_PYTHON", interop::python(&interop::FORMATS)?))
+/// Cargo's options for the whole workspace as tests build it, so that lints and documentation share what both depend on.
+pub(crate) fn whole_workspace() -> Vec<&'static str> {
+    packages().into_iter().chain(features(&Args::default()).iter().copied()).collect()
 }
 
-/// What is left out where no C++ compiler is at hand; what is not built by default and tested all the same.
+/// The crates that can be built here, but what is built apart.
+fn packages() -> Vec<&'static str> {
+    let mut all = apart::all_others();
+    if !process::has_cxx() {
+        // They have videos in MP4.
+        all.extend(["--exclude", "swm-baselines", "--exclude", "swm-py"]);
+    }
+    all
+}
+
+/// What is not built by default and tested all the same; what is left out where no C++ compiler is at hand.
+const FEATURES: &[&str] =
+    &["--features", "swm/lerobot,swm/onnx,swm/baselines,swm-py/baselines"];
+
 fn features(args: &Args) -> &'static [&'static str] {
     match process::has_cxx() {
-        true if args.packages.is_empty() => &["--features", "swm/lerobot"],
+        true if args.packages.is_empty() => FEATURES,
         true => &[],
         false => &["--no-default-features", "--features", "swm/cli"],
     }
@@ -103,12 +110,7 @@ impl Args {
     /// The crates asked for, as cargo's options.
     fn selection(&self) -> Vec<&str> {
         if self.packages.is_empty() {
-            let mut all = apart::all_others();
-            if !process::has_cxx() {
-                // It has videos in MP4.
-                all.extend(["--exclude", "swm-py"]);
-            }
-            return all;
+            return packages();
         }
         self.packages.iter().flat_map(|name| ["--package", name]).collect()
     }
@@ -133,7 +135,7 @@ mod tests {
     #[test]
     fn without_options_all_is_tested_but_what_is_built_apart() {
         let args = Args::default();
-        assert_eq!(args.selection()[..3], ["--workspace", "--exclude", "swm-baselines"]);
+        assert_eq!(args.selection()[..3], ["--workspace", "--exclude", "swm-data-lance"]);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::{interop, process, setup, test};
 /// Options of `cargo xtask wheel`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Pack the extension as tests build it: quick to make, slow to run, and without training
+    /// Pack the extension as tests build it: quick to make, slow to run
     #[arg(long)]
     dev: bool,
     /// Build for every Linux since glibc 2.28, with zig, which is fetched (100 MB); else for systems whose glibc is as new as this one's
@@ -40,8 +40,6 @@ const PACKAGE: &str = "stable_worldmodel_rs";
 const FILES: &str = "_lib";
 /// The feature of the crate that brings training.
 const TRAINING: &str = "baselines";
-/// Tests that are skipped where the extension has no training.
-const TESTS_OF_TRAINING: &[&str] = &["tests/test_train.py", "tests/test_track_train.py", "tests/test_zoo.py"];
 /// In a new process, with nothing but the wheel: an environment on MuJoCo, and the script.
 const SMOKE: &str = "
 import gymnasium, stable_worldmodel_rs
@@ -89,6 +87,7 @@ pub(crate) fn check() -> Result<()> {
     let mut tests = Command::new(&python);
     tests.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).current_dir(process::root().join(CRATE));
     tests.env("SWM_HOME", data::home()?).env("SWM_COMMAND", test::program()?);
+    tests.env("SWM_TEST_TRAINING", "1");
     process::run(tests.env_remove("PYTHONPATH").env("PYTHONDONTWRITEBYTECODE", "1"))
 }
 
@@ -156,20 +155,6 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
 /// What a wheel has beside the defaults: features that are named on maturin's command line replace those of `pyproject.toml`.
 fn features(args: &Args) -> String {
     if args.lance { format!("{TRAINING},lance") } else { TRAINING.to_owned() }
-}
-
-/// A step of `cargo xtask ci`, after a build of the extension with training: it passes the tests that need it.
-pub(crate) fn check_training() -> Result<()> {
-    let metadata = Metadata::load()?;
-    let work = tempfile::tempdir().context("no folder for the package")?;
-    let tree = work.path().join("tree");
-    lay_out(&metadata, &tree)?;
-    let mut tests = Command::new(interop::python(&interop::WHEEL_TESTS)?);
-    tests.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).args(TESTS_OF_TRAINING);
-    tests.current_dir(process::root().join(CRATE)).env("SWM_HOME", data::home()?);
-    process::run(
-        tests.env("PYTHONPATH", &tree).env("PYTHONDONTWRITEBYTECODE", "1").env("SWM_TEST_TRAINING", "1"),
-    )
 }
 
 /// Builds the workspace as tests do, and lays the extension, the Python files and maturin's metadata out as a wheel.

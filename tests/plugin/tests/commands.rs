@@ -157,3 +157,22 @@ fn wrong_input_gets_the_answers_that_built_in_names_get() {
     assert!(message("quality demo/IceRink-v0 --model fitted-model").contains(named));
     assert!(message("quality demo/IceRink-v0 --model none").contains("models of the registry: fitted-model"));
 }
+
+/// This command is built without the tensor library, unlike the tests of the workspace.
+#[test]
+fn commands_that_need_baselines_name_the_feature() {
+    let folder = tempfile::tempdir().unwrap();
+    for line in [
+        "train --list",
+        "checkpoints runs/lewm",
+        "export runs/lewm --out published",
+        "eval demo/IceRink-v0 --policy mpc:runs/lewm",
+        "eval demo/IceRink-v0 --policy lewm:published",
+        "render demo/IceRink-v0 --policy gcbc:runs/gcbc --out a.png",
+    ] {
+        let output = run(folder.path(), line);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {message}");
+        assert!(message.contains("baselines") && !message.contains("did you mean"), "{line}: {message}");
+    }
+}

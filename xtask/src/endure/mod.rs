@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 
-use crate::{apart, process, setup};
+use crate::{process, setup, test};
 use table::Table;
 use trial::Swm;
 
@@ -114,7 +114,7 @@ fn program(given: Option<&Path>) -> Result<PathBuf> {
 fn tests(filter: Option<&str>) -> Result<()> {
     setup::run(&setup::Args::default())?;
     let mut command = process::cargo(["test", "--no-fail-fast", "--test", "it", "--test", "integration"]);
-    command.args(apart::all_others()).args(["--features", "swm/lerobot", "--"]);
+    command.args(test::whole_workspace()).arg("--");
     match filter {
         Some(name) => command.arg(name),
         None => command.args(TESTS),

@@ -19,7 +19,7 @@ use crate::{process, setup};
 const ALL_FEATURES: &str = "baselines,lance,lerobot,onnx";
 
 /// Features of a rehearsal: what tests have built already.
-pub(super) const DEV_FEATURES: &str = "lerobot";
+pub(super) const DEV_FEATURES: &str = "baselines,lerobot,onnx";
 
 /// Files at the top of the archive, as they are in the checkout.
 const FILES: &[&str] = &["CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT", "README.md"];
