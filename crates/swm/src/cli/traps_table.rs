@@ -166,6 +166,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("imageio", "==2.38"), Need("pillow", "==12")],
     },
     Trap {
+        software: "transformers 5.24 on backbones of transformers 4",
+        does: "a DINOv2 backbone whose `config.json` has `mlp_ratio` 4.0 or 2.5, or `layerscale_value` 1, is refused (`expected int, got float`); transformers 4 saves and loads these",
+        who: "who loads a DINO-WM or PreJEPA backbone that was trained with transformers 4",
+        fix: "write whole numbers in `config.json` as the field's type; a fraction in `mlp_ratio` needs `transformers<5`; `swm` reads all of them, and `swm export` writes integers",
+        script: Some("transformers-5-refuses-backbones-of-4"),
+        when: &[Need("transformers", ">=5,<=5.24")],
+    },
+    Trap {
         software: "safetensors 0.8 with NumPy",
         does: "`save` writes a transposed array as it lies in memory: other values under the same shape",
         who: "who exports weights by NumPy (`weight.numpy().T`)",
