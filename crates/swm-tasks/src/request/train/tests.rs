@@ -134,7 +134,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         ),
         (steps(json!({ "env": "swm/PushT-v1" })), "env: tdmpc2 learns from a dataset", leaves("env")),
         (steps(json!({ "eval_every": 5 })), of_dataset, instead("checkpoint_every", "eval_every")),
-        (resume("none", json!({})), "none", None),
+        (resume("none", json!({})), "No such file", None),
         (resume("other", json!({})), "it trained `other`, which this program cannot train", None),
         (
             resume("lewm", json!({ "baseline": "lewm" })),
