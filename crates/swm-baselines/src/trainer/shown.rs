@@ -43,7 +43,7 @@ impl Shown {
         }
         let name = run.display().to_string();
         let progress = report.begin(&Stage { name: &name, role: None, unit: "steps", total })?;
-        progress.before(done);
+        progress.advance(done);
         Ok(Self { progress, pace, has_phases, counted: done, last: (done, Duration::ZERO) })
     }
 }

@@ -341,8 +341,12 @@ impl Progress for Steps {
         self.bar.inc(1);
     }
 
-    fn before(&self, units: u64) {
+    /// Steps come one by one, and those of a run that is resumed at once.
+    fn advance(&self, units: u64) {
         self.bar.inc(units);
+        if units > 1 {
+            self.bar.reset_eta();
+        }
     }
 
     fn figures(&self, figures: &Figures) {

@@ -15,7 +15,7 @@ use swm_data::OpenOptions;
 use super::copies::holds_images;
 use super::source::{check_opening, check_recorded_in, open_dataset_with, rendered};
 use super::{
-    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, failed, must_be_given,
+    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, apart, failed, must_be_given,
     note_training_of,
 };
 use crate::evaluation::{
@@ -160,7 +160,7 @@ impl Request for Measure {
         };
         let (model, env) = (model.as_mut(), env.as_mut());
         let measure = || quality(model, env, &recorded, &probed, &violations, &options, begins);
-        let found = within(self.threads, measure)??;
+        let found = apart(report, || within(self.threads, measure))???;
         if let Some(note) = few_episodes(&found, recorded.len()) {
             report.note(&note);
         }
