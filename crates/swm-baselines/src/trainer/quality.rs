@@ -79,7 +79,7 @@ impl Diagnosis for OnTheWay {
             return Err(format!("{} is no world model; leave quality_every out", model.name()).into());
         };
         let Self { env, recorded, probed, options, .. } = self;
-        let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options, |_| {})?;
+        let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options, |_| Ok(()))?;
         let probes = found
             .probes
             .iter()

@@ -63,7 +63,7 @@ def measure(
     **settings: Any,
 ) -> dict[str, Any]:
     """Measure a world model without control: open-loop prediction, probes of the state, ranking of plans, violations of expectation. The
-    same as ``swm-rs quality``.
+    same as ``swm-rs quality``. Ctrl-C ends it with the measurement at work.
 
     Args:
         env_name: An environment of this package.

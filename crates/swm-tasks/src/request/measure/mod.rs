@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
 use swm_core::evaluate::random_episodes;
-use swm_core::{EnvConfig, PolicyContext, Registry};
+use swm_core::{EnvConfig, PolicyContext, Registry, WorldError};
 use swm_data::OpenOptions;
 
 use super::copies::holds_images;
@@ -154,9 +154,14 @@ impl Request for Measure {
         };
         let Self { episodes, rows, horizon, plans, seed, .. } = *self;
         let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
+        let cancel = report.cancel();
         let begins = |name: &str| {
+            if cancel.is_cancelled() {
+                return Err(WorldError::Cancelled.into());
+            }
             progress.done(None);
             progress.now(&format!("now {name}"));
+            Ok(())
         };
         let (model, env) = (model.as_mut(), env.as_mut());
         let measure = || quality(model, env, &recorded, &probed, &violations, &options, begins);
