@@ -116,8 +116,7 @@ fn begin(
     let is_blind = !holds_images(dataset.as_ref());
     // What cannot be measured is refused before anything is written.
     let (prepared, measured) = apart(report, move || {
-        let prepare = || PreparedRun::new(registry, dataset.as_ref(), &new);
-        let prepared = prepare().map_err(failed)?;
+        let prepared = PreparedRun::new(registry, dataset.as_ref(), &new).map_err(failed)?;
         let measured = on_the_way(registry, prepared.model(), prepared.config())?;
         Ok::<_, TaskError>((prepared, measured))
     })??;

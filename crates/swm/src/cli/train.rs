@@ -265,16 +265,17 @@ fn worded(error: TaskError) -> Failure {
     }
 }
 
-/// Settings as options, among them the environment, which other commands name by its place.
+/// Settings as options. The environment is one of them, unlike in other commands.
 struct OfTraining;
 
 impl Words for OfTraining {
     fn setting(&self, name: &str, value: Option<&Json>) -> String {
         match (name, value) {
-            ("env", value) => {
-                value.map_or("--env".to_owned(), |env| format!("--env {}", request::value_text(env)))
-            }
-            (name, value) => Options.setting(name, value),
+            // It has no option: its place is the first.
+            ("baseline", None) => name.to_owned(),
+            ("env", None) => "--env".to_owned(),
+            ("env", Some(env)) => format!("--env {}", request::value_text(env)),
+            _ => Options.setting(name, value),
         }
     }
 

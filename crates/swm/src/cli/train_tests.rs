@@ -20,7 +20,7 @@ fn what_is_wrong_is_worded_as_options() {
         failure.to_string()
     };
     for (words, reason) in [
-        ("swm", "--baseline: must be given"),
+        ("swm", "baseline: must be given"),
         ("swm lewm --dataset no.h5", "--out: name the folder of the new run; give --resume to continue one"),
         ("swm tdmpc2 --out no/run", "give --env swm/CartpoleDMControl-v0, or --dataset"),
         ("swm sac --env swm/PushT-v1 --batch 4 --out no/run", "give --set batch=4, or leave out --batch"),

@@ -54,10 +54,10 @@ pub(super) fn work(
             return Err(usage(format!("name the command to divide, such as `{EXAMPLE}`")));
         }
     }
-    let mut asked = Asked::default();
-    asked.request = match parse(line)? {
+    let (mut report_every, mut tracking) = (None, Vec::new());
+    let request = match parse(line)? {
         Command::Collect(command) => {
-            asked.report_every = command.report_every();
+            report_every = command.report_every();
             Divided::Record(Box::new(command.request(registry, output)?))
         }
         Command::Eval(command) => Divided::Evaluate(Box::new(command.request(registry, output)?)),
@@ -70,15 +70,15 @@ pub(super) fn work(
                 if command.lists() {
                     return Err(usage("leave out --list: a job trains"));
                 }
-                asked.tracking.push(command.track.tracking());
+                tracking.push(command.track.tracking());
                 runs.push(command.request()?);
             }
             Divided::Train(runs)
         }
         _ => return Err(usage("this command cannot be divided")),
     };
-    asked.request.check_undivided()?;
-    Ok(asked)
+    request.check_undivided()?;
+    Ok(Asked { request, report_every, tracking })
 }
 
 /// Opens the job in `dir`; `None` if there is none. Jobs of former versions are read from their command.
