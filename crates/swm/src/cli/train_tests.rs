@@ -24,7 +24,6 @@ fn what_is_wrong_is_worded_as_options() {
         ("swm lewm --dataset no.h5", "--out: name the folder of the new run; give --resume to continue one"),
         ("swm tdmpc2 --out no/run", "give --env swm/CartpoleDMControl-v0, or --dataset"),
         ("swm sac --env swm/PushT-v1 --batch 4 --out no/run", "give --set batch=4, or leave out --batch"),
-        ("swm lewm --dataset no.h5 --env a --out no/run", "without this setting; leave out --env"),
         ("swm lewm --out no/run --dataset-split val", "--dataset: name the dataset that lewm learns from"),
         (
             "swm sac --env swm/PushT-v1 --dataset-split val --out no/run",

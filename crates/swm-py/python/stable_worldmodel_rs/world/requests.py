@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from .._access import access_checked
 from .._core import core as _swm
@@ -27,11 +27,15 @@ def asked(
     tick: Callable[[int, int, int], None] | None = None,
 ) -> Any:
     """What the core makes of a request of this name; settings that are None have their defaults. Notes are logged."""
-    given = {setting: value for setting, value in request.items() if value is not None}
+    given = {setting: _own(value) for setting, value in request.items() if value is not None}
     made, notes = _swm.run_request(name, json.dumps(given, default=plain, allow_nan=False), begin, tick)
     for note in notes:
         logger.warning("%s", note)
     return json.loads(made)
+
+
+def _own(value: Any) -> Any:
+    return dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
 
 
 def _size(image_shape: tuple[int, int] | None) -> dict[str, int] | None:
@@ -101,7 +105,7 @@ def measure(
         "env": native_id(env_name) or env_name,
         "env_option": settings,
         "model": model,
-        "dataset": None if dataset is None else existing(dataset, "dataset"),
+        "dataset": _path(dataset),
         "opening": opening,
         "image_size": _size(image_shape),
         "probe": None if probe is None else list(probe),
