@@ -200,9 +200,7 @@ fn last_good(kept: Option<&Path>) -> String {
 fn fix(error: &std::io::Error) -> &'static str {
     use std::io::ErrorKind as Kind;
     match error.kind() {
-        Kind::StorageFull | Kind::QuotaExceeded => {
-            "; make room, and go on with --resume from the last checkpoint"
-        }
+        Kind::StorageFull | Kind::QuotaExceeded => "; make room, and resume it from the last checkpoint",
         Kind::PermissionDenied | Kind::ReadOnlyFilesystem => "; allow it, or choose another folder",
         Kind::NotADirectory | Kind::AlreadyExists => "; choose another folder",
         _ => "",
@@ -236,7 +234,7 @@ mod tests {
             BaselineError::Io { action: "write", path: "run/a".into(), source: kind.into() }.to_string()
         };
         let full = message(std::io::ErrorKind::StorageFull);
-        assert!(full.starts_with("cannot write run/a: ") && full.contains("--resume"), "{full}");
+        assert!(full.starts_with("cannot write run/a: ") && full.contains("resume it"), "{full}");
         assert!(message(std::io::ErrorKind::ReadOnlyFilesystem).ends_with("another folder"));
     }
 

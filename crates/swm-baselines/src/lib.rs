@@ -19,7 +19,8 @@
 //! one of a stored [`ModelConfig`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
 //! and the files of PyTorch), and gives itself as a [`PlanModel`] or a [`GoalPolicy`]. Everything at this boundary is
 //! slices of values; no tensor leaves the crate. [`train`] makes runs of it: epochs, checkpoints, metrics. [`acting`] puts trained
-//! models behind the traits of solvers and policies. [`online`] trains agents in environments. No environment is known here.
+//! models behind the traits of solvers and policies. [`online`] trains agents in environments. [`trainer`] runs the requests of
+//! trainings. No environment is known here.
 //!
 //! Values are those of the reference's PyTorch modules (`src/parity`), and results do not depend on threads or on what else
 //! is in a batch.
@@ -56,6 +57,7 @@ mod precision;
 mod reading;
 pub mod reproduce;
 pub mod train;
+pub mod trainer;
 mod weights;
 
 pub use baseline::{

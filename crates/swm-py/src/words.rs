@@ -21,7 +21,14 @@ const OF_REQUEST: &[(&str, &str, &str)] = &[
     ("merge", "out", "dest"),
     ("split", "image_size", "image_size"),
     ("split", "out", "out"),
+    ("render", "out", "out"),
     ("sweep", "out", "out"),
+    ("train", "env", "env"),
+    ("train", "env_option", "env_options"),
+    ("train", "max_steps", "max_steps"),
+    ("train", "out", "out"),
+    ("train", "set", "settings"),
+    ("train", "vary", "vary"),
     ("verify", "dataset", "source"),
 ];
 
@@ -51,7 +58,7 @@ impl Words for Arguments {
                 "mode=\"overwrite\"".to_owned()
             }
             // Settings of the environment are arguments of their own.
-            ("env_option", Some(Json::Object(settings))) => {
+            ("env_option", Some(Json::Object(settings))) if own.is_none() => {
                 let each = settings.iter().map(|(name, value)| format!("{name}={}", literal(value)));
                 each.collect::<Vec<_>>().join(", ")
             }

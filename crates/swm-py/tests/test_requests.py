@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import stable_worldmodel_rs as swm
+from stable_worldmodel_rs import _swm
 
 TABLES = Path(__file__).parents[3] / "tests" / "requests"
 # Settings that have another name in Python.
@@ -38,9 +40,9 @@ def words(request: dict[str, Any]) -> list[str]:
     found: list[str] = []
     for name, value in request.items():
         option = "--" + name.replace("_", "-")
-        if name == "env":
+        if name == "env" and "baseline" not in request:
             found.insert(0, value)
-        elif name in ("source", "sources") or (name == "dataset" and "env" not in request):
+        elif name in ("source", "sources") or (name == "dataset" and not {"env", "baseline"} & request.keys()):
             found[:0] = [value] if isinstance(value, str) else value
         elif name == "opening":
             for key, one in value.items():
@@ -48,9 +50,11 @@ def words(request: dict[str, Any]) -> list[str]:
                 found += [word for pair in pairs for word in ("--" + key, pair)]
         elif value is True:
             found.append(option)
-        elif name == "distractor":
+        elif name in ("distractor", "probe", "violation"):
             found += [word for one in value for word in (option, one)]
-        elif name in ("set", "env_option"):
+        elif name == "baseline":
+            found.insert(0, value)
+        elif name in ("set", "env_option", "look"):
             found += [word for key, one in value.items() for word in (option, f"{key}={text(one)}")]
         elif name == "image_size" and value is None:
             found += [option, "none"]
@@ -195,6 +199,62 @@ def test_a_verification_is_the_same_from_python_and_the_command(command: str, re
         told = subprocess.run([command, "verify", *words(request), "--json"], check=True, capture_output=True, text=True)
         given = {name: value for name, value in request.items() if name != "dataset"}
         assert swm.data.verify(request["dataset"], progress=False, **given) == json.loads(told.stdout)
+
+
+def test_measures_are_the_same_from_python_and_the_command(command: str) -> None:
+    for request in json.loads((TABLES / "measure.json").read_text()):
+        told = subprocess.run([command, "quality", *words(request), "--json", "--quiet"], check=True, capture_output=True, text=True)
+        assert swm.measure(**arguments(request), progress=False) == json.loads(told.stdout), request
+
+
+def test_a_trace_is_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    for index, table in enumerate(json.loads((TABLES / "plan.json").read_text())):
+        ours, theirs = tmp_path / f"python-{index}", tmp_path / f"command-{index}"
+        request = {"env": "swm/PushT-v1", "video_format": "gif", **table}
+        subprocess.run([command, "plan", *words(request), "--trace", theirs, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        planned = swm.plan(**arguments(request), trace=ours, progress=False)
+        assert (ours / "trace.jsonl").read_bytes() == (theirs / "trace.jsonl").read_bytes(), request
+        assert planned["plans"] and Path(planned["files"][0]) == ours / "index.html"
+
+
+def test_images_are_the_same_from_python_and_the_command(command: str, tmp_path: Path) -> None:
+    for index, request in enumerate(json.loads((TABLES / "render.json").read_text())):
+        for end in ("png", "gif"):
+            ours, theirs = tmp_path / f"python-{index}.{end}", tmp_path / f"command-{index}.{end}"
+            subprocess.run([command, "render", *words(request), "--out", theirs, "--quiet"], check=True)
+            size = request["image_size"]
+            made = swm.render(ours, **arguments(request))
+            assert (made["height"], made["width"]) == (size["height"], size["width"])
+            assert ours.read_bytes() == theirs.read_bytes(), request
+
+
+@pytest.mark.skipif(not _swm.HAS_TRAINING, reason="this build has no training")
+def test_a_run_is_the_same_from_python_and_the_command(tmp_path: Path) -> None:
+    data = tmp_path / "a.h5"
+    command = [sys.executable, "-m", "stable_worldmodel_rs", "--quiet"]
+    collect = "collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 --image-size 64x64 --out"
+    subprocess.run([*command, *collect.split(), data], check=True)
+    for index, request in enumerate(json.loads((TABLES / "train.json").read_text().replace("DATA", str(data)))):
+        ours, theirs = tmp_path / f"python-{index}", tmp_path / f"command-{index}"
+        subprocess.run([*command, "train", *words(request), "--out", theirs], check=True, stdout=subprocess.DEVNULL)
+        names = {"set": "settings", "env_option": "env_options"}
+        swm.train(out=ours, progress=False, **{names.get(name, name): value for name, value in request.items()})
+        files = ["config.json", *(f"checkpoints/{path.name}" for path in sorted((theirs / "checkpoints").iterdir()))]
+        assert len(files) > 3
+        for file in files:
+            assert (ours / file).read_bytes() == (theirs / file).read_bytes(), (request, file)
+
+
+def test_python_words_a_remedy_of_a_measure_a_plan_and_an_image(tmp_path: Path) -> None:
+    with pytest.raises(swm.SwmError, match="rows=3: use more than the horizon, which is 10"):
+        swm.measure("swm/PushT-v1", rows=3)
+    with pytest.raises(swm.SwmError, match="pair=1: is a pair of a manifest; give manifest"):
+        swm.plan("cem", "swm/PushT-v1", pair=1)
+    with pytest.raises(swm.SwmError, match="episodes=0: nothing is planned for"):
+        swm.plan("cem", "swm/PushT-v1", episodes=0)
+    with pytest.raises(swm.SwmError, match="a.bmp"):
+        swm.render(tmp_path / "a.bmp", "swm/PushT-v1")
+    assert not list(tmp_path.iterdir())
 
 
 def test_python_words_a_remedy_of_a_copy(tmp_path: Path, recordings: Path) -> None:

@@ -3,6 +3,7 @@
 use swm_core::evaluate::ModelEntry;
 use swm_core::registry::Absent;
 use swm_core::{EnvEntry, PolicyEntry};
+use swm_tasks::request::TrainerEntry;
 
 /// A macro that is `,FEATURE` where this build has the feature, and else nothing.
 macro_rules! held {
@@ -118,6 +119,9 @@ const fn env(id: &'static str, (feature, command): (&'static str, &'static str))
     Absent::of::<EnvEntry>(id, feature, command)
 }
 
+/// What trains anything.
+const TRAINING: Absent = Absent::of::<TrainerEntry>(TrainerEntry::TRAINING, BASELINES.0, BASELINES.1);
+
 /// All of them; those that this build has are found first.
 pub(crate) const NAMES: &[Absent] = &[
     policy("mpc", BASELINES),
@@ -140,6 +144,7 @@ pub(crate) const NAMES: &[Absent] = &[
     model("pldm"),
     model("dino-wm"),
     model("keypoint-wm"),
+    TRAINING,
     format("lance", LANCE),
     format("lance-video", LANCE),
     format("lerobot", LEROBOT),

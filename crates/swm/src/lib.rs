@@ -58,7 +58,10 @@ pub fn registry() -> Registry {
     #[cfg(feature = "mujoco")]
     let registry = registry.with(swm_envs_mujoco::ENVS);
     #[cfg(feature = "baselines")]
-    let registry = registry.with(swm_baselines::acting::POLICIES).with(swm_baselines::acting::MODELS);
+    let registry = registry
+        .with(swm_baselines::acting::POLICIES)
+        .with(swm_baselines::acting::MODELS)
+        .with(swm_baselines::trainer::TRAINERS);
     #[cfg(feature = "onnx")]
     let registry = registry.with(swm_onnx::POLICIES);
     let registry = registry.with(swm_data::FORMATS);

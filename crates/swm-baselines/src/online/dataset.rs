@@ -121,7 +121,7 @@ fn columns(
             Some(shape) => {
                 let fix = match shape {
                     [height, width, 3] if height == width => {
-                        format!("learn from them with --set image.size={height}, or ")
+                        format!("learn from them with the setting image.size={height}, or ")
                     }
                     _ => String::new(),
                 };
@@ -139,10 +139,7 @@ fn columns(
     }
     if observe.is_empty() {
         let Some(name) = OBSERVED.iter().find(|name| field(name).as_ref().is_some_and(is_vector)) else {
-            return refuse(format!(
-                "it has none of `{}`; name columns with --observe",
-                OBSERVED.join("`, `")
-            ));
+            return refuse(format!("it has none of `{}`; name columns as `observe`", OBSERVED.join("`, `")));
         };
         let goal = format!("{GOAL_PREFIX}{name}");
         let goal = field(&goal).is_some().then_some(goal);

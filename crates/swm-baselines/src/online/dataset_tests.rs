@@ -165,7 +165,7 @@ fn datasets_that_an_agent_cannot_learn_from_are_refused() {
             &images(64),
             0.5,
             &["pixels"],
-            "its images are [64, 64, 3], and the agent's [40, 40, 3]; learn from them with --set image.size=64",
+            "its images are [64, 64, 3], and the agent's [40, 40, 3]; learn from them with the setting image.size=64",
         ),
     ] {
         let message = refused(&in_memory(fields, value, 10), "tdmpc2", observe);

@@ -64,6 +64,16 @@ impl OnlineConfig {
     }
 }
 
+impl OnlineConfig {
+    /// What it learns in, or from: `in swm/PushT-v1`, `on a.h5`.
+    pub fn place(&self) -> String {
+        match &self.data {
+            Some(data) => format!("on {}", data.path.display()),
+            None => format!("in {}", self.env),
+        }
+    }
+}
+
 /// Whether a run learned online.
 ///
 /// # Errors

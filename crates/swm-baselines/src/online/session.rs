@@ -93,7 +93,7 @@ impl OnlineTraining {
     ) -> Result<Self, BaselineError> {
         let entry = find(new.agent)?;
         if !entry.learns_from_datasets {
-            let reason = format!("{} learns online alone; name an environment with --env", entry.name);
+            let reason = format!("{} learns online alone; name an environment", entry.name);
             return Err(BaselineError::Training { setting: "data".to_owned(), reason });
         }
         new.fit.check()?;
@@ -150,7 +150,7 @@ impl OnlineTraining {
                 }
                 Held::Dataset(reopened(registry, &run, data, &config.interface, &config.agent.agent)?)
             }
-            (None, Some(_)) => return Err(run.wrong("it learns online; leave --dataset out")),
+            (None, Some(_)) => return Err(run.wrong("it learns online; leave `dataset` out")),
             (None, None) => {
                 let env = registry.env(&config.env);
                 let env = env.map_err(|error| run.wrong(format!("its environment: {error}")))?;
@@ -308,9 +308,7 @@ fn reopened(
     agent: &str,
 ) -> Result<Box<dyn Dataset>, BaselineError> {
     let dataset = swm_data::open_with(registry, &data.path, &data.opening).map_err(|error| {
-        run.wrong(format!(
-            "its dataset is not there: {error}; bring it back, or name its place with --dataset"
-        ))
+        run.wrong(format!("its dataset is not there: {error}; bring it back, or name its place as `dataset`"))
     })?;
     let mut found = LearnedData { path: data.path.clone(), ..LearnedData::of(dataset.as_ref(), interface)? };
     // Earlier versions did not record them.
@@ -320,7 +318,7 @@ fn reopened(
     match found == *data && seen()? == *interface {
         true => Ok(dataset),
         false => Err(run.wrong(format!(
-            "{} is not the dataset that it was begun with; bring that one back, or name its place with --dataset",
+            "{} is not the dataset that it was begun with; bring that one back, or name its place as `dataset`",
             data.path.display()
         ))),
     }

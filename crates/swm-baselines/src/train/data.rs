@@ -191,7 +191,7 @@ impl TrainData {
         if longest < spanned {
             let reason = format!(
                 "a clip of its training spans {spanned} steps, {} of every {}, and the longest episode has {longest}; record \
-                 longer ones, or lower `model.history` or `model.frameskip` with --set",
+                 longer ones, or lower the settings `model.history` or `model.frameskip`",
                 input_spec.num_steps, input_spec.frameskip
             );
             return Err(columns_error(dataset, baseline, reason));

@@ -48,7 +48,7 @@ impl RunFolder {
         fs::create_dir_all(path).map_err(|error| run.io("make", path, error))?;
         let lock = run.lock()?;
         if run.config_file().exists() {
-            let reason = "a run is there already; give --resume to go on with it, or another folder";
+            let reason = "a run is there already; resume it, or give another folder";
             return Err(run.wrong(reason));
         }
         fs::create_dir_all(run.checkpoints_dir()).map_err(|error| run.io("make", path, error))?;
@@ -192,7 +192,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (run, lock) = RunFolder::create(folder.path(), &"what").unwrap();
         drop(lock);
-        assert!(RunFolder::create(folder.path(), &"what").unwrap_err().to_string().contains("--resume"));
+        assert!(RunFolder::create(folder.path(), &"what").unwrap_err().to_string().contains("resume it"));
         assert_eq!(RunFolder::open(folder.path()).unwrap().config::<String>().unwrap(), "what");
         fs::write(run.config_file(), b"\"wha").unwrap();
         let message = run.config::<String>().unwrap_err().to_string();

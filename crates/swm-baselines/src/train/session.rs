@@ -81,8 +81,8 @@ impl PreparedRun {
                 return Err(BaselineError::Settings {
                     baseline: model.name(),
                     reason:
-                        "its encoder is not trained, and would be random; give its weights with --encoder FILE, such as those \
-                             of facebook/dinov2-small for dino-wm, or --encoder RUN, such as a run of gcsl for keypoint-wm"
+                        "its encoder is not trained, and would be random; name its weights as `encoder`: a file, such as \
+                             facebook/dinov2-small for dino-wm, or a run, such as one of gcsl for keypoint-wm"
                             .to_owned(),
                 });
             }
@@ -194,7 +194,7 @@ impl Training {
         let dataset =
             swm_data::open_with(registry, &config.data.path, &config.data.opening).map_err(|error| {
                 run.wrong(format!(
-                    "its dataset is not there: {error}; bring it back, or name its place with --dataset"
+                    "its dataset is not there: {error}; bring it back, or name its place as `dataset`"
                 ))
             })?;
         let model = restore(&config.model_config, device)?;
@@ -224,7 +224,7 @@ impl Training {
         if found != config.data {
             let path = config.data.path.display();
             return Err(
-                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --dataset"))
+                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place as `dataset`"))
             );
         }
         if (known.fit.epochs, known.fit.steps) != (config.fit.epochs, config.fit.steps) {
@@ -253,6 +253,11 @@ impl Training {
     /// The run's folder cannot be read.
     pub fn done(&self) -> Result<u64, BaselineError> {
         Ok(self.run.steps()?.last().copied().unwrap_or(0))
+    }
+
+    /// Optimizer steps of all phases.
+    pub fn total(&self) -> u64 {
+        totals(&self.data, &self.config.fit, self.model.as_ref()).iter().sum()
     }
 
     /// Clips to learn from and to validate with, in each phase.

@@ -27,12 +27,12 @@ impl FrozenWorld {
         let wrong = |reason: &str| BaselineError::Settings { baseline, reason: reason.to_owned() };
         let Some(path) = path else {
             return Err(wrong(
-                "its world model is not trained, and would be random; give a run of one with --encoder RUN, such as a run of lewm",
+                "its world model is not trained, and would be random; give a run of one as `encoder`, such as a run of lewm",
             ));
         };
         if path.is_file() {
             return Err(wrong(
-                "a file of weights does not say what its world model is; give the folder of a run with --encoder RUN, and import a \
+                "a file of weights does not say what its world model is; give the folder of a run as `encoder`, and import a \
                  published checkpoint first: `swm import`",
             ));
         }

@@ -94,7 +94,7 @@ fn a_training_over_latents_needs_a_run_of_a_world_model() {
         Training::create(built_in(), &at("run"), dataset.as_ref(), &new).err().unwrap().to_string()
     };
     for (encoder, part) in [
-        (None, "give a run of one with --encoder RUN"),
+        (None, "give a run of one as `encoder`"),
         (Some(at("data.h5")), "a file of weights does not say what its world model is"),
         (Some(at("nothing")), "there is no such folder"),
         (Some(at("policy")), "gcbc is no world model"),

@@ -143,7 +143,7 @@ fn encoders_that_do_not_fit_are_refused() {
     let fails = |new: NewRun<'_>| refused(folder.path(), dataset.as_ref(), &new);
     says(
         &fails(on_frozen_encoder(12)),
-        &["settings of `gcbc`: its encoder is not trained", "--encoder FILE"],
+        &["settings of `gcbc`: its encoder is not trained", "name its weights as `encoder`"],
     );
     let frozen = |dim| NewRun { encoder: Some(&fixture), ..on_frozen_encoder(dim) };
     says(&fails(frozen(15)), &["vit_generation4.pt", "of another shape", "cls_token", "Use the settings"]);

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .world.manifests import Manifest, make_manifest, read_manifest, replay
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
+    from .world.requests import measure, plan, render
     from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
     from .world.world import World
@@ -69,12 +70,15 @@ __all__ = [
     "hub",
     "load_pretrained",
     "make_manifest",
+    "measure",
+    "plan",
     "planning",
     "policy",
     "protocols",
     "read_manifest",
     "read_receipt",
     "read_sweep",
+    "render",
     "replay",
     "same",
     "save_pretrained",
@@ -113,6 +117,9 @@ _HOMES: dict[str, str] = {
     "read_receipt": "world.receipts",
     "same": "world.receipts",
     "verify": "world.receipts",
+    "measure": "world.requests",
+    "plan": "world.requests",
+    "render": "world.requests",
     "Comparison": "world.results",
     "Receipt": "world.results",
     "Sweep": "world.results",

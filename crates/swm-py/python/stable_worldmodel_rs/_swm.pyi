@@ -53,6 +53,7 @@ __all__ = [
     "replay",
     "row_statistics",
     "run_command",
+    "run_request",
     "save_video",
     "set_files",
     "set_zoo",
@@ -351,6 +352,9 @@ def replay(
 ) -> str: ...
 def row_statistics(rows: npt.NDArray[np.float64], dim: int, quantiles: list[float]) -> list[list[float]]: ...
 def run_command(arguments: Sequence[_Path], launcher: tuple[list[str], _Path] | None = None) -> int: ...
+def run_request(
+    name: str, request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+) -> tuple[str, list[str]]: ...
 def save_video(path: str, frames: npt.NDArray[np.uint8], frames_per_second: float) -> None: ...
 def set_files(
     library: _Path | None = None, folder: _Path | None = None, fix: str | None = None, python: _Path | None = None

@@ -83,7 +83,8 @@ pub struct Surprised {
 }
 
 /// Measures `model` in `env` and on `recorded` episodes, tables with the columns that it reads and `action`; `violations` have
-/// names, `probed` are parts of the true state. `begins` is called with the name of each of the [`measurements`] before it.
+/// names, `probed` are parts of the true state. `begins` is called with the name of each of the [`measurements`] before it; its
+/// errors end them.
 ///
 /// # Errors
 ///
@@ -95,7 +96,7 @@ pub fn quality(
     probed: &[ProbeTarget],
     violations: &[(String, Violation)],
     options: &QualityOptions,
-    mut begins: impl FnMut(&str),
+    mut begins: impl FnMut(&str) -> Result<(), BoxError>,
 ) -> Result<Quality, BoxError> {
     let QualityOptions { episodes, starts, rows, horizon, plans, seed } = *options;
     let stride = model.stride();
@@ -105,7 +106,7 @@ pub fn quality(
         )
         .into());
     }
-    begins("open-loop prediction");
+    begins("open-loop prediction")?;
     let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
         let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0);
         format!(
@@ -119,10 +120,10 @@ pub fn quality(
         true => open_loop_error.iter().map(|error| error / variance).collect(),
         false => Vec::new(),
     };
-    begins("probes");
+    begins("probes")?;
     let probes =
         if probed.is_empty() { Vec::new() } else { probe(recorded, &known, latent_dim, probed, seed)? };
-    begins("ranking of plans");
+    begins("ranking of plans")?;
     let ranking = match probed.is_empty() && env.task_cost().is_none() {
         true => None,
         false => {
@@ -134,7 +135,7 @@ pub fn quality(
     let violations = violations
         .iter()
         .map(|(name, violation)| {
-            begins(&format!("violation {name}"));
+            begins(&format!("violation {name}"))?;
             surprised(model, env, name, violation, &pairs)
         })
         .collect::<Result<_, _>>()?;

@@ -7,10 +7,10 @@ use serde_json::{Map, Value as Json};
 use swm_core::Registry;
 use swm_core::settings::Settings as _;
 
-use super::{Evaluate, Fix, Message, Record, Report, Request, Shard, Sweep, TaskError, wrong};
+use super::{Evaluate, Fix, Message, Record, Report, Request, Shard, Sweep, TaskError, Train, wrong};
 
-/// A request that can be divided into parts. Its JSON has the settings that differ from their defaults, by the name of the request:
-/// `{"record": {"env": "swm/PushT-v1", "episodes": 1000}}`.
+/// A request that can be divided into parts, or several. Its JSON has the settings that differ from their defaults, by the name of the
+/// request: `{"record": {"env": "swm/PushT-v1", "episodes": 1000}}`, `{"train": [{"baseline": "lewm", "dataset": "a.h5"}]}`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Map<String, Json>", try_from = "Map<String, Json>")]
 #[non_exhaustive]
@@ -21,6 +21,8 @@ pub enum Divided {
     Evaluate(Box<Evaluate>),
     /// A sweep, as an evaluation.
     Sweep(Box<Sweep>),
+    /// Trainings, each of which is a part, with a run of its own.
+    Train(Vec<Train>),
 }
 
 /// What a request that is divided needs, found out before it begins.
@@ -42,16 +44,23 @@ impl Divided {
             Self::Record(_) => Record::NAME,
             Self::Evaluate(_) => Evaluate::NAME,
             Self::Sweep(_) => Sweep::NAME,
+            Self::Train(_) => Train::NAME,
         }
     }
 
-    /// The settings that differ from their defaults.
-    fn changed(&self) -> Map<String, Json> {
+    /// The settings that differ from their defaults; of trainings, those of each.
+    fn changed(&self) -> Vec<Map<String, Json>> {
         match self {
-            Self::Record(request) => request.changed(),
-            Self::Evaluate(request) => request.changed(),
-            Self::Sweep(request) => request.changed(),
+            Self::Record(request) => vec![request.changed()],
+            Self::Evaluate(request) => vec![request.changed()],
+            Self::Sweep(request) => vec![request.changed()],
+            Self::Train(runs) => runs.iter().map(Train::changed).collect(),
         }
+    }
+
+    /// Whether its parts are runs of their own, which are not joined.
+    pub fn is_of_runs(&self) -> bool {
+        matches!(self, Self::Train(_))
     }
 
     /// Threads of one process.
@@ -60,6 +69,7 @@ impl Divided {
             Self::Record(request) => request.threads,
             Self::Evaluate(request) => request.threads,
             Self::Sweep(request) => request.threads,
+            Self::Train(runs) => runs.first().and_then(|run| run.threads),
         }
     }
 
@@ -72,9 +82,11 @@ impl Divided {
         let own: &[&'static str] = match self {
             Self::Record(_) => &["shard", "mode", "mix", "out"],
             Self::Evaluate(_) | Self::Sweep(_) => OF_PARTS,
+            Self::Train(_) => &["resume", "out"],
         };
         let changed = self.changed();
-        own.iter().find(|&&name| changed.contains_key(name)).map_or(Ok(()), |&name| {
+        let is_given = |name: &&&str| changed.iter().any(|changed| changed.contains_key(**name));
+        own.iter().find(is_given).map_or(Ok(()), |&name| {
             let text = "the job's folder fixes where results go, and each task which part of them it makes";
             Err(Message::about_setting(name, text).fix(Fix::Leave(name)).into())
         })
@@ -90,10 +102,18 @@ impl Divided {
             Self::Record(request) => request.needs(registry, report),
             Self::Evaluate(request) => request.needs(registry),
             Self::Sweep(request) => request.needs(registry),
+            Self::Train(runs) => {
+                let mut all = Needs { episodes: 0, inputs: Vec::new() };
+                for run in runs {
+                    all.inputs.extend(run.needs(registry)?.inputs);
+                }
+                Ok(all)
+            }
         }
     }
 
-    /// The request of a part, begun or not. `out`: of a recording its own dataset; of others the folder of the result.
+    /// The request of a part, begun or not. `out`: of a recording its own dataset, of a training its own run; of others the folder of
+    /// the result.
     #[must_use]
     pub fn part(&self, shard: Shard, out: PathBuf) -> Self {
         let mut part = self.clone();
@@ -103,16 +123,21 @@ impl Divided {
             }
             Self::Evaluate(request) => (request.shard, request.out) = (Some(shard), Some(out)),
             Self::Sweep(request) => (request.shard, request.out) = (Some(shard), Some(out)),
+            Self::Train(runs) => {
+                let (index, _) = shard.numbers();
+                let run = runs.get(index as usize - 1).map(|run| run.in_folder(out));
+                *runs = run.into_iter().collect();
+            }
         }
         part
     }
 
-    /// The request that joins the parts in the folder `out`; `None` of recordings, which are merged.
+    /// The request that joins the parts in the folder `out`; `None` of recordings, which are merged, and of trainings.
     #[must_use]
     pub fn join(&self, out: PathBuf) -> Option<Self> {
         let mut joined = self.clone();
         match &mut joined {
-            Self::Record(_) => return None,
+            Self::Record(_) | Self::Train(_) => return None,
             Self::Evaluate(request) => (request.join, request.out) = (true, Some(out)),
             Self::Sweep(request) => (request.join, request.out) = (true, Some(out)),
         }
@@ -122,7 +147,10 @@ impl Divided {
 
 impl From<Divided> for Map<String, Json> {
     fn from(request: Divided) -> Self {
-        Self::from_iter([(request.name().to_owned(), Json::Object(request.changed()))])
+        let mut changed = request.changed().into_iter().map(Json::Object);
+        let settings =
+            if request.is_of_runs() { changed.collect() } else { changed.next().unwrap_or_default() };
+        Self::from_iter([(request.name().to_owned(), settings)])
     }
 }
 
@@ -131,9 +159,15 @@ impl TryFrom<Map<String, Json>> for Divided {
 
     fn try_from(json: Map<String, Json>) -> Result<Self, TaskError> {
         let mut requests = json.into_iter();
-        let (Some((name, Json::Object(given))), None) = (requests.next(), requests.next()) else {
-            return Err(wrong("it is one request by its name, with its settings"));
+        let no_request = || wrong("it is one request by its name, with its settings");
+        let (Some((name, given)), None) = (requests.next(), requests.next()) else {
+            return Err(no_request());
         };
+        if let (Train::NAME, Json::Array(runs)) = (name.as_str(), &given) {
+            let run = |run: &Json| Train::from_json(run.as_object().ok_or_else(no_request)?);
+            return Ok(Self::Train(runs.iter().map(run).collect::<Result<_, _>>()?));
+        }
+        let Json::Object(given) = given else { return Err(no_request()) };
         match name.as_str() {
             Record::NAME => Ok(Self::Record(Box::new(Record::from_json(&given)?))),
             Evaluate::NAME => Ok(Self::Evaluate(Box::new(Evaluate::from_json(&given)?))),
@@ -159,10 +193,12 @@ mod tests {
     fn a_request_is_read_as_it_was_written() {
         let sweep = Sweep { policy: "random".to_owned(), points: Some(3), ..Sweep::default() };
         let evaluate = Evaluate { policy: "random".to_owned(), budget: Some(9), ..Evaluate::default() };
+        let train = Train { baseline: "lewm".to_owned(), seed: Some(3), ..Train::default() };
         for request in [
             Divided::Record(Box::new(toy())),
             Divided::Sweep(Box::new(sweep)),
             Divided::Evaluate(Box::new(evaluate)),
+            Divided::Train(vec![train.clone(), Train { seed: None, ..train.clone() }]),
         ] {
             let json = serde_json::to_string(&request).unwrap();
             assert_eq!(serde_json::from_str::<Divided>(&json).unwrap(), request, "{json}");
@@ -170,8 +206,12 @@ mod tests {
         let json = serde_json::to_value(Divided::Record(Box::new(toy()))).unwrap();
         let given = json!({ "env": TOY.id, "episodes": 8, "seed": 3, "image_size": null });
         assert_eq!(json, json!({ "record": given }));
+        let json = serde_json::to_value(Divided::Train(vec![train])).unwrap();
+        assert_eq!(json, json!({ "train": [{ "baseline": "lewm", "seed": 3 }] }));
         for (wrong, reason) in [
             (json!({}), "one request by its name"),
+            (json!({ "train": ["lewm"] }), "one request by its name"),
+            (json!({ "train": [{ "baselin": "lewm" }] }), "did you mean `baseline`?"),
             (json!({ "record": {}, "sweep": {} }), "one request by its name"),
             (json!({ "plan": {} }), "`plan` is no request that can be divided"),
             (json!({ "record": { "epsodes": 3 } }), "did you mean `episodes`?"),
@@ -194,11 +234,29 @@ mod tests {
             (evaluate(Evaluate { out: out.clone(), ..Evaluate::default() }), "out"),
             (evaluate(Evaluate { again: true, ..Evaluate::default() }), "again"),
             (Divided::Sweep(Box::new(Sweep { join: true, ..Sweep::default() })), "join"),
+            (Divided::Train(vec![Train::default(), Train { resume: out, ..Train::default() }]), "resume"),
         ] {
             let error = request.check_undivided().unwrap_err();
             assert_eq!(error.fix(), Some(&Fix::Leave(setting)), "{error}");
         }
         assert!(record(toy()).check_undivided().is_ok());
+    }
+
+    #[test]
+    fn a_training_is_begun_in_its_folder_and_resumed_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |seed| Train {
+            seed: Some(seed),
+            device: "cuda:1".to_owned(),
+            threads: Some(2),
+            ..Train::default()
+        };
+        let both = Divided::Train(vec![run(1), run(2)]);
+        let part = || both.part(Shard::new(2, 2).unwrap(), folder.path().to_owned());
+        assert_eq!(part(), Divided::Train(vec![Train { out: folder.path().to_owned(), ..run(2) }]));
+        std::fs::write(folder.path().join("config.json"), "{}").unwrap();
+        let resumed = Train { resume: Some(folder.path().to_owned()), seed: None, ..run(2) };
+        assert_eq!(part(), Divided::Train(vec![resumed]));
     }
 
     #[test]

@@ -26,6 +26,7 @@ mod shard;
 mod source;
 mod stream;
 mod sweep;
+mod train;
 mod training_note;
 mod verify;
 
@@ -49,7 +50,7 @@ pub use plan::{Plan, Planned};
 pub use policy::{make_policy, model_image, note_elites, note_images, policy_args, policy_files};
 pub use record::{Count, Record, Recorded};
 pub use render::{EpisodeImages, Render};
-pub use report::{Progress, Report, Stage};
+pub use report::{Figures, Progress, Report, Stage, apart};
 pub use scenario::{Scenario, factor_values, look_of};
 pub use shard::Shard;
 pub use source::{
@@ -57,6 +58,7 @@ pub use source::{
     open_dataset_with,
 };
 pub use sweep::{Sweep, Swept};
+pub use train::{Learns, Train, Trained, TrainerEntry};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};
 pub use verify::{Verified, Verify};
 

@@ -8,7 +8,7 @@ use swm_core::{EnvConfig, EpisodeEnd, ImageSize, Registry, Rollout, World, World
 use swm_media::{Clip, Format};
 
 use super::{
-    Ask, Fix, Message, Report, Request, Scenario, TaskError, create_parent, failed, make_policy,
+    Ask, Fix, Message, Report, Request, Scenario, TaskError, apart, create_parent, failed, make_policy,
     must_be_given, wrong,
 };
 use crate::threads::{self, within};
@@ -87,7 +87,7 @@ impl Request for Render {
         let reset = scenario.options(entry, &world.spec().factors, report)?;
         let rollout = Rollout::new(0..1).seed(self.seed).options(reset).cancel(report.cancel());
         let mut video = Video::first(1);
-        within(self.threads, || world.run(&rollout, &mut video))?.map_err(failed)?;
+        apart(report, || within(self.threads, || world.run(&rollout, &mut video)))??.map_err(failed)?;
         let (_, scene) = video.scenes().next().ok_or_else(|| failed("the episode has no images"))?;
         let wanted = usize::try_from(self.steps).map_err(failed)?.saturating_add(1);
         let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };

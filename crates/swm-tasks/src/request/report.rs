@@ -1,5 +1,7 @@
 //! What a request reports to while it runs: notes, progress, and the flag that ends it early.
 
+use std::time::Duration;
+
 use swm_core::Cancel;
 use swm_core::error::BoxError;
 
@@ -75,6 +77,20 @@ pub trait Progress: Send + Sync {
 
     /// What is at work, in few words.
     fn now(&self, _what: &str) {}
+
+    /// What was measured of the work so far.
+    fn figures(&self, _figures: &Figures) {}
+}
+
+/// What was measured of the work so far, in words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figures {
+    /// All of it, in a line: `20 of 100: train loss 0.5`.
+    pub line: String,
+    /// In few words, for where a bar shows the rest; `None`: the line belongs beside a bar, too.
+    pub brief: Option<String>,
+    /// The time that the work will still take, where it is known.
+    pub left: Option<Duration>,
 }
 
 impl Progress for () {
@@ -100,10 +116,7 @@ impl Report for Vec<Message> {
 /// # Errors
 ///
 /// As of [`Report::apart`].
-pub(super) fn apart<T: Send>(
-    report: &mut dyn Report,
-    work: impl FnOnce() -> T + Send,
-) -> Result<T, BoxError> {
+pub fn apart<T: Send>(report: &mut dyn Report, work: impl FnOnce() -> T + Send) -> Result<T, BoxError> {
     let (mut work, mut result) = (Some(work), None);
     report.apart(&mut || result = work.take().map(|work| work()))?;
     result.ok_or_else(|| "the work was not done".into())

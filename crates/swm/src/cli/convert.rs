@@ -231,6 +231,23 @@ impl Merge {
     }
 }
 
+/// Joins the parts of a recording that was divided, or copies the only one.
+pub(super) fn join(
+    sources: Vec<PathBuf>,
+    out: PathBuf,
+    registry: &Registry,
+    output: &Output,
+) -> Result<(), Failure> {
+    let report = &mut Copying { output, cancel: Cancel::new(), how: interrupt::REPEAT.to_owned() };
+    let copy = match <[PathBuf; 1]>::try_from(sources) {
+        Ok([source]) => {
+            request::Convert { source, target: out, ..request::Convert::default() }.run(registry, report)?
+        }
+        Err(sources) => request::Merge { sources, out, ..request::Merge::default() }.run(registry, report)?,
+    };
+    output.result(&result(&copy), || line(&copy))
+}
+
 /// What is kept together.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Unit {

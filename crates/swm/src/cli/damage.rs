@@ -21,7 +21,7 @@ pub(super) fn lost(folder: &JobFolder, progress: &Progress) -> String {
 
 /// Refuses to join parts that are not what their shards wrote, byte for byte, and says of which shards they are and what to do.
 pub(super) fn check_parts(folder: &JobFolder, progress: &Progress) -> Result<(), Failure> {
-    if folder.job.request.is_none() {
+    if folder.job.request.is_of_runs() {
         // Runs are not joined, and go on when they are resumed.
         return Ok(());
     }

@@ -40,8 +40,7 @@ impl Export {
         _output: &super::Output,
     ) -> Result<(), super::Failure> {
         let Self { run: _, checkpoint: _, transformers: _, out: _ } = self;
-        let (feature, command) = crate::absent::BASELINES;
-        Err(super::usage(format!("this program was built without the feature `{feature}`: {command}")))
+        Err(super::without_baselines())
     }
 }
 

@@ -98,8 +98,7 @@ impl Import {
             check: _,
             opening: _,
         } = self;
-        let (feature, command) = crate::absent::BASELINES;
-        Err(super::usage(format!("this program was built without the feature `{feature}`: {command}")))
+        Err(super::without_baselines())
     }
 }
 

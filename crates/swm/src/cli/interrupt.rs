@@ -34,7 +34,6 @@ pub(super) fn watch(advice: impl Fn() -> String + Send + 'static) -> Cancel {
 }
 
 /// A command that is interrupted may take so long to save what it holds.
-#[cfg(any(feature = "ui", feature = "baselines"))]
 pub(super) fn allow(grace: Duration) {
     GRACE_MS.store(grace.as_millis() as u64, Ordering::SeqCst);
 }

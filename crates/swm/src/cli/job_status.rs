@@ -235,10 +235,7 @@ impl<'a> Status<'a> {
         let mut rows = vec![("job", dir), ("command", format!("swm {}", job.command.join(" ")))];
         rows.push(("shards", self.line()));
         if job.episodes > 0 {
-            rows.push((
-                "episodes",
-                format!("{} of {}{}", self.episodes(), job.episodes, what(job.request.as_ref())),
-            ));
+            rows.push(("episodes", format!("{} of {}{}", self.episodes(), job.episodes, what(&job.request))));
         }
         let took: f64 = self.done.values().map(|done| done.seconds).sum();
         if !self.done.is_empty() {
@@ -279,10 +276,10 @@ impl<'a> Status<'a> {
 }
 
 /// What the episodes of a job are, where they are more than those of its manifest.
-fn what(request: Option<&Divided>) -> &'static str {
+fn what(request: &Divided) -> &'static str {
     match request {
-        Some(Divided::Evaluate(_)) => " (every pair, with the policy and with each reference policy)",
-        Some(Divided::Sweep(_)) => " (every pair, unchanged and with each change)",
+        Divided::Evaluate(_) => " (every pair, with the policy and with each reference policy)",
+        Divided::Sweep(_) => " (every pair, unchanged and with each change)",
         _ => "",
     }
 }
@@ -293,8 +290,8 @@ fn episodes_of(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
     let logged =
         last_episode(&folder.log(shard)).unwrap_or(range.start).clamp(range.start, range.end) - range.start;
     match folder.job.request {
-        Some(_) => work::held(registry, folder, shard).min(range.end - range.start).max(logged),
-        None => logged,
+        Divided::Train(_) => logged,
+        _ => work::held(registry, folder, shard).min(range.end - range.start).max(logged),
     }
 }
 
@@ -331,9 +328,9 @@ mod tests {
     #[test]
     fn episodes_are_explained_where_a_pair_counts_several_times() {
         let evaluate = Divided::Evaluate(Box::default());
-        assert!(what(Some(&evaluate)).contains("each reference policy"));
+        assert!(what(&evaluate).contains("each reference policy"));
         let sweep = Divided::Sweep(Box::default());
-        assert!(what(Some(&sweep)).contains("each change"));
-        assert_eq!(what(Some(&Divided::Record(Box::default()))), "");
+        assert!(what(&sweep).contains("each change"));
+        assert_eq!(what(&Divided::Record(Box::default())), "");
     }
 }

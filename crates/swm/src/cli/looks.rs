@@ -1,16 +1,10 @@
 //! Looks of recordings: which visual factors are set or sampled where images are rendered when they are read.
 
 use clap::Args;
-#[cfg(feature = "baselines")]
-use {
-    super::args::assignment,
-    super::{Failure, Output, usage},
-    serde_json::{Map, Value as Json},
-    std::collections::BTreeMap,
-    swm_core::{Registry, Value},
-    swm_data::Dataset,
-    swm_tasks::request::{self, TaskError},
-};
+use serde_json::{Map, Value as Json};
+
+use super::train::assignments;
+use super::{Failure, usage};
 
 /// How the images of a training are rendered.
 #[derive(Args, Clone)]
@@ -34,54 +28,15 @@ pub(super) struct LookArgs {
     pub(super) canonical: Vec<String>,
 }
 
-#[cfg(feature = "baselines")]
 impl LookArgs {
-    /// How images of a dataset are rendered; `seed` is that of the looks.
-    pub(super) fn looks(
-        &self,
-        dataset: &dyn Dataset,
-        registry: &Registry,
-        seed: u64,
-        output: &Output,
-    ) -> Result<swm_baselines::train::ImageLooks, Failure> {
-        let looks = swm_baselines::train::ImageLooks::new();
-        if self.look.is_empty() && self.vary.is_empty() && self.canonical.is_empty() {
-            return Ok(looks);
-        }
-        let values = |option, given: &[String]| values(dataset, registry, (option, given), output);
+    /// The factors of the canonical look; none of them: that of the recording.
+    pub(super) fn canonical_look(&self) -> Result<Option<Map<String, Json>>, Failure> {
         let recorded = self.canonical.iter().any(|given| given == "recorded");
-        let canonical = match &self.canonical[..] {
-            [] => None,
-            [_] if recorded => Some(BTreeMap::new()),
-            _ if recorded => return Err(usage("--canonical recorded stands alone: it is the recorded look")),
-            given => Some(values("--canonical", given)?),
-        };
-        let names: Vec<String> = self.vary.iter().map(|name| name.trim().to_owned()).collect();
-        let vary =
-            swm_data::Looks::default().vary(names).share(self.vary_share).usual(self.vary_usual).seed(seed);
-        let vary = (!self.vary.is_empty()).then_some(vary);
-        Ok(looks.set(&values("--look", &self.look)?).vary(vary).canonical(canonical.as_ref()))
+        match &self.canonical[..] {
+            [] => Ok(None),
+            [_] if recorded => Ok(Some(Map::new())),
+            _ if recorded => Err(usage("--canonical recorded stands alone: it is the recorded look")),
+            given => assignments(given, "--canonical", Json::from).map(Some),
+        }
     }
-}
-
-/// The values of an option `NAME=VALUE` that is about factors of the environment of a recording.
-#[cfg(feature = "baselines")]
-fn values(
-    dataset: &dyn Dataset,
-    registry: &Registry,
-    (option, given): (&str, &[String]),
-    output: &Output,
-) -> Result<BTreeMap<String, Value>, Failure> {
-    if given.is_empty() {
-        return Ok(BTreeMap::new());
-    }
-    let mut set = Map::new();
-    for one in given {
-        let (name, text) = assignment(one, option)?;
-        set.insert(name.to_owned(), Json::from(text));
-    }
-    request::look_of(dataset, registry, &set, &mut &*output).map_err(|error| match error {
-        TaskError::Request(message) => usage(format!("{option}: {}", message.text)),
-        error => error.into(),
-    })
 }

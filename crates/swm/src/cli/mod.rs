@@ -9,6 +9,7 @@ mod bench;
 mod board;
 mod bundle;
 mod called;
+mod checkpoints;
 mod collect;
 mod compare;
 mod conflicts;
@@ -30,7 +31,6 @@ mod looks;
 mod man;
 mod manifest;
 #[cfg(feature = "baselines")]
-mod memory;
 mod new_env;
 mod opening;
 mod output;
@@ -57,8 +57,6 @@ mod task;
 mod threads;
 mod track;
 mod train;
-#[cfg(feature = "baselines")]
-mod train_quality;
 mod traps;
 mod traps_table;
 #[cfg(feature = "ui")]
@@ -133,7 +131,7 @@ enum Command {
     Task(task::Task),
     Quality(quality::QualityCommand),
     Train(Box<train::Train>),
-    Checkpoints(train::Checkpoints),
+    Checkpoints(checkpoints::Checkpoints),
     Import(Box<import::Import>),
     Export(export::Export),
     Fetch(fetch::Fetch),
@@ -201,6 +199,13 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     }
 }
 
+/// Why a command of models is refused in a build without them.
+#[cfg(not(feature = "baselines"))]
+fn without_baselines() -> Failure {
+    let (feature, command) = crate::absent::BASELINES;
+    usage(format!("this program was built without the feature `{feature}`, which brings it: {command}"))
+}
+
 impl Command {
     /// The threads that a command was given. Others divide no work, or choose the threads themselves.
     fn threads(&self) -> ThreadsArg {
@@ -260,7 +265,7 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Jobs(command) => command.run(registry, output),
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
-        Command::Train(command) => command.tracked(registry, output),
+        Command::Train(command) => command.run(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Import(command) => command.run(registry, output),
         Command::Export(command) => command.run(registry, output),

@@ -85,8 +85,7 @@ impl ReproduceCommand {
             again: _,
             check: _,
         } = self;
-        let (feature, command) = crate::absent::BASELINES;
-        Err(super::usage(format!("this program was built without the feature `{feature}`: {command}")))
+        Err(super::without_baselines())
     }
 }
 

@@ -7,10 +7,8 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
-use swm_tasks::request::Needs;
 
 use super::output::counted;
-use super::work::Work;
 use super::{Failure, Output, usage, version, work};
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
 use crate::jobs::files::{bytes, now, ranges};
@@ -154,11 +152,11 @@ impl Submit {
 
     /// The job that is asked for. Environment and policy are made, and manifests read.
     fn job(&self, registry: &Registry, output: &Output) -> Result<Job, Failure> {
-        let Work { request, report_every } = work::work(registry, &self.command, output)?;
-        let is_train = request.is_none();
         let each = match &self.each {
             None => Vec::new(),
-            Some(_) if !is_train => return Err(usage("--each is for `swm train`; use --shards")),
+            Some(_) if self.command.first().is_none_or(|name| name != "train") => {
+                return Err(usage("--each is for `swm train`; use --shards"));
+            }
             Some(path) => {
                 let text =
                     read_text(path).map_err(|error| usage(format!("--each {}: {error}", path.display())))?;
@@ -166,6 +164,8 @@ impl Submit {
                 lines.map(|line| line.split_whitespace().map(str::to_owned).collect()).collect()
             }
         };
+        let asked = work::work(registry, &self.command, &each, output)?;
+        let is_train = asked.request.is_of_runs();
         let shards = match (is_train, self.shards) {
             (true, None | Some(1)) => each.len().max(1) as u64,
             (true, _) => {
@@ -179,14 +179,15 @@ impl Submit {
             }
         };
         let program = Program::this(version::long(), !self.no_copy)?;
-        let mut job = Job::new(request, self.command.clone(), each, shards, program)?;
-        job.report_every = report_every;
+        let job = Job::new(asked, self.command.clone(), each, shards, program)?;
         let folder = JobFolder::planned(&self.job, job.clone())?;
-        let Needs { episodes, inputs } = match work::part(&folder, 1)? {
-            Some(part) => part.needs(registry, &mut &*output)?,
-            None => Needs { episodes: 0, inputs: work::inputs_of_runs(&folder)? },
-        };
-        let inputs: BTreeSet<PathBuf> = inputs.into_iter().collect();
+        let (mut episodes, mut inputs) = (0, BTreeSet::new());
+        // What one part of a recording or an evaluation needs, all do.
+        for shard in 1..=if is_train { shards } else { 1 } {
+            let needs = work::part(&folder, shard)?.needs(registry, &mut &*output)?;
+            episodes = needs.episodes;
+            inputs.extend(needs.inputs);
+        }
         if !is_train && shards > episodes {
             let episodes = counted(episodes, "episode");
             return Err(usage(format!(

@@ -308,7 +308,7 @@ impl Run<'_> {
             }
             joined?;
         }
-        let is_divided = folder.job.request.is_some();
+        let is_divided = !folder.job.request.is_of_runs();
         let sha256 = if is_divided { file_hash(&path)? } else { String::new() };
         let finished = Finished { result, bytes: bytes(&path)?, sha256, episodes: folder.job.episodes };
         write_json(&folder.finished(), &finished)?;

@@ -12,6 +12,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::{Failure, Output, usage};
+use crate::jobs::job::Tracking;
 
 /// Where metrics go beside the run's folder.
 #[derive(Args, Clone, Default)]
@@ -53,42 +54,45 @@ const END: Duration = Duration::from_secs(60);
 const MODULE: &str = "stable_worldmodel_rs.track";
 
 impl TrackArgs {
-    /// Does `work`, a training in the folder `run`, while trackers follow it.
-    ///
-    /// # Errors
-    ///
-    /// A tracker cannot be started, or `work` fails.
-    pub(super) fn around(
-        &self,
-        run: Option<&Path>,
-        output: &Output,
-        work: impl FnOnce() -> Result<(), Failure>,
-    ) -> Result<(), Failure> {
-        let Some(run) = run.filter(|_| !self.track.is_empty()) else { return work() };
-        let names: Vec<&str> = self.track.iter().map(|tracker| tracker.name()).collect();
-        if names.contains(&Tracker::Tensorboard.name()) {
-            output.note(format!(
-                "TensorBoard reads the run's event files: tensorboard --logdir {}",
-                run.display()
-            ));
-        }
-        let others: Vec<&str> =
-            names.into_iter().filter(|name| *name != Tracker::Tensorboard.name()).collect();
-        if others.is_empty() {
-            return work();
-        }
-        let mut follower = Follower::start(&pythons(), run, &others, self.track_project.as_deref())?;
-        let done = work();
-        if let Err(reason) = follower.finish() {
-            output.note(format!(
-                "tracking stopped: {reason}; {} has every line, and Python hands them over: swm.track.send({:?}, {:?})",
-                run.join("metrics.jsonl").display(),
-                run.display().to_string(),
-                others.join(",")
-            ));
-        }
-        done
+    /// What follows the training.
+    pub(super) fn tracking(&self) -> Tracking {
+        let trackers = self.track.iter().map(|tracker| tracker.name().to_owned()).collect();
+        Tracking { trackers, project: self.track_project.clone() }
     }
+}
+
+/// Does `work`, a training in the folder `run`, while trackers follow it.
+///
+/// # Errors
+///
+/// A tracker cannot be started, or `work` fails.
+pub(super) fn around(
+    tracking: &Tracking,
+    run: &Path,
+    output: &Output,
+    work: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let is_own = |name: &&String| *name == Tracker::Tensorboard.name();
+    if tracking.trackers.iter().any(|name| is_own(&name)) {
+        output
+            .note(format!("TensorBoard reads the run's event files: tensorboard --logdir {}", run.display()));
+    }
+    let others: Vec<&str> =
+        tracking.trackers.iter().filter(|name| !is_own(name)).map(String::as_str).collect();
+    if others.is_empty() {
+        return work();
+    }
+    let mut follower = Follower::start(&pythons(), run, &others, tracking.project.as_deref())?;
+    let done = work();
+    if let Err(reason) = follower.finish() {
+        output.note(format!(
+            "tracking stopped: {reason}; {} has every line, and Python hands them over: swm.track.send({:?}, {:?})",
+            run.join("metrics.jsonl").display(),
+            run.display().to_string(),
+            others.join(",")
+        ));
+    }
+    done
 }
 
 /// The Python that runs the command in the wheel, else those of the search path.

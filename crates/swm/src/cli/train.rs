@@ -1,17 +1,31 @@
-//! `swm train` and `swm checkpoints`: baselines learn from datasets, agents in environments or from datasets.
-//!
-//! Without the feature `baselines` the commands are there and say how to build it.
+//! `swm train`: baselines learn from datasets, agents in environments or from datasets.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use std::time::Duration;
 
 use clap::Args;
-use swm_core::Registry;
+use indicatif::{HumanDuration, ProgressBar};
+use serde_json::{Map, Value as Json, json};
+use swm_core::error::BoxError;
+use swm_core::{Cancel, Registry};
+use swm_tasks::request::{
+    self, Figures, Message, Progress, Report, Request as _, Stage, TaskError, TrainerEntry, Words,
+};
 
+use super::args::{assignment, json_value};
 use super::looks::LookArgs;
 use super::opening::ColumnArgs;
+use super::output::{key_values, table};
 use super::threads::ThreadsArg;
-use super::track::TrackArgs;
-use super::{Failure, Output};
+use super::track::{TrackArgs, around};
+use super::words::Options;
+use super::{Failure, Output, interrupt, usage};
+
+/// The defaults of a request, for help and for what is not given.
+static DEFAULT: LazyLock<request::Train> = LazyLock::new(request::Train::default);
+/// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
+const SAVING: Duration = Duration::from_secs(25);
 
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
@@ -32,7 +46,6 @@ last checkpoint, with the same losses as without the interruption. Evaluate it: 
 An agent learns online, from episodes that it collects; they are committed to RUN/episodes.h5.")]
 pub(super) struct Train {
     /// The baseline or agent; `--list` names them.
-    #[arg(required_unless_present_any = ["list", "resume"])]
     baseline: Option<String>,
     /// List baselines and agents, and their presets.
     #[arg(long, conflicts_with_all = ["dataset", "out", "resume"])]
@@ -41,7 +54,7 @@ pub(super) struct Train {
     #[arg(long, alias = "data", value_name = "FILE")]
     dataset: Option<PathBuf>,
     /// The run's folder.
-    #[arg(long, short, value_name = "RUN", required_unless_present_any = ["list", "resume"])]
+    #[arg(long, short, value_name = "RUN")]
     out: Option<PathBuf>,
     /// Preset, such as paper or small; `--list` names them. Default: the first of them.
     #[arg(long, conflicts_with = "resume")]
@@ -55,7 +68,7 @@ pub(super) struct Train {
     encoder: Option<PathBuf>,
     /// Optimizer steps of the encoder that keypoint-wm trains first, in RUN/encoder, where no --encoder is given: `keypoints`, which
     /// learns to draw the images.
-    #[arg(long, value_name = "STEPS", default_value_t = 1500, conflicts_with_all = ["encoder", "resume"])]
+    #[arg(long, value_name = "STEPS", default_value_t = DEFAULT.encoder_steps, conflicts_with_all = ["encoder", "resume"])]
     encoder_steps: u64,
     /// Resume the run in this folder, or in --out, possibly with more epochs or steps.
     #[arg(long, value_name = "RUN", conflicts_with = "baseline")]
@@ -71,7 +84,7 @@ pub(super) struct Train {
     #[arg(long, conflicts_with = "resume")]
     batch: Option<usize>,
     /// Device: cpu; in builds with the feature `cuda` also cuda, cuda:1 …
-    #[arg(long, default_value = "cpu")]
+    #[arg(long, default_value = DEFAULT.device.as_str())]
     device: String,
     /// Precision of linear layers and attention: fp32, or bf16 with fp32 weights. Default: fp32, or the run's.
     #[arg(long)]
@@ -80,10 +93,10 @@ pub(super) struct Train {
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
     /// Fraction of episodes for training; the others are for validation.
-    #[arg(long, default_value_t = SPLIT, conflicts_with = "resume")]
+    #[arg(long, default_value_t = DEFAULT.split, conflicts_with = "resume")]
     split: f64,
     /// Fraction of episodes that is held out from both, for `swm manifest make --held-out` of the same share.
-    #[arg(long, default_value_t = 0.0, conflicts_with = "resume", value_name = "SHARE")]
+    #[arg(long, default_value_t = DEFAULT.held_out, conflicts_with = "resume", value_name = "SHARE")]
     held_out: f64,
     /// Steps between logged metrics. Default: 20.
     #[arg(long, value_name = "STEPS")]
@@ -158,149 +171,204 @@ struct OnlineArgs {
 }
 
 impl Train {
+    /// What is asked for.
+    pub(super) fn request(&self) -> Result<request::Train, Failure> {
+        let (resume, out) = match (&self.resume, self.out.clone().unwrap_or_default()) {
+            (None, out) => (None, out),
+            (Some(Some(run)), out) => (Some(run.clone()), out),
+            (Some(None), out) if out.as_os_str().is_empty() => {
+                return Err(usage("--resume: name the run's folder: swm train --resume RUN"));
+            }
+            (Some(None), out) => (Some(out), PathBuf::new()),
+        };
+        let opening = self.opening.options()?;
+        let opening = opening.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
+        let opening = opening.image_size(self.image_size.and_then(|size| size.0)).fit(self.fit);
+        let Self { looks, online, .. } = self;
+        Ok(request::Train {
+            baseline: self.baseline.clone().unwrap_or_default(),
+            dataset: self.dataset.clone(),
+            opening,
+            out,
+            preset: self.preset.clone(),
+            set: assignments(&self.set, "--set", json_value)?,
+            encoder: self.encoder.clone(),
+            encoder_steps: self.encoder_steps,
+            resume,
+            epochs: self.epochs,
+            steps: self.steps,
+            batch: self.batch,
+            device: self.device.clone(),
+            precision: self.precision.clone(),
+            seed: self.seed,
+            split: self.split,
+            held_out: self.held_out,
+            log_every: self.log_every,
+            checkpoint_every: self.checkpoint_every,
+            keep: self.keep,
+            norm_batches: self.norm_batches,
+            quality_every: self.quality_every,
+            patience: self.patience,
+            look: assignments(&looks.look, "--look", Json::from)?,
+            vary: looks.vary.clone(),
+            vary_share: looks.vary_share,
+            vary_usual: looks.vary_usual,
+            canonical: looks.canonical_look()?,
+            env: online.env.clone(),
+            env_option: assignments(&online.env_options, "--env-option", json_value)?,
+            observe: online.observe.clone(),
+            max_steps: online.max_steps,
+            eval_every: online.eval_every,
+            eval_episodes: online.eval_episodes,
+            threads: self.threads.count(),
+        })
+    }
+
+    /// Whether what there is to train is only listed.
+    pub(super) fn lists(&self) -> bool {
+        self.list
+    }
+
     /// Runs it, while trackers follow.
-    pub(super) fn tracked(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let run = self.resume.clone().flatten().or_else(|| self.out.clone());
-        let is_training = cfg!(feature = "baselines") && !self.list;
-        self.track
-            .clone()
-            .around(run.as_deref().filter(|_| is_training), output, || self.run(registry, output))
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        if self.list {
+            return list(registry, output);
+        }
+        let request = self.request()?;
+        request.check(registry).map_err(worded)?;
+        around(&self.track.tracking(), request.folder(), output, || run(&request, registry, output))
     }
 }
 
-/// The default of `--split`.
-const SPLIT: f64 = 0.9;
+/// Runs the request of a training.
+pub(super) fn run(request: &request::Train, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let mut watching = Watching { output, run: request.folder(), cancel: Cancel::new() };
+    let trained = request.run(registry, &mut watching).map_err(worded)?;
+    output.result(&trained, || key_values(&trained.summary))
+}
 
-#[cfg(feature = "baselines")]
-impl Train {
-    /// How the dataset of a new run is opened; a run that is resumed knows it.
-    fn opening(&self) -> Result<swm_data::OpenOptions, Failure> {
-        let options = self.opening.options()?;
-        let options = options.split(self.dataset_split.clone()).max_steps(self.dataset_max_steps);
-        let options = options.image_size(self.image_size.and_then(|size| size.0)).fit(self.fit);
-        let Some(&option) = options.given().first() else { return Ok(options) };
-        let option = match option {
-            "split" | "max_steps" => format!("dataset-{}", option.replace('_', "-")),
-            option => option.replace('_', "-"),
+/// The values of an option that is given as `NAME=VALUE`, by name.
+pub(super) fn assignments(
+    given: &[String],
+    option: &str,
+    value: impl Fn(&str) -> Json,
+) -> Result<Map<String, Json>, Failure> {
+    let one = |text: &String| assignment(text, option).map(|(name, text)| (name.to_owned(), value(text)));
+    given.iter().map(one).collect()
+}
+
+/// An error in the words of this command.
+fn worded(error: TaskError) -> Failure {
+    match error {
+        TaskError::Request(message) => usage(message.in_words(&OfTraining)),
+        error => error.into(),
+    }
+}
+
+/// Settings as options. The environment is one of them, unlike in other commands.
+struct OfTraining;
+
+impl Words for OfTraining {
+    fn setting(&self, name: &str, value: Option<&Json>) -> String {
+        match (name, value) {
+            // It has no option: its place is the first.
+            ("baseline", None) => name.to_owned(),
+            ("env", None) => "--env".to_owned(),
+            ("env", Some(env)) => format!("--env {}", request::value_text(env)),
+            _ => Options.setting(name, value),
+        }
+    }
+
+    fn list(&self, list: &request::List) -> String {
+        Options.list(list)
+    }
+}
+
+/// What there is to train.
+fn list(registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let trainers = TrainerEntry::all(registry)?;
+    let json =
+        |entry: &&TrainerEntry| json!({ "name": entry.name, "about": entry.about, "presets": entry.presets });
+    let all: Vec<Json> = trainers.iter().map(json).collect();
+    let row =
+        |entry: &&TrainerEntry| vec![entry.name.to_owned(), entry.presets.join(", "), entry.about.to_owned()];
+    let rows: Vec<Vec<String>> = trainers.iter().map(row).collect();
+    output.result(&all, || table(&["baseline", "presets", "what it is"], &rows))
+}
+
+/// The report of a training: its run is resumed after Ctrl-C, and figures are lines where no bar is shown.
+struct Watching<'a> {
+    output: &'a Output,
+    /// The run, which may have an encoder trained before.
+    run: &'a Path,
+    cancel: Cancel,
+}
+
+impl Report for Watching<'_> {
+    fn note(&mut self, note: &Message) {
+        Report::note(&mut &*self.output, note);
+    }
+
+    fn info(&mut self, info: &Message) {
+        self.output.note(info.in_words(&Options));
+    }
+
+    fn cancel(&self) -> Cancel {
+        self.cancel.clone()
+    }
+
+    fn begin(&mut self, stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
+        let folder = stage.name.to_owned();
+        let how = match Path::new(&folder) == self.run {
+            true => format!("run: swm train --resume {folder}"),
+            false => "run the same command".to_owned(),
         };
-        let reason = match () {
-            () if self.resume.is_some() => {
-                "a run is resumed with the dataset as it was opened for it; leave it out"
+        interrupt::allow(SAVING);
+        self.cancel =
+            interrupt::watch_resumable(move || format!("the last checkpoint is safe in {folder}"), how);
+        let bar = self.output.bar_alone(stage.total, stage.unit);
+        Ok(Box::new(Steps { bar, output: self.output.clone() }))
+    }
+}
+
+/// The steps of a training.
+struct Steps {
+    bar: ProgressBar,
+    output: Output,
+}
+
+impl Progress for Steps {
+    fn done(&self, _success: Option<bool>) {
+        self.bar.inc(1);
+    }
+
+    /// Steps come one by one, and those of a run that is resumed at once.
+    fn advance(&self, units: u64) {
+        self.bar.inc(units);
+        if units > 1 {
+            self.bar.reset_eta();
+        }
+    }
+
+    fn figures(&self, figures: &Figures) {
+        let Figures { line, brief, left } = figures;
+        if let Some(brief) = brief {
+            self.bar.set_message(brief.clone());
+            if self.output.shows_bars() {
+                return;
             }
-            () if self.dataset.is_none() => {
-                "it is about a dataset, and none is named; give --dataset, or leave it out"
-            }
-            () => return Ok(options),
-        };
-        Err(super::usage(format!("--{option}: {reason}")))
-    }
-
-    /// The run's folder: --out, or that behind --resume.
-    fn folder(&self) -> Result<&std::path::Path, Failure> {
-        match (self.resume.as_ref().and_then(Option::as_deref), self.out.as_deref()) {
-            (Some(run), Some(out)) if run != out => Err(super::usage(format!(
-                "--resume {} --out {}: a run is resumed in its own folder; name it once: swm train --resume {0}",
-                run.display(),
-                out.display()
-            ))),
-            (Some(run), _) | (None, Some(run)) => Ok(run),
-            (None, None) => Err(super::usage("--resume: name the run's folder: swm train --resume RUN")),
         }
+        let left = left.map_or(String::new(), |left| format!(", {} left", HumanDuration(left)));
+        self.bar.suspend(|| self.output.note(format_args!("{line}{left}")));
     }
 }
 
-/// List the checkpoints of a training run.
-#[derive(Args)]
-#[command(after_help = "Examples:\n  swm checkpoints runs/lewm\n  swm checkpoints runs/lewm --json")]
-pub(super) struct Checkpoints {
-    /// The run's folder.
-    run: PathBuf,
-}
-
-#[cfg(not(feature = "baselines"))]
-mod work {
-    use swm_core::Registry;
-
-    use super::{Checkpoints, LookArgs, Train};
-    use crate::cli::{Failure, Output, usage};
-
-    use crate::absent::BASELINES;
-
-    fn not_built() -> Failure {
-        let (feature, command) = BASELINES;
-        usage(format!("this program was built without the feature `{feature}`: {command}"))
-    }
-
-    impl Train {
-        pub(in crate::cli) fn run(self, _registry: &Registry, _output: &Output) -> Result<(), Failure> {
-            let Self {
-                baseline: _,
-                list: _,
-                dataset: _,
-                online:
-                    super::OnlineArgs {
-                        env: _,
-                        env_options: _,
-                        observe: _,
-                        max_steps: _,
-                        eval_every: _,
-                        eval_episodes: _,
-                    },
-                out: _,
-                preset: _,
-                set: _,
-                encoder: _,
-                encoder_steps: _,
-                resume: _,
-                epochs: _,
-                steps: _,
-                batch: _,
-                device: _,
-                precision: _,
-                seed: _,
-                split: _,
-                held_out: _,
-                log_every: _,
-                checkpoint_every: _,
-                keep: _,
-                norm_batches: _,
-                quality_every: _,
-                patience: _,
-                threads: _,
-                track: _,
-                looks: LookArgs { look: _, vary: _, vary_share: _, vary_usual: _, canonical: _ },
-                opening: _,
-                dataset_split: _,
-                dataset_max_steps: _,
-                image_size: _,
-                fit: _,
-            } = self;
-            Err(not_built())
-        }
-    }
-
-    impl Train {
-        pub(in crate::cli) fn inputs(&self) -> Result<Vec<std::path::PathBuf>, Failure> {
-            Err(not_built())
-        }
-    }
-
-    impl Checkpoints {
-        pub(in crate::cli) fn run(self, _output: &Output) -> Result<(), Failure> {
-            let Self { run: _ } = self;
-            Err(not_built())
-        }
+impl Drop for Steps {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }
 
-#[cfg(feature = "baselines")]
-#[path = "train_work.rs"]
-mod work;
-
-#[cfg(feature = "baselines")]
-#[path = "train_checkpoints.rs"]
-mod checkpoints;
-
-#[cfg(feature = "baselines")]
-#[path = "train_online.rs"]
-mod online;
+#[cfg(all(test, feature = "baselines"))]
+#[path = "train_tests.rs"]
+mod tests;

@@ -6,38 +6,33 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use swm_baselines::train::RunFolder;
+use swm_tasks::request::Request as _;
 
 use super::*;
 
 #[test]
-fn numbers_keep_their_digits() {
-    let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 200.0, 12345.6, 2e9, f64::NAN].map(short);
-    assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "200", "12346", "2.000e9", "NaN"]);
-}
-
-#[test]
-fn what_is_missing_depends_on_what_shall_learn() {
+fn what_is_wrong_is_worded_as_options() {
     let registry = crate::registry();
     let refused = |words: &str| {
         let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
-        train.run(&registry, &Output::new(false, true)).unwrap_err().to_string()
+        let failure = train.run(&registry, &Output::new(false, true)).unwrap_err();
+        assert_eq!(failure.exit_code(), 2, "{words}");
+        failure.to_string()
     };
     for (words, reason) in [
-        ("swm sac --out no/run", "sac learns online: name an environment with --env"),
-        ("swm tdmpc2 --out no/run", "such as swm/CartpoleDMControl-v0, or a dataset with --dataset"),
+        ("swm", "baseline: must be given"),
+        ("swm lewm --dataset no.h5", "--out: name the folder of the new run; give --resume to continue one"),
+        ("swm tdmpc2 --out no/run", "give --env swm/CartpoleDMControl-v0, or --dataset"),
+        ("swm sac --env swm/PushT-v1 --batch 4 --out no/run", "give --set batch=4, or leave out --batch"),
+        ("swm lewm --out no/run --dataset-split val", "--dataset: name the dataset that lewm learns from"),
         (
-            "swm tdmpc2 --dataset no.h5 --eval-every 5 --out no/run",
-            "--eval-every (use --checkpoint-every): tdmpc2 learns from a dataset",
+            "swm sac --env swm/PushT-v1 --dataset-split val --out no/run",
+            "--dataset-split: is about a dataset, and none is named; give --dataset, or leave out --dataset-split",
         ),
-        ("swm sac --dataset no.h5 --out no/run", "sac learns online: name an environment with --env"),
-        ("swm lewm --dataset no.h5 --observe state --out no/run", "--observe: lewm learns from a dataset"),
-        ("swm lewm --out no/run", "--dataset: name the dataset that lewm learns from"),
-        ("swm lewn --out no/run", "unknown baseline or agent `lewn`; did you mean `lewm`?"),
         (
             "swm sac --env swm/TwoRoom-v2 --observe pixels --out no/run",
             "sac learns from vectors alone; leave `pixels` out",
         ),
-        ("swm sax --env swm/PushT-v1 --out no/run", "did you mean `sac`?"),
     ] {
         let message = refused(words);
         assert!(message.contains(reason), "{words}: {message}");
@@ -93,14 +88,10 @@ fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
     for (words, reason) in [
         (
             "gcbc --preset small --quality-every 1",
-            "--quality-every measures world models, and gcbc is a policy; leave it out",
+            "--quality-every: measures world models, and gcbc is a policy; leave out --quality-every",
         ),
         ("lewm --preset small --quality-every 1 --split 0.8", "needs 2 or more"),
         ("conv-jepa --preset paper", "it has: small"),
-        ("gcbc --batch 0", "--batch 0: a step learns from 1 clip or more"),
-        ("gcbc --max-steps 3", "--max-steps: gcbc learns from a dataset, without this option; leave it out"),
-        ("gcbc --env-option a=1", "--env-option: gcbc learns from a dataset, without this option"),
-        ("tdmpc2 --env-option a=1", "--env-option: tdmpc2 learns from a dataset, without this option"),
     ] {
         let message = bench.train(words, "a.h5", "run").unwrap_err();
         assert!(message.contains(reason), "{message}");
@@ -184,17 +175,18 @@ fn a_run_is_not_resumed_on_other_images() {
 
 #[test]
 fn a_run_is_resumed_by_its_folder() {
-    let folder = |words: &str| {
+    let registry = crate::registry();
+    let asked = |words: &str| {
         let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
-        train.folder().map(|path| path.display().to_string()).map_err(|failure| failure.to_string())
+        train.request()
     };
     for words in ["swm --resume runs/a", "swm --resume --out runs/a", "swm --resume runs/a -o runs/a"] {
-        assert_eq!(folder(words).unwrap(), "runs/a", "{words}");
+        assert_eq!(asked(words).ok().unwrap().folder(), Path::new("runs/a"), "{words}");
     }
-    let message = folder("swm --resume").unwrap_err();
+    let message = asked("swm --resume").unwrap_err().to_string();
     assert!(message.contains("swm train --resume RUN"), "{message}");
-    let message = folder("swm --resume runs/a --out runs/b").unwrap_err();
-    assert!(message.contains("name it once: swm train --resume runs/a"), "{message}");
+    let message = asked("swm --resume a --out b").ok().unwrap().check(&registry).unwrap_err().to_string();
+    assert!(message.contains("out: a run is resumed in its own folder"), "{message}");
     let bench = Bench::new();
     let resume = format!("swm --resume {}", bench.path("none").display());
     let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(resume.split_whitespace());
@@ -232,14 +224,83 @@ fn a_recording_without_images_trains_the_same_weights() {
     assert!(weights("plain.h5", "on-plain") == seen, "rendered by replay from the reset");
 }
 
+/// What a run wrote: its files without the time in them, by their places.
+fn written(run: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for file in ["config.json", "metrics.jsonl", "episodes.h5"].map(|name| run.join(name)) {
+        let Ok(bytes) = std::fs::read(&file) else { continue };
+        let name = file.file_name().unwrap().to_string_lossy().into_owned();
+        let timeless = |line: &str| {
+            let mut line: Json = serde_json::from_str(line).unwrap();
+            line.as_object_mut().unwrap().retain(|name, _| name != "clips_per_s" && name != "elapsed_s");
+            format!("{line}\n").into_bytes()
+        };
+        let bytes = match name.as_str() {
+            "metrics.jsonl" => String::from_utf8(bytes).unwrap().lines().flat_map(timeless).collect(),
+            _ => bytes,
+        };
+        found.insert(name, bytes);
+    }
+    for entry in std::fs::read_dir(run.join("checkpoints")).unwrap().map(|entry| entry.unwrap().path()) {
+        let name = entry.file_name().unwrap().to_string_lossy().into_owned();
+        found.insert(name, std::fs::read(&entry).unwrap());
+    }
+    assert!(found.len() > 3, "{:?}", found.keys());
+    found
+}
+
+/// The words of the command for a request.
+fn words(request: &Map<String, Json>) -> Vec<String> {
+    let mut words = Vec::new();
+    for (name, value) in request {
+        let option = format!("--{}", name.replace('_', "-"));
+        match value {
+            Json::Object(each) => {
+                let one = |(name, value): (&String, &Json)| format!("{name}={}", request::value_text(value));
+                words.extend(each.iter().flat_map(|pair| [option.clone(), one(pair)]));
+            }
+            value if name == "baseline" => words.insert(0, request::value_text(value)),
+            value => words.extend([option, request::value_text(value)]),
+        }
+    }
+    words
+}
+
 #[test]
-fn settings_nest_at_their_dots() {
-    let set =
-        |options: &[&str]| changes(&options.iter().map(|&option| option.to_owned()).collect::<Vec<_>>());
-    let nested = set(&["model.width=64", "model.encoder.kind=cnn", "optim.lr=1e-3"]).ok();
-    let wanted = json!({ "model": { "width": 64, "encoder": { "kind": "cnn" } }, "optim": { "lr": 1e-3 } });
-    assert_eq!(nested, Some(wanted));
-    assert!(set(&["model=1", "model.width=2"]).is_err() && set(&["width"]).is_err());
+fn a_run_is_the_same_from_the_request_the_command_and_a_job() {
+    let bench = Bench::new();
+    bench.collect("--image-size 64x64", "a.h5");
+    let data = bench.path("a.h5").display().to_string();
+    let table = include_str!("../../../../tests/requests/train.json").replace("DATA", &data);
+    let table: Vec<Map<String, Json>> = serde_json::from_str(&table).unwrap();
+    let ran = |line: &[String]| {
+        let words = ["swm", "-q"].into_iter().map(OsString::from).chain(line.iter().map(OsString::from));
+        assert!(crate::cli::run(&bench.registry, words) == ExitCode::SUCCESS, "{line:?}");
+    };
+    for (index, asked) in table.iter().enumerate() {
+        let [value, command, job] =
+            ["value", "command", "job"].map(|by| bench.path(&format!("{by}-{index}")));
+        let mut request = request::Train::from_json(asked).unwrap();
+        request.out.clone_from(&value);
+        request.run(&bench.registry, &mut ()).unwrap();
+        let train = [vec!["train".to_owned()], words(asked)].concat();
+        let out = ["--out".to_owned(), command.display().to_string()];
+        ran(&[train.clone(), out.to_vec()].concat());
+        assert!(written(&command) == written(&value), "{asked:?}");
+        let job = job.display().to_string();
+        let submit = ["submit", "--job", &job, "--no-copy", "--on", "script", "--"].map(str::to_owned);
+        ran(&[submit.to_vec(), train].concat());
+        if index % 2 == 1 {
+            // As a former version wrote it: in words.
+            let file = Path::new(&job).join("job.json");
+            let mut held: Json = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+            let request = held.as_object_mut().unwrap().remove("request").unwrap();
+            assert_eq!(request["train"][0]["baseline"], asked["baseline"]);
+            std::fs::write(&file, serde_json::to_vec(&held).unwrap()).unwrap();
+        }
+        ran(&["task", &job, "--all"].map(str::to_owned));
+        assert!(written(&Path::new(&job).join("runs/0001")) == written(&value), "{asked:?}");
+    }
 }
 
 #[test]

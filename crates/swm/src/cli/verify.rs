@@ -48,49 +48,56 @@ pub(super) struct Verify {
 impl Verify {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let request = request::Verify {
-            dataset: self.file.clone(),
+            dataset: self.file,
             fix: self.fix,
             dry_run: self.dry_run,
             opening: self.opening.options()?,
         };
-        let verified = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
-        let (report, pending) = (&verified.report, &verified.to_fix);
-        let finished = pending.is_empty();
-        output.result(&verified, || {
-            let mut text = format!(
-                "{}: {}, {}{}\n",
-                self.file.display(),
-                counted(report.episodes, "episode"),
-                counted(report.rows, "row"),
-                if report.has_checksums { ", checksums compared" } else { "" },
-            );
-            for problem in &report.problems {
-                let column =
-                    problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
-                let episode =
-                    problem.episode.map(|episode| format!(" episode {episode}")).unwrap_or_default();
-                text += &format!("WRONG{episode}{column}: {}\n", problem.reason);
-            }
-            for note in &report.notes {
-                text += &format!("note: {note}\n");
-            }
-            for step in pending {
-                text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
-            }
-            text += match (report.problems.is_empty(), finished) {
-                (true, true) => "sound",
-                (true, false) => "sound once it is repaired",
-                (false, true) => "NOT SOUND: no repair brings back what is wrong; record or copy it again",
-                (false, false) => "NOT SOUND",
-            };
-            text
-        })?;
-        let file = self.file.display();
-        match report.problems.len() {
-            0 if finished => Ok(()),
-            0 => Err(format!("{file} has to be repaired; run: swm verify {file} --fix").into()),
-            problems => Err(format!("{file} is not sound: {}", counted(problems, "problem")).into()),
+        run(&request, registry, output)
+    }
+}
+
+/// Verifies all of a dataset.
+pub(super) fn whole(dataset: PathBuf, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    run(&request::Verify { dataset, ..request::Verify::default() }, registry, output)
+}
+
+fn run(request: &request::Verify, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let verified = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
+    let (report, pending) = (&verified.report, &verified.to_fix);
+    let finished = pending.is_empty();
+    output.result(&verified, || {
+        let mut text = format!(
+            "{}: {}, {}{}\n",
+            request.dataset.display(),
+            counted(report.episodes, "episode"),
+            counted(report.rows, "row"),
+            if report.has_checksums { ", checksums compared" } else { "" },
+        );
+        for problem in &report.problems {
+            let column = problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
+            let episode = problem.episode.map(|episode| format!(" episode {episode}")).unwrap_or_default();
+            text += &format!("WRONG{episode}{column}: {}\n", problem.reason);
         }
+        for note in &report.notes {
+            text += &format!("note: {note}\n");
+        }
+        for step in pending {
+            text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
+        }
+        text += match (report.problems.is_empty(), finished) {
+            (true, true) => "sound",
+            (true, false) => "sound once it is repaired",
+            (false, true) => "NOT SOUND: no repair brings back what is wrong; record or copy it again",
+            (false, false) => "NOT SOUND",
+        };
+        text
+    })?;
+    let file = request.dataset.display();
+    match report.problems.len() {
+        0 if finished => Ok(()),
+        0 => Err(format!("{file} has to be repaired; run: swm verify {file} --fix").into()),
+        problems => Err(format!("{file} is not sound: {}", counted(problems, "problem")).into()),
     }
 }
 

@@ -12,38 +12,33 @@ use swm_tasks::request::{Divided, Shard};
 use swm_tasks::threads::within;
 
 use super::task::Redirected;
-use super::{Cli, Command, Failure, Output, collect, eval, run_command, sweep, usage};
+use super::{Cli, Command, Failure, Output, collect, convert, eval, sweep, track, train, usage, verify};
 use crate::jobs::files::cannot;
-use crate::jobs::job::extension;
+use crate::jobs::job::{Asked, Tracking, extension};
 use crate::jobs::{Job, JobFolder};
 use crate::text_file::read_text;
 
 /// The commands that can be divided.
 const DIVIDED: &[&str] = &["collect", "eval", "sweep", "train"];
-/// Arguments of a training run that `swm submit` adds itself.
-const OF_RUNS: &[&str] = &["--resume", "--list", "--out", "-o"];
 /// How a command to divide is named.
 const EXAMPLE: &str = "-- collect swm/PushT-v1 --episodes 1000";
-
-/// What is divided by a command.
-pub(super) struct Work {
-    /// None of training runs.
-    pub(super) request: Option<Divided>,
-    /// See [`Job::report_every`].
-    pub(super) report_every: Option<u64>,
-}
 
 /// Whether this is a command that can be divided.
 pub(super) fn is_divided(name: &str) -> bool {
     DIVIDED.contains(&name)
 }
 
-/// What a command line divides.
+/// What a command line divides; of trainings, what it asks for with each of several further arguments.
 ///
 /// # Errors
 ///
 /// It is none that can be divided, or has options by which its parts are told apart.
-pub(super) fn work(registry: &Registry, line: &[String], output: &Output) -> Result<Work, Failure> {
+pub(super) fn work(
+    registry: &Registry,
+    line: &[String],
+    each: &[Vec<String>],
+    output: &Output,
+) -> Result<Asked, Failure> {
     let name = line.first().map(String::as_str);
     match name {
         Some(name) if is_divided(name) => {}
@@ -59,24 +54,31 @@ pub(super) fn work(registry: &Registry, line: &[String], output: &Output) -> Res
             return Err(usage(format!("name the command to divide, such as `{EXAMPLE}`")));
         }
     }
-    if name == Some("train") {
-        let mut given = line.iter().map(|word| word.split_once('=').map_or(word.as_str(), |(name, _)| name));
-        if let Some(name) = given.find(|name| OF_RUNS.contains(name)) {
-            return Err(usage(format!("leave out {name}: the job's folder is where runs go")));
-        }
-        // Each run's line is read as a whole.
-        return Ok(Work { request: None, report_every: None });
-    }
-    let (request, report_every) = match parse(line)? {
+    let (mut report_every, mut tracking) = (None, Vec::new());
+    let request = match parse(line)? {
         Command::Collect(command) => {
-            (Divided::Record(Box::new(command.request(registry, output)?)), command.report_every())
+            report_every = command.report_every();
+            Divided::Record(Box::new(command.request(registry, output)?))
         }
-        Command::Eval(command) => (Divided::Evaluate(Box::new(command.request(registry, output)?)), None),
-        Command::Sweep(command) => (Divided::Sweep(Box::new(command.request()?)), None),
+        Command::Eval(command) => Divided::Evaluate(Box::new(command.request(registry, output)?)),
+        Command::Sweep(command) => Divided::Sweep(Box::new(command.request()?)),
+        Command::Train(_) => {
+            let mut runs = Vec::new();
+            let alone = [Vec::new()];
+            for more in if each.is_empty() { &alone[..] } else { each } {
+                let Command::Train(command) = parse(&[line, more.as_slice()].concat())? else { continue };
+                if command.lists() {
+                    return Err(usage("leave out --list: a job trains"));
+                }
+                tracking.push(command.track.tracking());
+                runs.push(command.request()?);
+            }
+            Divided::Train(runs)
+        }
         _ => return Err(usage("this command cannot be divided")),
     };
     request.check_undivided()?;
-    Ok(Work { request: Some(request), report_every })
+    Ok(Asked { request, report_every, tracking })
 }
 
 /// Opens the job in `dir`; `None` if there is none. Jobs of former versions are read from their command.
@@ -86,24 +88,7 @@ pub(super) fn work(registry: &Registry, line: &[String], output: &Output) -> Res
 /// As of [`JobFolder::open`].
 pub(super) fn open(registry: &Registry, dir: &Path) -> Result<Option<JobFolder>, BoxError> {
     let silent = Output::new(false, true);
-    JobFolder::open(dir, |line| Ok(work(registry, line, &silent).map_err(Failure::into_source)?.request))
-}
-
-/// The files that the runs of a training job read.
-pub(super) fn inputs_of_runs(folder: &JobFolder) -> Result<Vec<PathBuf>, Failure> {
-    let mut inputs = Vec::new();
-    for shard in 1..=folder.job.shards {
-        match parse(&run_line(folder, shard))? {
-            Command::Train(train) => inputs.extend(train.inputs()?),
-            _ => return Err(usage("this command cannot be divided")),
-        }
-    }
-    Ok(inputs)
-}
-
-/// Runs a command line inside of this one.
-pub(super) fn run(registry: &Registry, line: &[String], output: &Output) -> Result<(), Failure> {
-    run_command(registry, parse(line)?, output)
+    JobFolder::open(dir, |line, each| work(registry, line, each, &silent).map_err(Failure::into_source))
 }
 
 fn parse(line: &[String]) -> Result<Command, Failure> {
@@ -125,22 +110,23 @@ pub(super) fn run_shard(
     shard: u64,
     output: &Output,
 ) -> Result<(), Failure> {
-    match part(folder, shard)? {
-        Some(request) => run_request(registry, &folder.job, &request, output),
-        None => run(registry, &run_line(folder, shard), output),
-    }
+    let request = part(folder, shard)?;
+    let work = || run_request(registry, &folder.job, &request, output);
+    let nobody = Tracking::default();
+    let tracking = folder.job.tracking.get(shard as usize - 1).unwrap_or(&nobody);
+    track::around(tracking, &folder.written(shard), output, work)
 }
 
-/// The request of a shard; `None` of a training run.
-pub(super) fn part(folder: &JobFolder, shard: u64) -> Result<Option<Divided>, Failure> {
-    let Some(request) = &folder.job.request else { return Ok(None) };
+/// The request of a shard.
+pub(super) fn part(folder: &JobFolder, shard: u64) -> Result<Divided, Failure> {
+    let request = &folder.job.request;
     let out = match request {
-        Divided::Record(_) => folder.written(shard),
+        Divided::Record(_) | Divided::Train(_) => folder.written(shard),
         _ => folder.dir.clone(),
     };
     let shards = folder.job.shards;
     let part = Shard::new(shard, shards).ok_or_else(|| usage(format!("no shard {shard} of {shards}")))?;
-    Ok(Some(request.part(part, out)))
+    Ok(request.part(part, out))
 }
 
 /// Runs a request of a job as its command does.
@@ -149,38 +135,14 @@ fn run_request(registry: &Registry, job: &Job, request: &Divided, output: &Outpu
         Divided::Record(record) => collect::run(record, job.report_every, registry, output),
         Divided::Evaluate(evaluate) => eval::run(evaluate, registry, output),
         Divided::Sweep(sweep) => sweep::run(sweep, registry, output),
+        Divided::Train(runs) => runs.iter().try_for_each(|run| train::run(run, registry, output)),
         _ => Err(usage("this request cannot be divided")),
     })?
 }
 
-/// The command line of a training run of a job.
-fn run_line(folder: &JobFolder, shard: u64) -> Vec<String> {
-    let (job, run) = (&folder.job, folder.run(shard));
-    let mut line = job.command.clone();
-    line.extend(job.each.get(shard as usize - 1).into_iter().flatten().cloned());
-    if run.join("config.json").is_file() {
-        line = resumed(&line);
-    }
-    line.extend(["--out".to_owned(), run.display().to_string()]);
-    line
-}
-
-/// The line that resumes a training run: its settings stand in its folder, but not what it is computed on.
-fn resumed(line: &[String]) -> Vec<String> {
-    let mut resumed = vec!["train".to_owned(), "--resume".to_owned()];
-    for (at, word) in line.iter().enumerate() {
-        if word == "--device" || word == "--threads" {
-            resumed.extend(line[at..].iter().take(2).cloned());
-        } else if word.starts_with("--device=") || word.starts_with("--threads=") {
-            resumed.push(word.clone());
-        }
-    }
-    resumed
-}
-
 /// Records a first part of about `episodes` episodes, whose size is that of the others; the path of its dataset.
 pub(super) fn run_pilot(registry: &Registry, folder: &JobFolder, episodes: u64) -> Result<PathBuf, Failure> {
-    let Some(Divided::Record(record)) = &folder.job.request else {
+    let Divided::Record(record) = &folder.job.request else {
         return Err(usage("--pilot records episodes; it is for `swm collect`"));
     };
     let mut pilot = record.clone();
@@ -196,20 +158,20 @@ pub(super) fn run_pilot(registry: &Registry, folder: &JobFolder, episodes: u64) 
 /// What shard `shard` writes: a file, or the file of a training run that tells how far it is.
 pub(super) fn shard_output(folder: &JobFolder, shard: u64) -> PathBuf {
     let written = folder.written(shard);
-    if folder.job.request.is_none() { written.join("metrics.jsonl") } else { written }
+    if folder.job.request.is_of_runs() { written.join("metrics.jsonl") } else { written }
 }
 
 /// How far a shard is: committed episodes, or the size of a training run's metrics.
 pub(super) fn held(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
     let path = shard_output(folder, shard);
     match &folder.job.request {
-        Some(Divided::Record(_)) if path.exists() => {
+        Divided::Record(_) if path.exists() => {
             swm_data::open_in(registry, &path).map_or(0, |dataset| dataset.num_episodes() as u64)
         }
-        Some(Divided::Record(_)) => 0,
+        Divided::Record(_) => 0,
+        Divided::Train(_) => fs::metadata(&path).map_or(0, |metadata| metadata.len()),
         // The first line is the head.
-        Some(_) => read_text(&path).map_or(0, |text| text.lines().count().max(1) as u64 - 1),
-        None => fs::metadata(&path).map_or(0, |metadata| metadata.len()),
+        _ => read_text(&path).map_or(0, |text| text.lines().count().max(1) as u64 - 1),
     }
 }
 
@@ -221,7 +183,7 @@ pub(super) fn held(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
 pub(super) fn check_shard(registry: &Registry, folder: &JobFolder, shard: u64) -> Result<(), Failure> {
     let range = folder.job.range(shard);
     let (found, expected) = (held(registry, folder, shard), range.end - range.start);
-    if matches!(folder.job.request, Some(Divided::Record(_))) && found != expected {
+    if matches!(folder.job.request, Divided::Record(_)) && found != expected {
         let path = shard_output(folder, shard);
         return Err(format!("{} holds {found} episodes, not {expected}", path.display()).into());
     }
@@ -230,30 +192,28 @@ pub(super) fn check_shard(registry: &Registry, folder: &JobFolder, shard: u64) -
 
 /// Joins the shards to the result. What was interrupted goes on.
 pub(super) fn join(registry: &Registry, folder: &JobFolder, output: &Output) -> Result<(), Failure> {
-    let job = &folder.job;
-    let Some(request) = &job.request else { return Ok(()) };
+    let (job, request) = (&folder.job, &folder.job.request);
+    if request.is_of_runs() {
+        return Ok(());
+    }
     if let Some(join) = request.join(folder.dir.clone()) {
         return run_request(registry, job, &join, output);
     }
     let result = folder.dir.join(folder.result());
-    let out = result.display().to_string();
     let all: Vec<PathBuf> = (1..=job.shards).map(|shard| shard_output(folder, shard)).collect();
-    if let [one] = all.as_slice()
-        && one.is_file()
-    {
-        fs::copy(one, &result).map_err(|error| cannot("write", &result, error))?;
-    } else {
-        let mut line = vec![if all.len() == 1 { "convert" } else { "merge" }.to_owned()];
-        line.extend(all.iter().map(|part| part.display().to_string()));
-        line.extend((all.len() > 1).then(|| "--out".to_owned()));
-        line.push(out.clone());
-        run(registry, &line, output)?;
+    match all.as_slice() {
+        [one] if one.is_file() => {
+            fs::copy(one, &result).map_err(|error| cannot("write", &result, error))?;
+        }
+        _ => convert::join(all, result.clone(), registry, output)?,
     }
-    run(registry, &["verify".to_owned(), out], output)
+    verify::whole(result, registry, output)
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     fn words(text: &str) -> Vec<String> {
@@ -262,11 +222,10 @@ mod tests {
 
     #[test]
     fn only_some_commands_are_divided() {
-        let of = |text: &str| work(&crate::registry(), &words(text), &Output::new(false, true));
+        let of = |text: &str| work(&crate::registry(), &words(text), &[], &Output::new(false, true));
         let found = of("collect swm/PushT-v1 --episodes 3 --report-every 60").ok().unwrap();
-        assert!(matches!(found.request, Some(Divided::Record(_))));
+        assert!(matches!(found.request, Divided::Record(_)));
         assert_eq!(found.report_every, Some(60));
-        assert!(of("train lewm --dataset a.h5").ok().unwrap().request.is_none());
         for wrong in [
             "",
             "swm collect",
@@ -275,18 +234,26 @@ mod tests {
             "collect swm/PushT-v1 --episodes 3 -oa.h5",
             "eval --again",
             "train x -o a",
+            "train --list",
+            "train --resume runs/a",
         ] {
             assert_eq!(of(wrong).err().map(|failure| failure.exit_code()), Some(2), "{wrong}");
         }
     }
 
     #[test]
-    fn a_resumed_training_keeps_its_device_and_threads() {
-        assert_eq!(
-            resumed(&words("train lewm --dataset a.h5 --device cuda:1 --threads 2 --epochs 3")),
-            words("train --resume --device cuda:1 --threads 2")
-        );
-        let line = words("train lewm --device=cuda --threads=4");
-        assert_eq!(resumed(&line), words("train --resume --device=cuda --threads=4"));
+    fn trainings_are_requests_with_the_arguments_of_each_line() {
+        let line = words("train lewm --dataset a.h5 --track wandb");
+        let of = |each: &[Vec<String>]| {
+            let asked = work(&crate::registry(), &line, each, &Output::new(false, true)).ok().unwrap();
+            serde_json::to_value((asked.request, asked.tracking)).unwrap()
+        };
+        let run = |seed: u64| json!({ "baseline": "lewm", "dataset": "a.h5", "seed": seed });
+        let own = json!({ "trackers": ["wandb"], "project": null });
+        let each = [words("--seed 1"), words("--seed 2 --track-project p")];
+        let other = json!({ "trackers": ["wandb"], "project": "p" });
+        assert_eq!(of(&each), json!([{ "train": [run(1), run(2)] }, [own, other]]));
+        let alone = json!({ "baseline": "lewm", "dataset": "a.h5" });
+        assert_eq!(of(&[]), json!([{ "train": [alone] }, [own]]));
     }
 }

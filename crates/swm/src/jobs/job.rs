@@ -16,7 +16,7 @@ use super::files::{cannot, read_json, seconds, write_json};
 use super::program::{Program, copy_in};
 use crate::evaluation::file_hash;
 
-/// The version of [`Job`] that is written. Version 1 had no request.
+/// The version of [`Job`] that is written. Version 1 had no request, and version 2 none of trainings at first.
 const JOB_VERSION: u32 = 2;
 
 /// Schedulers have arrays of thousands of tasks; each shard is a file, too.
@@ -31,15 +31,18 @@ pub(crate) struct Job {
     version: u32,
     /// SHA-256 of what the results depend on; see [`Job::new`].
     pub(crate) hash: String,
-    /// What is divided into shards; none where they are training runs.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) request: Option<Divided>,
-    /// The command by which it was asked for, without what divides it: for people, and of training runs for their tasks.
+    /// What is divided into shards.
+    #[serde(default = "nothing")]
+    pub(crate) request: Divided,
+    /// The command by which it was asked for, without what divides it: for people.
     pub(crate) command: Vec<String>,
     /// In the log of a recording, seconds between lines, where they were given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) report_every: Option<u64>,
-    /// Further arguments of each shard, where the shards are runs of their own.
+    /// What follows each training run; none where nothing follows any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) tracking: Vec<Tracking>,
+    /// Further arguments of each training run, for people.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) each: Vec<Vec<String>>,
     /// The number of shards.
@@ -50,6 +53,36 @@ pub(crate) struct Job {
     pub(crate) inputs: Vec<Input>,
     /// The working folder of the command, to which its paths are relative.
     pub(crate) folder: PathBuf,
+}
+
+/// No request, as in a job that was written by its words alone.
+fn nothing() -> Divided {
+    Divided::Train(Vec::new())
+}
+
+/// Trackers that follow a training run.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Tracking {
+    /// Their names.
+    pub(crate) trackers: Vec<String>,
+    /// What they group runs by.
+    pub(crate) project: Option<String>,
+}
+
+/// What a command asks for.
+pub(crate) struct Asked {
+    pub(crate) request: Divided,
+    /// See [`Job::report_every`].
+    pub(crate) report_every: Option<u64>,
+    /// See [`Job::tracking`].
+    pub(crate) tracking: Vec<Tracking>,
+}
+
+impl Default for Asked {
+    fn default() -> Self {
+        Self { request: nothing(), report_every: None, tracking: Vec::new() }
+    }
 }
 
 /// A file or folder that the command reads.
@@ -111,21 +144,25 @@ impl Job {
     ///
     /// The working folder is unknown.
     pub(crate) fn new(
-        request: Option<Divided>,
+        asked: Asked,
         command: Vec<String>,
         each: Vec<Vec<String>>,
         shards: u64,
         program: Program,
     ) -> Result<Self, BoxError> {
-        let (hash, report_every, inputs, folder) =
-            (String::new(), None, Vec::new(), std::env::current_dir()?);
+        let (hash, inputs, folder) = (String::new(), Vec::new(), std::env::current_dir()?);
         let version = JOB_VERSION;
+        let Asked { request, report_every, mut tracking } = asked;
+        if tracking.iter().all(|one| one.trackers.is_empty()) {
+            tracking.clear();
+        }
         let mut job = Self {
             version,
             hash,
             request,
             command,
             report_every,
+            tracking,
             each,
             shards,
             episodes: 0,
@@ -151,12 +188,10 @@ impl Job {
     fn hashed(&self) -> Result<String, BoxError> {
         let contents: Vec<(&Path, &str)> =
             self.inputs.iter().map(|input| (input.path.as_path(), input.sha256.as_str())).collect();
-        let request = match &self.request {
-            Some(request) => serde_json::to_value(request)?,
-            None => serde_json::to_value(&self.command)?,
-        };
-        let Self { each, shards, episodes, program, .. } = self;
-        let all = (JOB_VERSION, request, each, shards, episodes, &program.sha256, &program.about, contents);
+        let Self { request, shards, episodes, program, .. } = self;
+        let no_words: [(); 0] = [];
+        let all =
+            (JOB_VERSION, request, no_words, shards, episodes, &program.sha256, &program.about, contents);
         Ok(sha256(serde_json::to_string(&all)?.as_bytes()))
     }
 
@@ -170,10 +205,12 @@ impl Job {
             () if episodes > MAX_EPISODES => {
                 Err(format!("`episodes` is {episodes}; a job has up to {MAX_EPISODES}"))
             }
-            () if self.request.is_some() && shards > episodes => {
-                Err(format!("`shards` is {shards}, of {episodes} episodes"))
-            }
-            () => Ok(()),
+            () => match &self.request {
+                Divided::Train(runs) if runs.len() as u64 == shards => Ok(()),
+                Divided::Train(runs) => Err(format!("`shards` is {shards}, of {} runs", runs.len())),
+                _ if shards > episodes => Err(format!("`shards` is {shards}, of {episodes} episodes")),
+                _ => Ok(()),
+            },
         }
     }
 
@@ -194,10 +231,7 @@ impl Job {
         let changed = self.inputs.iter().zip(&asked.inputs).find(|(a, b)| differs(a, b));
         if self.hash == asked.hash {
             None
-        } else if self.request != asked.request
-            || self.each != asked.each
-            || (self.request.is_none() && self.command != asked.command)
-        {
+        } else if self.request != asked.request {
             Some(format!("its arguments: it holds `{}`, not `{}`", line(self), line(asked)))
         } else if self.shards != asked.shards {
             Some(format!("its shards: it has {}, not {}", self.shards, asked.shards))
@@ -228,14 +262,15 @@ impl JobFolder {
         }
     }
 
-    /// Opens the job in `dir`; `None` if there is none. `read` makes the request of the command of a job of version 1.
+    /// Opens the job in `dir`; `None` if there is none. `read` reads the words of a job that has no request: its command, and further
+    /// arguments of each run.
     ///
     /// # Errors
     ///
     /// The folder holds something else, or a job of a newer version; or `read` fails.
     pub(crate) fn open(
         dir: &Path,
-        read: impl FnOnce(&[String]) -> Result<Option<Divided>, BoxError>,
+        read: impl FnOnce(&[String], &[Vec<String>]) -> Result<Asked, BoxError>,
     ) -> Result<Option<Self>, BoxError> {
         let dir = std::path::absolute(dir).map_err(|error| cannot("read", dir, error))?;
         let Some(mut job) = read_json::<Job>(&dir.join("job.json"))? else {
@@ -254,8 +289,9 @@ impl JobFolder {
             let (dir, version) = (dir.display(), job.version);
             return Err(format!("{dir} is a job of a newer version ({version}); use a newer `swm`").into());
         }
-        if job.version < JOB_VERSION {
-            job.request = read(&job.command)?;
+        if job.request == nothing() {
+            let Asked { request, tracking, .. } = read(&job.command, &job.each)?;
+            (job.request, job.tracking) = (request, tracking);
         }
         job.check().map_err(|reason| format!("{}: {reason}", dir.join("job.json").display()))?;
         Ok(Some(Self { dir, job }))
@@ -319,19 +355,19 @@ impl JobFolder {
     /// What shard `shard` leaves behind: its part, or the folder of a training run.
     pub(crate) fn written(&self, shard: u64) -> PathBuf {
         match &self.job.request {
-            None => self.run(shard),
-            Some(Divided::Record(record)) => self.part(shard, extension(record)),
-            Some(_) => self.part(shard, "jsonl"),
+            Divided::Train(_) => self.run(shard),
+            Divided::Record(record) => self.part(shard, extension(record)),
+            _ => self.part(shard, "jsonl"),
         }
     }
 
     /// The result, in the folder of the job.
     pub(crate) fn result(&self) -> String {
         match &self.job.request {
-            Some(Divided::Record(record)) => format!("result.{}", extension(record)),
-            Some(Divided::Sweep(_)) => "sweep.json".to_owned(),
-            Some(_) => "receipt.json".to_owned(),
-            None => "runs".to_owned(),
+            Divided::Record(record) => format!("result.{}", extension(record)),
+            Divided::Sweep(_) => "sweep.json".to_owned(),
+            Divided::Train(_) => "runs".to_owned(),
+            _ => "receipt.json".to_owned(),
         }
     }
 
@@ -398,6 +434,8 @@ const OWN_FOLDERS: &[&str] = &["parts", "done", "logs", "swm", "swm.new", "job.l
 
 #[cfg(test)]
 mod tests {
+    use swm_tasks::request::Train;
+
     use super::*;
 
     fn job(seed: u64, shards: u64, program: &str, content: &str) -> Job {
@@ -406,8 +444,8 @@ mod tests {
         let input = Input { path: "/m.toml".into(), bytes: 1, modified: 2, sha256: content.into() };
         let request = Record { seed, ..Record::default() };
         let command = vec!["collect".to_owned(), format!("--seed={seed}")];
-        let request = Some(Divided::Record(Box::new(request)));
-        Job::new(request, command, Vec::new(), shards, program).unwrap().with(16, vec![input]).unwrap()
+        let asked = Asked { request: Divided::Record(Box::new(request)), ..Asked::default() };
+        Job::new(asked, command, Vec::new(), shards, program).unwrap().with(16, vec![input]).unwrap()
     }
 
     #[test]
@@ -440,17 +478,33 @@ mod tests {
     }
 
     #[test]
-    fn the_request_of_an_older_job_is_read_from_its_command() {
+    fn the_request_of_an_older_job_is_read_from_its_words() {
         let folder = tempfile::tempdir().unwrap();
-        let job = Job { version: 1, ..job(1, 4, "p", "c") };
-        let written = Job { request: None, ..job.clone() };
-        write_json(&folder.path().join("job.json"), &written).unwrap();
-        let opened = JobFolder::open(folder.path(), |command| {
-            assert_eq!(command, job.command);
-            Ok(job.request.clone())
+        let each = vec![vec!["--seed=1".to_owned()]];
+        let job = Job { version: 1, each, ..job(1, 4, "p", "c") };
+        let written = Job { request: nothing(), ..job.clone() };
+        let mut json = serde_json::to_value(&written).unwrap();
+        json.as_object_mut().unwrap().remove("request");
+        write_json(&folder.path().join("job.json"), &json).unwrap();
+        let opened = JobFolder::open(folder.path(), |command, each| {
+            assert_eq!((command, each), (&job.command[..], &job.each[..]));
+            Ok(Asked { request: job.request.clone(), ..Asked::default() })
         });
         assert_eq!(opened.unwrap().unwrap().job.request, job.request);
-        let failed = JobFolder::open(folder.path(), |_| Err("no such command".into()));
+        let failed = JobFolder::open(folder.path(), |_, _| Err("no such command".into()));
         assert_eq!(failed.unwrap_err().to_string(), "no such command");
+    }
+
+    #[test]
+    fn a_training_is_written_as_its_requests_and_has_a_shard_for_each() {
+        let folder = tempfile::tempdir().unwrap();
+        let runs = [1, 2].map(|seed| Train { seed: Some(seed), ..Train::default() }).to_vec();
+        let of = |shards: u64| Job { request: Divided::Train(runs.clone()), ..job(1, shards, "p", "c") };
+        let open = |job: &Job| {
+            write_json(&folder.path().join("job.json"), job).unwrap();
+            JobFolder::open(folder.path(), |_, _| Err("it has a request".into()))
+        };
+        assert_eq!(open(&of(2)).unwrap().unwrap().job.request, Divided::Train(runs.clone()));
+        assert!(open(&of(3)).unwrap_err().to_string().contains("`shards` is 3, of 2 runs"));
     }
 }

@@ -63,7 +63,7 @@ def _chosen(pair: str | tuple[int, int, int]) -> str:
     return f"{episode}:{start}-{goal}"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Arrays and numbers of NumPy, and what else counts as an integer, as JSON has them."""
     return cast("Any", value).tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
 
@@ -145,7 +145,7 @@ def make_manifest(
         "set": dict(variation_values or {}),
         "overwrite": overwrite,
     }
-    text, hash, notes = _swm.make_manifest(json.dumps(request, default=_plain, allow_nan=False))
+    text, hash, notes = _swm.make_manifest(json.dumps(request, default=plain, allow_nan=False))
     for note in notes:
         logger.warning("%s", note)
     return Manifest(json.loads(text), hash)

@@ -9,13 +9,13 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
 use swm_core::evaluate::random_episodes;
-use swm_core::{EnvConfig, PolicyContext, Registry};
+use swm_core::{EnvConfig, PolicyContext, Registry, WorldError};
 use swm_data::OpenOptions;
 
 use super::copies::holds_images;
 use super::source::{check_opening, check_recorded_in, open_dataset_with, rendered};
 use super::{
-    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, failed, must_be_given,
+    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, apart, failed, must_be_given,
     note_training_of,
 };
 use crate::evaluation::{
@@ -154,13 +154,18 @@ impl Request for Measure {
         };
         let Self { episodes, rows, horizon, plans, seed, .. } = *self;
         let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
+        let cancel = report.cancel();
         let begins = |name: &str| {
+            if cancel.is_cancelled() {
+                return Err(WorldError::Cancelled.into());
+            }
             progress.done(None);
             progress.now(&format!("now {name}"));
+            Ok(())
         };
         let (model, env) = (model.as_mut(), env.as_mut());
         let measure = || quality(model, env, &recorded, &probed, &violations, &options, begins);
-        let found = within(self.threads, measure)??;
+        let found = apart(report, || within(self.threads, measure))???;
         if let Some(note) = few_episodes(&found, recorded.len()) {
             report.note(&note);
         }

@@ -25,7 +25,7 @@ use super::policy::{model_image, note_images, policy_args};
 use super::source::{check_built, video_format_of};
 use super::{
     Fix, ImageChoice, List, ManifestSource, Message, Progress, Report, Request, Scenario, Stage, TaskError,
-    failed,
+    apart, failed,
 };
 use crate::plan::{self, EpisodeSummary, PlanFigures, PlanSummary, Watched, planner_of, write_report};
 use crate::threads::{self, within};
@@ -179,7 +179,7 @@ impl Request for Plan {
         let mut video = Video::first(if image.is_some() { episodes } else { 0 });
         let mut watch = (&mut video, Episodes { progress: report.begin(&stage)?, list: Vec::new() });
         let started = Instant::now();
-        let ran = within(self.threads, || problem.run(&mut world, &rollout, &mut watch))?;
+        let ran = apart(report, || within(self.threads, || problem.run(&mut world, &rollout, &mut watch)))??;
         let Episodes { list, progress } = watch.1;
         drop(progress);
         let finished = lines.map(|lines| lines.lock().unwrap_or_else(PoisonError::into_inner).finish());

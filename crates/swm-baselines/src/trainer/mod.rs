@@ -1,0 +1,81 @@
+//! The trainers of the registry: a request [`Train`](swm_tasks::request::Train) at work.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `clips` | baselines, on clips of a dataset |
+//! | `agents` | agents, in environments or on the steps of a dataset |
+//! | `looks`, `quality` | images that are rendered anew; measurements on the way |
+//! | `memory`, `shown` | what a training takes of memory; its progress |
+
+mod agents;
+mod clips;
+mod looks;
+mod memory;
+mod quality;
+mod shown;
+
+use std::path::Path;
+
+use swm_core::WorldError;
+use swm_tasks::request::{Learns, Message, TaskError, TrainerEntry};
+
+use crate::error::BaselineError;
+use crate::models::table::BASELINES;
+use crate::online::{AGENTS, online_agent};
+use crate::train::{RunConfig, RunFolder};
+
+pub use shown::short;
+
+/// All trainers: those of baselines, then those of agents.
+pub const TRAINERS: &[TrainerEntry] = &TABLE;
+
+const TABLE: [TrainerEntry; BASELINES.len() + AGENTS.len()] = {
+    let none = TrainerEntry::new("", "", &[], Learns::FromClips, began, clips::train);
+    let mut table = [none; BASELINES.len() + AGENTS.len()];
+    let mut at = 0;
+    while at < BASELINES.len() {
+        let of = &BASELINES[at];
+        table[at] = TrainerEntry::new(of.name, of.about, of.presets, Learns::FromClips, began, clips::train);
+        at += 1;
+    }
+    while at < table.len() {
+        let of = &AGENTS[at - BASELINES.len()];
+        let learns = if of.learns_from_datasets { Learns::OnlineOrFromSteps } else { Learns::Online };
+        table[at] = TrainerEntry::new(of.name, of.about, of.presets, learns, began, agents::train);
+        at += 1;
+    }
+    table
+};
+
+/// The baseline or agent that a run trains.
+fn began(run: &Path) -> Result<String, TaskError> {
+    let name = |run: &Path| {
+        let run = RunFolder::open(run)?;
+        match online_agent(&run)? {
+            Some(agent) => Ok(agent),
+            None => Ok(RunConfig::read(&run)?.model_config.baseline),
+        }
+    };
+    name(run).map_err(failed)
+}
+
+/// The error of a request: wrong settings and folders are wrong requests.
+pub fn failed(error: BaselineError) -> TaskError {
+    match error {
+        BaselineError::UnknownBaseline { .. }
+        | BaselineError::UnknownPreset { .. }
+        | BaselineError::Settings { .. }
+        | BaselineError::Training { .. }
+        | BaselineError::Columns { .. }
+        | BaselineError::Device { .. }
+        | BaselineError::Run { .. } => Message::new(error.to_string()).into(),
+        BaselineError::World(error) => TaskError::Failed(error.into()),
+        BaselineError::Dataset(error) => TaskError::Failed(error.into()),
+        error => TaskError::Failed(error.into()),
+    }
+}
+
+/// The error of a training that was asked to stop.
+fn interrupted() -> TaskError {
+    TaskError::Failed(WorldError::Cancelled.into())
+}

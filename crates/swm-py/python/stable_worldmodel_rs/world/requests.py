@@ -1,0 +1,260 @@
+"""Requests that are all in their settings: world models that are measured, planners that are traced, images of episodes."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, cast
+
+from .._access import access_checked
+from .._core import core as _swm
+from .ids import native_id
+from .manifests import Manifest, existing, plain
+from .native import checked_shape
+from .progress import Progress
+
+AnyPath = str | PathLike[str]
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+
+
+def asked(
+    name: str,
+    request: Mapping[str, Any],
+    begin: Callable[[str, int], None] | None = None,
+    tick: Callable[[int, int, int], None] | None = None,
+) -> Any:
+    """What the core makes of a request of this name; settings that are None have their defaults. Notes are logged."""
+    given = {setting: _own(value) for setting, value in request.items() if value is not None}
+    made, notes = _swm.run_request(name, json.dumps(given, default=plain, allow_nan=False), begin, tick)
+    for note in notes:
+        logger.warning("%s", note)
+    return json.loads(made)
+
+
+def _own(value: Any) -> Any:
+    return dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
+
+
+def _size(image_shape: tuple[int, int] | None) -> dict[str, int] | None:
+    shape = checked_shape(image_shape)
+    return None if shape is None else {"height": shape[0], "width": shape[1]}
+
+
+def _path(path: AnyPath | None) -> str | None:
+    return None if path is None else str(Path(path).expanduser())
+
+
+@access_checked
+def measure(
+    env_name: str,
+    model: str = "true",
+    dataset: AnyPath | None = None,
+    *,
+    image_shape: tuple[int, int] | None = None,
+    probe: Sequence[str] | None = None,
+    violation: Sequence[str] | None = None,
+    episodes: int | None = None,
+    rows: int | None = None,
+    horizon: int | None = None,
+    plans: int | None = None,
+    seed: int | None = None,
+    opening: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    progress: bool = True,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Measure a world model without control: open-loop prediction, probes of the state, ranking of plans, violations of expectation. The
+    same as ``swm-rs quality``. Ctrl-C ends it with the measurement at work.
+
+    Args:
+        env_name: An environment of this package.
+        model: A trained one, ``"lewm:RUN"``; or one to compare with: ``"true"``, ``"constant"``, ``"gain=0.8"``, ``"pixels=8"``.
+        dataset: Its episodes are predicted and probed; None: episodes of random actions.
+        image_shape: (height, width) of the images that the model sees; None: as it was trained, or as recorded.
+        probe: What latents are probed for: ``"COLUMN"``, ``"COLUMN[0,1]"``, ``"angle(COLUMN[4])"``; ``["none"]``: nothing; None: what the
+            test of success reads.
+        violation: Impossible events: ``"teleport"``, ``"COLUMN[ELEMENTS]=VALUES"``, or the name of a factor; None: ``["teleport"]``.
+        episodes: N; None: 20. Probes need 100 or more where what they predict changes little within one.
+        rows: T, steps of an episode; None: 30.
+        horizon: H, steps of open-loop prediction, and actions of a plan; None: 10.
+        plans: Plans per start; None: 64.
+        seed: Of episodes, plans and probes; None: 42.
+        opening: As of `make_manifest`.
+        threads: Threads; None: one per core. Results do not depend on it.
+        progress: Whether to show a bar.
+        **settings: Of the environment.
+
+    Returns:
+        ``stride`` (F, steps of one prediction), ``open_loop_error`` and ``open_loop_unexplained`` (``[H // F]``, mean squared errors, and
+        their shares of the variance of latents; the second is empty where latents do not vary), ``probes`` (a dict per column: ``column``,
+        ``linear``, ``network``), ``ranking`` (``mean``, and ``by_start`` ``[S]``; None without a true cost), ``gate`` (a dict per requirement:
+        ``name``, ``found``, ``least``, ``passes``) and ``violations`` (a dict per event: ``name``, ``accuracy``, ``surprise`` ``[2]``, of
+        possible and of impossible episodes).
+
+    Raises:
+        SwmError: A setting is wrong, or the model does not fit the environment or the dataset; the message names it.
+
+    Example:
+        >>> swm.measure("swm_rs/TwoRoom-v2", "constant", episodes=4, rows=8, horizon=3, plans=4)["stride"]
+        1
+    """
+    request = {
+        "env": native_id(env_name) or env_name,
+        "env_option": settings,
+        "model": model,
+        "dataset": _path(dataset),
+        "opening": opening,
+        "image_size": _size(image_shape),
+        "probe": None if probe is None else list(probe),
+        "violation": None if violation is None else list(violation),
+        "episodes": episodes,
+        "rows": rows,
+        "horizon": horizon,
+        "plans": plans,
+        "seed": seed,
+        "threads": threads,
+    }
+    with Progress("Measuring", 0, progress, parts=True, unit="parts") as bar:
+        return dict(asked("measure", request, bar.begin, bar.tick))
+
+
+@access_checked
+def plan(
+    policy: str,
+    env_name: str | None = None,
+    *,
+    manifest: AnyPath | Manifest | None = None,
+    pair: int | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    budget: int | None = None,
+    plan_only: bool = False,
+    trace: AnyPath | None = None,
+    overwrite: bool = False,
+    details: str | None = None,
+    drawn: int | None = None,
+    video_format: str | None = None,
+    image_shape: tuple[int, int] | None = None,
+    frame_skip: int | None = None,
+    variation: Sequence[str] | None = None,
+    variation_values: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    progress: bool = True,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Plan with a solver on the true simulator or a model, carry the plans out, and trace the search. The same as ``swm-rs plan``.
+
+    Args:
+        policy: A policy of the core that plans: a solver with its settings, ``"cem:samples=300"``, or a model, ``"mpc:RUN"``.
+        env_name: An environment of this package; None: that of the manifest.
+        manifest: Plan for a pair of it, as it is evaluated, in place of environment, episodes, seed, budget, images and factors.
+        pair: With ``manifest``: the pair, counted from 0; None: 0.
+        episodes: Episodes, one after the other; None: 1.
+        seed: Of starts, goals and noise; None: 42.
+        budget: Actions allowed per episode; None: 100.
+        plan_only: Only make the first plan of each episode, and take its first action.
+        trace: A new folder for ``index.html``, figures, videos, ``result.json`` and ``trace.jsonl``, a line per iteration.
+        overwrite: With ``trace``: replace an earlier trace.
+        details: With ``trace``: what a line holds: ``"figures"``, ``"elites"`` or ``"candidates"``; None: ``"figures"``.
+        drawn: With ``trace``: how many plans get figures; None: 6.
+        video_format: With ``trace``: ``"mp4"`` or ``"gif"``; None: mp4 where this build can make it.
+        image_shape: With ``trace``: (height, width); None: that of the policy's model, or (224, 224).
+        frame_skip: How often each action is applied; None: 1.
+        variation: Factors to sample; ``"+NAME"`` in addition to the default ones. ``variation_values``: factors to set.
+        threads: Threads; None: one per core. Results do not depend on it.
+        progress: Whether to show a bar.
+        **settings: Of the environment.
+
+    Returns:
+        ``env``, ``policy``, ``seed``, ``frame_skip``, ``episodes`` (a dict each: ``episode``, ``steps``, ``success``), ``plans`` (a dict each:
+        ``episode``, ``plan``, ``step``, ``iterations``, ``first_best``, ``last_best``, ``cost``, ``non_finite``, ``wall_time_s``),
+        ``wall_time_s``, and ``files``, the paths that were written, the page first.
+
+    Raises:
+        SwmError: A setting is wrong, the policy makes no plans, or the folder holds something else.
+
+    Example:
+        >>> planned = swm.plan("cem:samples=8,elites=2,iterations=2,horizon=2", "swm_rs/PushT-v1", budget=4, progress=False)
+        >>> len(planned["episodes"])
+        1
+    """
+    given = manifest if isinstance(manifest, Manifest) or manifest is None else existing(manifest, "manifest")
+    request = {
+        "env": None if env_name is None else native_id(env_name) or env_name,
+        "env_option": settings or None,
+        "manifest": given,
+        "pair": pair,
+        "policy": policy,
+        "episodes": episodes,
+        "seed": seed,
+        "budget": budget,
+        "plan_only": plan_only,
+        "trace": _path(trace),
+        "overwrite": overwrite,
+        "details": details,
+        "drawn": drawn,
+        "video_format": video_format,
+        "image_size": _size(image_shape),
+        "frame_skip": frame_skip,
+        "vary": None if variation is None else list(variation),
+        "set": variation_values,
+        "threads": threads,
+    }
+    with Progress("Planning", 0, progress, parts=True, unit="steps") as bar:
+        summary, files = asked("plan", request, bar.begin, bar.tick)
+    return {**summary, "files": files}
+
+
+@access_checked
+def render(
+    out: AnyPath,
+    env_name: str,
+    policy: str | None = None,
+    *,
+    seed: int | None = None,
+    steps: int | None = None,
+    image_shape: tuple[int, int] | None = None,
+    variation: Sequence[str] | None = None,
+    variation_values: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Render an episode: ``.png`` its last frame, ``.gif`` and ``.mp4`` all of it. The same as ``swm-rs render``.
+
+    Args:
+        out: The file to write. One that exists is replaced.
+        env_name: An environment of this package.
+        policy: A policy of the core; None: ``"random"``.
+        seed: Of the run; None: 0.
+        steps: S, steps to take; 0 shows the state after reset; None: 50.
+        image_shape: (height, width); None: (224, 224).
+        variation: Factors to sample; ``"+NAME"`` in addition to the default ones. ``variation_values``: factors to set.
+        threads: Threads; None: one per core. Results do not depend on it.
+        **settings: Of the environment.
+
+    Returns:
+        ``out``, ``frames`` (1, or up to S + 1), ``height`` and ``width``.
+
+    Raises:
+        SwmError: A setting is wrong, or the name of the file ends otherwise.
+
+    Example:
+        >>> swm.render("start.png", "swm_rs/PushT-v1", steps=0)["frames"]  # doctest: +SKIP
+        1
+    """
+    request = {
+        "env": native_id(env_name) or env_name,
+        "env_option": settings,
+        "policy": policy,
+        "seed": seed,
+        "steps": steps,
+        "image_size": _size(image_shape),
+        "vary": None if variation is None else list(variation),
+        "set": variation_values,
+        "threads": threads,
+        "out": _path(out),
+    }
+    return dict(asked("render", request))
