@@ -26,6 +26,7 @@ mod program;
 mod receipt;
 mod record;
 mod report;
+mod reproduce;
 mod runs;
 mod solver;
 mod statistics;
@@ -55,6 +56,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     program::add(m)?;
     receipt::add(m)?;
     record::add(m)?;
+    reproduce::add(m)?;
     solver::add(m)?;
     statistics::add(m)?;
     sweep::add(m)?;

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .world.manifests import Manifest, make_manifest, read_manifest, replay
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
+    from .world.reproductions import recipes, reproduce
     from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
     from .world.world import World
@@ -75,7 +76,9 @@ __all__ = [
     "read_manifest",
     "read_receipt",
     "read_sweep",
+    "recipes",
     "replay",
+    "reproduce",
     "same",
     "save_pretrained",
     "spaces",
@@ -113,6 +116,8 @@ _HOMES: dict[str, str] = {
     "read_receipt": "world.receipts",
     "same": "world.receipts",
     "verify": "world.receipts",
+    "recipes": "world.reproductions",
+    "reproduce": "world.reproductions",
     "Comparison": "world.results",
     "Receipt": "world.results",
     "Sweep": "world.results",
