@@ -41,7 +41,8 @@ const FILES: &str = "_lib";
 /// The feature of the crate that brings training.
 const TRAINING: &str = "baselines";
 /// Tests that are skipped where the extension has no training.
-const TESTS_OF_TRAINING: &[&str] = &["tests/test_train.py", "tests/test_track_train.py", "tests/test_zoo.py"];
+const TESTS_OF_TRAINING: &[&str] =
+    &["tests/test_train.py", "tests/test_track_train.py", "tests/test_zoo.py", "tests/test_reproduce.py"];
 /// In a new process, with nothing but the wheel: an environment on MuJoCo, and the script.
 const SMOKE: &str = "
 import gymnasium, stable_worldmodel_rs
