@@ -258,6 +258,117 @@ fn a_file_that_is_not_there_is_a_wrong_request() {
     assert!(!std::path::Path::new(out).exists(), "a refused request leaves no file");
 }
 
+/// Files of the kernel's that not even root may read, and a place where nobody makes any.
+#[cfg(target_os = "linux")]
+const LOCKED: (&str, &str) = ("/proc/sys/vm/compact_memory", "/sys/swm");
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_place_without_permission_is_a_wrong_request_of_every_command() {
+    let (secret, locked) = LOCKED;
+    if !std::path::Path::new(secret).exists() {
+        println!("{secret} is not on this system");
+        return;
+    }
+    let folder = Folder::new();
+    let good = record(&folder, "good.h5", "--episodes 2 --max-steps 8 --image-size 16x16");
+    let (task, result) = (folder.path("task.toml"), folder.path("result"));
+    swm_ok(&[
+        "manifest",
+        "make",
+        PUSHT,
+        "--tier",
+        "historic",
+        "--episodes",
+        "2",
+        "--budget",
+        "4",
+        "--out",
+        &task,
+    ]);
+    swm_ok(&["eval", "--manifest", &task, "--policy", "random", "--reference", "none", "--out", &result]);
+    let linked = |name: &str| {
+        let path = folder.path(name);
+        std::os::unix::fs::symlink(secret, &path).unwrap();
+        path
+    };
+    // Names are those of what is asked for, so that no ending is what is refused.
+    let (data, toml, receipt) = (linked("a.h5"), linked("b.toml"), linked("c.json"));
+    let (data, toml, receipt) = (data.as_str(), toml.as_str(), receipt.as_str());
+    let (out, h5, page) = (folder.path("out"), folder.path("out.h5"), folder.path("out.html"));
+    let policy = format!("cem:@{receipt}");
+    let [locked_h5, locked_toml, locked_html, locked_png, locked_parts] =
+        [".h5", ".toml", ".html", ".png", "-{}.h5"].map(|ending| format!("{locked}{ending}"));
+    let read: &[&[&str]] = &[
+        &["inspect", data],
+        &["preview", data, "--out", "a.png"],
+        &["stats", data],
+        &["verify", data],
+        &["diff", data, &good],
+        &["diff", &good, data],
+        &["convert", data, &h5],
+        &["merge", data, &good, "--out", &h5],
+        &["split", data, "--out", "{}.h5"],
+        &["replay", data],
+        &["manifest", "show", toml],
+        &["manifest", "make", PUSHT, "--tier", "moderate", "--dataset", data, "--out", &out],
+        &["eval", "--manifest", toml, "--policy", "random"],
+        &["eval", PUSHT, "--dataset", data, "--policy", "random"],
+        &["eval", PUSHT, "--policy", &policy],
+        &["sweep", "--manifest", toml, "--policy", "random"],
+        &["compare", receipt, &result],
+        &["verify-result", receipt],
+        &["report", receipt, "--out", &page],
+        &["bundle", receipt, "--out", &out],
+        &["quality", PUSHT, "--dataset", data],
+    ];
+    let written: &[&[&str]] = &[
+        &[
+            "collect",
+            PUSHT,
+            "--policy",
+            "random",
+            "--episodes",
+            "1",
+            "--max-steps",
+            "2",
+            "--image-size",
+            "none",
+            "--out",
+            &locked_h5,
+        ],
+        &["preview", &good, "--out", &locked_png],
+        &["convert", &good, &locked_h5],
+        &["merge", &good, &good, "--out", &locked_h5],
+        &["split", &good, "--out", &locked_parts],
+        &["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "1", "--out", &locked_toml],
+        &["eval", PUSHT, "--policy", "random", "--episodes", "1", "--budget", "2", "--out", locked],
+        &["eval", "--manifest", &task, "--policy", "random", "--reference", "none", "--out", locked],
+        &["sweep", "--manifest", &task, "--policy", "random", "--factors", "block.color", "--out", locked],
+        &["report", &result, "--videos", "0", "--out", &locked_html],
+        &["bundle", &result, "--out", locked],
+        &["board", &result, "--out", locked],
+        &["plan", PUSHT, "--policy", "cem:samples=6,iterations=2,elites=3", "--trace", locked],
+        &["render", PUSHT, "--steps", "1", "--out", &locked_png],
+        &["new-env", "a", "--out", locked],
+        &["man", locked],
+    ];
+    let mut wrong = Vec::new();
+    for (place, commands) in [("", read), (locked, written)] {
+        for command in commands {
+            let output = swm(command).output().unwrap();
+            let message = String::from_utf8_lossy(&output.stderr);
+            if output.status.code() != Some(2) || !message.contains(place) || !message.contains("ermi") {
+                wrong.push(format!("{:?} of {}: {message}", output.status.code(), command.join(" ")));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let left: Vec<_> =
+        [&out, &h5, &page].into_iter().filter(|path| std::path::Path::new(path).exists()).collect();
+    assert!(left.is_empty(), "a refused request leaves {left:?}");
+}
+
 #[test]
 fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
     let folder = Folder::new();

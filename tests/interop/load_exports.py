@@ -9,6 +9,7 @@ and loaded by the reference, whose outputs for the same inputs must be those. Ne
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -130,7 +131,9 @@ def check(swm: str, folder: Path, work: Path) -> str:
     """A line about a case; ends the program where it differs."""
     expected = load_file(folder / "expected.safetensors")
     exported = export(swm, folder, work, expected)
-    model = load_pretrained(str(exported)).eval()
+    # An encoder in a folder of the export is found below the current one.
+    with contextlib.chdir(exported):
+        model = load_pretrained(str(exported)).eval()
     config = json.loads((exported / "config.json").read_text())
     worst = 0.0
     compared = outputs(folder.name, model, expected)

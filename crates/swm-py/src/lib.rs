@@ -26,6 +26,7 @@ mod program;
 mod receipt;
 mod record;
 mod report;
+mod reproduce;
 mod requests;
 mod runs;
 mod solver;
@@ -56,6 +57,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     program::add(m)?;
     receipt::add(m)?;
     record::add(m)?;
+    reproduce::add(m)?;
     requests::add(m)?;
     solver::add(m)?;
     statistics::add(m)?;

@@ -19,6 +19,8 @@ const OF_REQUEST: &[(&str, &str, &str)] = &[
     ("evaluate", "out", "out"),
     ("merge", "image_size", "image_size"),
     ("merge", "out", "dest"),
+    ("reproduce", "figure", "figures"),
+    ("reproduce", "out", "out"),
     ("split", "image_size", "image_size"),
     ("split", "out", "out"),
     ("render", "out", "out"),

@@ -65,6 +65,48 @@ def test_a_policy_in_python_travels_by_its_files(task: Path, tmp_path: Path) -> 
     assert not differing["equal"] and "gain" in differing["differences"]["solver"]
 
 
+class Scale:
+    """What a policy is made of, with a path of its own."""
+
+    def __init__(self, file: Path | str) -> None:
+        self._source = str(file)
+        self.gain = float(Path(file).read_text())
+
+
+class FromFile:
+    """A policy that keeps the path of its weights: an attribute, and one in an object that it holds."""
+
+    def __init__(self, weights: Path | str, scale: Scale, others: list[str]) -> None:
+        self.weights, self.scale, self.others = weights, scale, others
+
+    def get_action(self, infos: dict[str, Any]) -> Any:
+        return Gain(self.scale.gain).get_action(infos)
+
+
+@pytest.mark.parametrize("kind", [Path, str])
+def test_paths_of_weights_may_change_and_their_content_may_not(kind: Any, task: Path, tmp_path: Path) -> None:
+    def made(file: Path) -> FromFile:
+        return FromFile(kind(file), Scale(kind(file)), [str(file), "plain"])
+
+    weights = tmp_path / "gain.txt"
+    weights.write_text("0.02")
+    folder = result(task, made(weights), "mine", weights=[weights])
+    settings = swm.read_receipt(folder)["candidate"]["policy"]["named"]
+    assert settings["weights"].startswith("gain.txt#") and settings["others"] == [settings["weights"], "plain"], settings
+    assert str(tmp_path) not in json.dumps(settings)
+    swm.bundle(folder, tmp_path / "bundle", license="mit")
+    weights.unlink()
+    elsewhere = tmp_path / "elsewhere"
+    shutil.move(tmp_path / "bundle", elsewhere)
+    found = swm.verify(elsewhere, made(elsewhere / "model" / "gain.txt"), progress=False)
+    assert found["equal"], found
+    other = tmp_path / "other" / "gain.txt"
+    other.parent.mkdir()
+    other.write_text("0.020")
+    found = swm.verify(elsewhere, made(other), progress=False)
+    assert not found["equal"] and "weights" in found["differences"]["solver"], found
+
+
 def test_wrong_requests_name_arguments_of_python(task: Path, tmp_path: Path) -> None:
     folder = result(task, "random", "result")
     (tmp_path / "taken").mkdir()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import json
 import shutil
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -264,9 +266,99 @@ def test_spoiled_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     variance = next(name for name in state if name.endswith("running_var"))
     refused({**state, variance: -state[variance]}, f"{variance} holds negative variances")
     refused({first: torch.zeros(1).expand(1 << 40)}, "is a view of 1,099,511,627,776 values over fewer")
-    refused({"state_dict": state, "x": Calls()}, "would have Python load .*which can execute anything")
+    torch.save({"state_dict": state, "x": Calls()}, file)
+    with pytest.warns(UserWarning, match=r"would call builtins.getattr if Python loaded it; ignored here. Do not load it with torch.load"):
+        joint_agrees(wm.load_pretrained(folder), expected("lewm_transformers4"))
     assert not (tmp_path / "called").exists()
     refused(b"\xff" * 7 + b"\x00" + b"{" + b"x" * 64, "no valid file of safetensors: its header has")
+
+
+def without_classes(file: Path) -> None:
+    """Gives the classes of this package in a file the names of one that nobody has."""
+
+    def renamed(stored: bytes) -> bytes:
+        changed = stored.replace(b"stable_worldmodel_rs", b"stable_worldmodel_xx")
+        assert changed != stored
+        return changed
+
+    if not zipfile.is_zipfile(file):
+        file.write_bytes(renamed(file.read_bytes()))
+        return
+    with zipfile.ZipFile(file) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, stored in entries.items():
+            archive.writestr(name, renamed(stored) if name.endswith("data.pkl") else stored)
+
+
+@pytest.mark.parametrize("options", [{}, {"pickle_protocol": 4}, {"_use_new_zipfile_serialization": False}], ids=["zip", "protocol 4", "legacy"])
+def test_whole_modules_are_read_without_their_classes(options: dict[str, Any], tmp_path: Path) -> None:
+    folder, _, state = small_lewm(tmp_path)
+    model = wm.load_pretrained(folder)
+    model.projector.register_buffer("idle", torch.zeros(2), persistent=False)
+    for whole in (model, {"model": model, "epoch": 3, "optimizer": torch.optim.AdamW(model.parameters())}):
+        torch.save(whole, folder / "weights.pt", **options)
+        without_classes(folder / "weights.pt")
+        again = read_weights(folder / "weights.pt")
+        assert again.keys() == state.keys() and all(torch.equal(again[name], state[name]) for name in state)
+        joint_agrees(wm.load_pretrained(folder), expected("lewm_transformers4"))
+
+
+def archive(file: Path, pickled: bytes) -> Path:
+    """A file of `torch.save` with another pickle."""
+    with zipfile.ZipFile(file, "w") as out:
+        out.writestr("archive/data.pkl", pickled)
+        out.writestr("archive/version", "3")
+    return file
+
+
+def test_pickles_that_would_harm_do_not(tmp_path: Path) -> None:
+    file = tmp_path / "weights.pt"
+    # An object that is numbered four billion, for which an unpickler would make room.
+    for pickled, part in [
+        (b"\x80\x02cos\nsystem\n)r\xff\xff\xff\xffR.", "calls an object by number 4,294,967,295"),
+        (b"\x80\x02cos\nsystem\n\x82\x01R.", "has the opcode EXT1"),
+        (b"\x80\x02cos\nsystem\n)RQ.", "damaged one"),
+        (b"\x80\x02X\x01\x00\x00\x00a)R.", "damaged one"),
+        (b"\x80\x02cos\nsystem\n)R}b", "damaged one"),
+    ]:
+        with pytest.raises(ValueError, match=part):
+            read_weights(archive(file, pickled))
+    # A class gets no attributes, and what a function would make has none.
+    for pickled in (b"\x80\x02cbuiltins\nset\n}X\x03\x00\x00\x00popK\x01sb.", b"\x80\x02cbuiltins\neval\nX\x04\x00\x00\x00quit\x85R]a."):
+        with pytest.raises(ValueError, match="weights.pt"), pytest.warns() if b"eval" in pickled else contextlib.nullcontext():
+            read_weights(archive(file, pickled))
+
+
+def test_the_archive_of_dino_wm_is_a_prejepa(tmp_path: Path) -> None:
+    source, data = GOLDEN / "dino_wm", expected("dino_wm")
+    heads, encoder = {"encoder.heads": 3, "predictor.heads": 2}, source / "backbone.pth"
+    with pytest.raises(ValueError, match="the encoder, a frozen DINOv2, are not in the file; give encoder='dinov2_vits14_pretrain.pth'"):
+        wm.load_pretrained(source)
+    for lacking in heads:
+        given = {name: value for name, value in heads.items() if name != lacking}
+        with pytest.raises(ValueError, match=f"model_latest.pth: .*{lacking}"):
+            wm.load_pretrained(source, encoder=encoder, extra_args=given)
+    model = wm.load_pretrained(source, encoder=encoder, extra_args=heads)
+    assert isinstance(model, wm.PreJEPA) and model.image_size == 16
+    pixels, proprio = data["pixels"], data["proprio"]
+    with torch.no_grad():
+        near(model.encode({"pixels": pixels[:, None]}, emb_keys=[])["pixels_emb"][:, 0], data["tokens"])
+        info = {"pixels": many(pixels[:1]), "goal": many(pixels[1:]), "proprio": many(proprio[:1]), "goal_proprio": many(proprio[1:])}
+        cost = model.get_cost(info, data["candidates"][None])
+    near(cost[0], data["cost"])
+    assert cost[0].argmin() == data["cost"].argmin()
+    near(info["predicted_embedding"][0, :, 1:], data["rollout"])
+    # The file by its own name, and an archive whose history is another one.
+    folder = tmp_path / "archive"
+    shutil.copytree(source, folder)
+    wm.load_pretrained(folder / "checkpoints" / "model_latest.pth", encoder=encoder, extra_args=heads)
+    text = (folder / "hydra.yaml").read_text()
+    (folder / "hydra.yaml").write_text(text.replace("num_hist: 3", "num_hist: 2"))
+    with pytest.raises(ValueError, match="hydra.yaml has num_hist 2, and its 48 positions are not those"):
+        wm.load_pretrained(folder, encoder=encoder, extra_args=heads)
+    with pytest.raises(ValueError, match="encoder: .*weights.pt has an encoder of its own"):
+        wm.load_pretrained(GOLDEN / "lewm_transformers4", encoder=encoder)
 
 
 def test_bad_configs_are_refused(tmp_path: Path) -> None:

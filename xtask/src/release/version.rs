@@ -12,7 +12,14 @@ use crate::process;
 use crate::setup::wheel::write;
 
 /// Files that name the version in their lines; cargo writes `Cargo.lock`.
-const FILES: &[&str] = &["Cargo.toml", "crates/swm/templates/environment/Cargo.toml.txt"];
+const FILES: &[&str] = &[
+    "Cargo.toml",
+    "crates/swm/templates/environment/Cargo.toml.txt",
+    "packaging/Containerfile",
+    "packaging/recipe.yaml",
+];
+/// How lines begin that end with the version, in files that are no manifests.
+const ENDING: &[&str] = &["ARG VERSION=", "  version: "];
 const CHANGELOG: &str = "CHANGELOG.md";
 const UNRELEASED: &str = "## [Unreleased]";
 
@@ -68,6 +75,10 @@ fn with_version(text: &str, version: &Version) -> String {
     let (mut section, mut out) = ("", String::new());
     for line in text.split_inclusive('\n') {
         section = if line.starts_with('[') { line.trim_end() } else { section };
+        if let Some(start) = ENDING.iter().find(|start| line.starts_with(**start) && !line.contains('$')) {
+            out += &format!("{start}{version}\n");
+            continue;
+        }
         let (name, value) = line.split_once(" = ").unwrap_or_default();
         let is_workspace = section == "[workspace.package]" && name == "version";
         let is_ours = is_workspace || name == "swm" || name.starts_with("swm-");
@@ -121,6 +132,8 @@ swm-core = "0.1.0"
 other = "0.1.0"
 swm-fov = { path = "crates/swm-fov" }
 "#;
+    const RECIPE: &str =
+        "context:\n  version: 0.1.0\npackage:\n  version: ${{ version }}\nARG VERSION=0.1.0\n";
     const LOG: &str = "# Changelog\n\n## [Unreleased]\n\n- new\n\n## [0.1.0] - 2026-11-22\n\n- old\n";
 
     #[test]
@@ -130,6 +143,7 @@ swm-fov = { path = "crates/swm-fov" }
         assert_eq!(text.replace("0.2.0-rc.1", "0.1.0"), MANIFEST);
         assert_eq!(text.matches("0.2.0-rc.1").count(), 3);
         assert!(text.contains("other = \"0.1.0\"") && text.starts_with("[package]\nversion = \"0.1.0\""));
+        assert_eq!(with_version(RECIPE, &new), RECIPE.replace("0.1.0", "0.2.0-rc.1"));
         let stale = text.replace("swm-core = \"0.2.0-rc.1\"", "swm-core = \"0.1\"");
         assert_eq!(others(&stale, &new), ["swm-core = \"0.1\""]);
     }

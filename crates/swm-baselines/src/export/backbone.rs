@@ -72,13 +72,17 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
     let is_published = patch == 14 && positions_for == 518 && hidden == 4 * dim;
     let published = PUBLISHED.iter().find(|(_, sizes)| is_published && *sizes == [dim, depth, heads]);
     let name = published.map_or(FOLDER, |(name, _)| name);
-    let ratio = hidden as f64 / dim as f64;
-    if (dim as f64 * ratio) as usize != hidden {
-        return Err(format!("its encoder's hidden dim of {hidden} is no multiple of its dim, {dim}").into());
+    // A whole number as such: transformers 5 takes no float.
+    if !hidden.is_multiple_of(dim) {
+        let reason = format!(
+            "its encoder's hidden dim of {hidden} (`{place}.hidden`) is no multiple of its dim, {dim}, and a Dinov2Config has their whole \
+             ratio"
+        );
+        return Err(reason.into());
     }
     let folder = json!({
         "architectures": ["Dinov2Model"], "model_type": "dinov2", "hidden_size": dim, "num_hidden_layers": depth,
-        "num_attention_heads": heads, "mlp_ratio": ratio, "patch_size": patch, "image_size": positions_for, "num_channels": 3,
+        "num_attention_heads": heads, "mlp_ratio": hidden / dim.max(1), "patch_size": patch, "image_size": positions_for, "num_channels": 3,
         "hidden_act": "gelu", "layer_norm_eps": 1e-6, "layerscale_value": 1.0, "qkv_bias": true, "use_swiglu_ffn": false,
         "use_mask_token": true, "hidden_dropout_prob": 0.0, "attention_probs_dropout_prob": 0.0, "drop_path_rate": 0.0,
     });

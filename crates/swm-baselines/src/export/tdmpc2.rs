@@ -1,6 +1,6 @@
 //! TD-MPC2 in the reference's words.
 
-use serde_json::{Map, json};
+use serde_json::{Map, Value as Json, json};
 
 use super::layout::{Layout, Unfit};
 use crate::online::OnlineConfig;
@@ -51,7 +51,7 @@ pub(super) fn layout(run: &OnlineConfig) -> Result<Layout, Unfit> {
             "wm": {
                 "name": "tdmpc2", "horizon": settings.horizon, "mlp_dim": settings.mlp_dim, "enc_dim": settings.encoder_dim,
                 "simnorm_dim": settings.simnorm_dim, "num_q": settings.num_q, "num_bins": settings.num_bins,
-                "vmin": settings.vmin, "vmax": settings.vmax, "discount": settings.discount.unwrap_or(1.0),
+                "vmin": number(settings.vmin), "vmax": number(settings.vmax), "discount": settings.discount.unwrap_or(1.0),
                 "rho": settings.rho, "tau": settings.tau, "consistency_coef": settings.consistency_coef,
                 "reward_coef": settings.reward_coef, "value_coef": settings.value_coef,
                 "entropy_coef": settings.entropy_coef, "uncertainty_penalty": settings.plan.uncertainty_penalty,
@@ -73,4 +73,10 @@ pub(super) fn layout(run: &OnlineConfig) -> Result<Layout, Unfit> {
         facts: vec![("observes", observes), ("action", format!("{actions} values")), ("actions", scaled)],
         ..Layout::default()
     })
+}
+
+/// A whole number as an integer, as the reference's configs have them.
+fn number(value: f64) -> Json {
+    let whole = value as i64;
+    if whole as f64 == value { whole.into() } else { value.into() }
 }

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
     from .world.requests import measure, plan, render
+    from .world.reproductions import recipes, reproduce
     from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
     from .world.world import World
@@ -78,8 +79,10 @@ __all__ = [
     "read_manifest",
     "read_receipt",
     "read_sweep",
+    "recipes",
     "render",
     "replay",
+    "reproduce",
     "same",
     "save_pretrained",
     "spaces",
@@ -120,6 +123,8 @@ _HOMES: dict[str, str] = {
     "measure": "world.requests",
     "plan": "world.requests",
     "render": "world.requests",
+    "recipes": "world.reproductions",
+    "reproduce": "world.reproductions",
     "Comparison": "world.results",
     "Receipt": "world.results",
     "Sweep": "world.results",

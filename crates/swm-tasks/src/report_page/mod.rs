@@ -14,12 +14,12 @@ use minijinja::{Value, context};
 use swm_core::Registry;
 use swm_core::error::BoxError;
 
-use crate::evaluation::{
-    Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, edited, is_sweep, read_receipt,
-};
+use crate::bundle::receipt_to_repeat;
+use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, edited, is_sweep};
 use crate::html;
 use crate::plan::PlanFigure;
 use crate::text_file::{json_error, read_text, replace_text};
+use crate::zoo;
 use labels::{Label, labels};
 use replay::{Replayed, VideoCard, replay};
 
@@ -41,13 +41,17 @@ enum Content {
 }
 
 impl Item {
-    /// Reads a receipt or a sweep, from its file or the folder that it lies in.
+    /// Reads a receipt or a sweep, from its file or the folder that it lies in: of a bundle or a model of the zoo (`zoo:NAME`), with the
+    /// model by its path there.
     ///
     /// # Errors
     ///
-    /// The file cannot be read, or is neither a receipt nor a sweep of a known version.
+    /// The file cannot be read, or is neither a receipt nor a sweep of a known version; a file of a bundle was changed; the zoo has no such
+    /// model.
     pub fn read(path: &Path) -> Result<Self, BoxError> {
-        let sweep = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
+        let in_zoo = path.to_str().and_then(|text| text.strip_prefix("zoo:")).filter(|_| !path.exists());
+        let found = in_zoo.map_or_else(|| Ok(path.to_owned()), zoo::find)?;
+        let sweep = if found.is_dir() { found.join("sweep.json") } else { found.clone() };
         let text = read_text(&sweep).ok();
         let json: Option<serde_json::Value> = text.as_ref().and_then(|text| serde_json::from_str(text).ok());
         let content = match json {
@@ -63,7 +67,7 @@ impl Item {
                 Content::Sweep(Box::new(found))
             }
             _ => {
-                let receipt = read_receipt(path)?;
+                let (receipt, _) = receipt_to_repeat(&found)?;
                 if let Some(reason) = edited(&receipt) {
                     let path = path.display();
                     return Err(format!(

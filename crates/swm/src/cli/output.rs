@@ -100,7 +100,7 @@ impl<E: Into<BoxError>> From<E> for Failure {
             Ok(error) => error.into(),
             Err(source) => source,
         };
-        let usage = is_usage(source.as_ref());
+        let usage = is_usage(source.as_ref()) || is_denied(source.as_ref());
         // A wrong request is wrong for every environment: the first that met it says nothing.
         let source = match source.downcast::<WorldError>().map(|error| *error) {
             Ok(WorldError::Env { source, .. }) if usage => source.into(),
@@ -134,9 +134,6 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
             DataError::UnknownFormat { .. } | DataError::Option { .. } | DataError::Loader { .. }
         ) || std::error::Error::source(error).is_some_and(is_usage);
     }
-    if let Some(error) = error.downcast_ref::<std::io::Error>() {
-        return error.kind() == std::io::ErrorKind::PermissionDenied;
-    }
     let wrong_env = |e: &EnvError| {
         matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. } | EnvError::Constraint { .. })
     };
@@ -144,6 +141,20 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
     error.downcast_ref::<EnvError>().is_some_and(wrong_env)
         || error.downcast_ref::<BatchError>().is_some_and(unknown_field)
         || error.is::<UnknownName>()
+}
+
+/// How texts of errors end that the system refused: for lack of permission, or on a file system that is read-only.
+const DENIED: &[&str] =
+    if cfg!(windows) { &["(os error 5)"] } else { &["(os error 1)", "(os error 13)", "(os error 30)"] };
+
+/// Whether the system does not let this process read or write a file: somewhere among the causes, or in the text that a cause became.
+fn is_denied(error: &(dyn std::error::Error + 'static)) -> bool {
+    use std::io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
+    let is_kind = error
+        .downcast_ref::<std::io::Error>()
+        .is_some_and(|error| matches!(error.kind(), PermissionDenied | ReadOnlyFilesystem));
+    let text = error.to_string();
+    is_kind || DENIED.iter().any(|code| text.contains(code)) || error.source().is_some_and(is_denied)
 }
 
 /// `error: …`, then each cause that says more.
@@ -335,7 +346,14 @@ mod tests {
             Failure::from(DataError::io(Path::new("/locked/a.h5"), "create", source)).exit_code()
         };
         assert_eq!(at(std::io::ErrorKind::PermissionDenied), 2);
+        assert_eq!(at(std::io::ErrorKind::ReadOnlyFilesystem), 2);
         assert_eq!(at(std::io::ErrorKind::StorageFull), 1);
+        let text = |code: i32| {
+            let error = std::io::Error::from_raw_os_error(code);
+            Failure::from(format!("cannot write /locked/a.h5: {error}")).exit_code()
+        };
+        let codes = if cfg!(windows) { [5, 5, 112] } else { [13, 30, 28] };
+        assert_eq!(codes.map(text), [2, 2, 1]);
     }
 
     #[test]

@@ -17,11 +17,12 @@ use crate::report_page::{Item, PageOptions, is_page, write_page};
 Examples:
   swm report results/cem results/mppi sweep --out report.html
   swm report results/cem/receipt.json --videos 0 --out report.html
+  swm report cem-bundle zoo:tworoom-gcbc --out report.html
 
-RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again to record videos. A page that \
+RESULT is what `swm eval --manifest … --out`, `swm sweep --out` and `swm bundle --out` write, or `zoo:NAME`, a model of the zoo. Some episodes are run again to record videos. A page that \
 an earlier `swm report` wrote is written anew: it holds nothing but what the results hold. Any other file is kept.")]
 pub(super) struct ReportCommand {
-    /// Receipts and sweeps, or the folders that hold them.
+    /// Receipts and sweeps, or the folders that hold them; bundles; models of the zoo, zoo:NAME.
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<PathBuf>,
     /// The page to write.

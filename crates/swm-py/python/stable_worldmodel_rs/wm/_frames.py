@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ._images import normalized
+from ._images import MEAN, STD, normalized
 from ._torch import Tensor, nn, torch
 
 __all__ = ["Embedder", "TokenModel", "frame_mask"]
@@ -44,6 +44,8 @@ class TokenModel(nn.Module):
         known: Any = extra_encoders
         self.extra_encoders: Any = known if isinstance(known, nn.Module) or known is None else nn.ModuleDict(known)
         self.image_size: int | None = None
+        self.image_mean: tuple[float, ...] = MEAN
+        self.image_std: tuple[float, ...] = STD
 
     def _extra_dims(self) -> dict[str, int]:
         """The dim of each appended embedding, in their order."""
@@ -55,7 +57,7 @@ class TokenModel(nn.Module):
         """``(B, T, 3, H, W)``, or bytes, to the tokens of patches ``(B, T, P, W)``."""
         encoder: Any = getattr(self, self._encoder_name)
         where = next(self.parameters())
-        images = normalized(pixels, self.image_size).to(where.device, where.dtype)
+        images = normalized(pixels, self.image_size, self.image_mean, self.image_std).to(where.device, where.dtype)
         found = encoder(images.flatten(0, 1), interpolate_pos_encoding=True).last_hidden_state[:, 1:]
         return found.unflatten(0, images.shape[:2])
 

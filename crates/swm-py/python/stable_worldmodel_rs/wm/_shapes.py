@@ -1,4 +1,5 @@
-"""What configs leave out and shapes tell: encoders that are named alone, and policies whose file has the config of a whole training."""
+"""What configs leave out and shapes tell: encoders that are named alone, policies whose file has the config of a whole training, and
+the archive of DINO-WM's authors."""
 
 from __future__ import annotations
 
@@ -8,15 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from . import gcrl
-from ._names import generation
-from ._torch import Tensor, nn
+from . import gcrl, prejepa
+from ._frames import frame_mask
+from ._names import generation, of_facebook
+from ._torch import Tensor, nn, torch
 from ._vit import KNOWN, Vit, VitSizes
 from .gcrl.gcrl import EvalOnly, TeacherStudent
 
-__all__ = ["POLICIES", "encoder_of", "policy_of"]
+__all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
+_LETTERS = {"s": "small", "b": "base", "l": "large"}
 _DINOV2_WIDTHS = {sizes.dim: sizes.heads for sizes in KNOWN.values()}
 
 
@@ -47,7 +50,7 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
     except (KeyError, IndexError, StopIteration) as error:
         raise ValueError(f"{place}: the file has no encoder that is known here (a ViT or DINOv2 in the names of transformers)") from error
     dinov2 = any("layer_scale1" in at for at in tensors)
-    if heads is None and name in KNOWN:
+    if heads is None and name in KNOWN and KNOWN[name].dim == dim:
         heads = KNOWN[name].heads
     if heads is None and name is not None and folder is not None:
         heads = _heads_beside(folder, name)
@@ -113,6 +116,54 @@ def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: st
         nn.ModuleDict(extras) if extras else None,
         history_size=history,
     )
+
+
+# What of the authors' archive is where in the reference's model; its decoder has no part in planning.
+_ARCHIVE = {"predictor.": "predictor.", "action_encoder.": "extra_encoders.action.", "proprio_encoder.": "extra_encoders.proprio."}
+
+
+def archive_of(
+    tensors: Mapping[str, Tensor], encoder: Mapping[str, Tensor], settings: Mapping[str, Any], extra: Mapping[str, Any], place: str
+) -> tuple[nn.Module, dict[str, Tensor]]:
+    """A PreJEPA of the archive of gaoyuezhou/dino_wm, and its tensors under the reference's names.
+
+    Args:
+        tensors: Of the archive, by its parts.
+        encoder: Of the frozen DINOv2, which the archive does not have.
+        settings: Of ``hydra.yaml``, by path.
+        extra: What no file says: ``encoder.heads``, ``predictor.heads``.
+        place: What errors call the archive.
+    """
+    found = {ours + name[len(theirs) :]: value for name, value in tensors.items() for theirs, ours in _ARCHIVE.items() if name.startswith(theirs)}
+    own = of_facebook(encoder)
+    name = re.sub(r"^dinov2_vit([sbl])14$", lambda size: f"facebook/dinov2-{_LETTERS[size[1]]}", str(settings.get("encoder.name")))
+    try:
+        positions = found["predictor.pos_embedding"]
+        mlp = found["predictor.transformer.layers.0.1.net.1.weight"]
+        inner = found["predictor.transformer.layers.0.0.to_qkv.weight"].shape[0] // 3
+        extras = {key: found[f"extra_encoders.{key}.patch_embed.weight"] for key in ("proprio", "action")}
+    except KeyError as error:
+        raise ValueError(f"{place} lacks {error}; it is no archive of a DINO-WM with proprio and actions, or not whole") from error
+    history, tokens = settings.get("num_hist"), positions.shape[1]
+    side = round((tokens / history) ** 0.5) if isinstance(history, int) and history > 0 else 0
+    if history is None or side == 0 or side**2 * history != tokens:
+        raise ValueError(f"{place}: hydra.yaml has num_hist {history}, and its {tokens} positions are not those of as many square images")
+    heads = extra.get("predictor.heads", settings.get("predictor.heads", 16 if inner == 1024 else None))
+    if not isinstance(heads, int) or heads < 1 or inner % heads:
+        raise ValueError(f"{place}: no file says how many heads its predictor has, whose attention is {inner} wide; give extra_args={{'predictor.heads': N}}")
+    depth = _blocks(found, r"predictor\.transformer\.layers\.(\d+)\.")
+    sizes: dict[str, int] = {"num_patches": side**2, "num_frames": history, "dim": positions.shape[2], "depth": depth}
+    sizes |= {"heads": heads, "dim_head": inner // heads, "mlp_dim": mlp.shape[0]}
+    with torch.device("meta"):
+        backbone = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")
+        embedders = {key: prejepa.module.Embedder(in_chans=weight.shape[1], emb_dim=weight.shape[0]) for key, weight in extras.items()}
+        predictor = prejepa.module.CausalPredictor(**sizes)
+        model = prejepa.PreJEPA(backbone, predictor, nn.ModuleDict(embedders), history_size=history)
+    model.image_size = side * backbone.sizes.patch
+    model.image_mean = model.image_std = (0.5, 0.5, 0.5)
+    mask = frame_mask(history, side**2, side**2).float()
+    found |= {f"predictor.transformer.layers.{at}.0.bias": mask for at in range(depth)}
+    return model, {**found, **{f"backbone.{name}": value for name, value in own.items()}}
 
 
 def _held(tensors: Mapping[str, Tensor], name: str, sizes: Mapping[str, Any], kind: str) -> nn.Module | None:

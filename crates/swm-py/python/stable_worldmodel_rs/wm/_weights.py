@@ -1,14 +1,18 @@
-"""Tensors of published files, by name: `torch.save`, Lightning's ``.ckpt``, safetensors. Nothing in a file is executed."""
+"""Tensors of published files, by name: `torch.save`, also of whole modules, Lightning's ``.ckpt``, safetensors. Nothing in a file is
+executed."""
 
 from __future__ import annotations
 
 import json
 import pickle
 import re
+import warnings
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
+from ._pickle import read_objects
 from ._torch import DType, Tensor, torch
 
 __all__ = ["read_weights", "unwrapped"]
@@ -52,10 +56,19 @@ def read_weights(file: Path) -> dict[str, Tensor]:
             found = cast("dict[str, Any]", found)[home]
     if not isinstance(found, Mapping):
         raise ValueError(f"{file} holds {type(found).__name__} and no tensors by name; give what state_dict() returns")
-    tensors = {str(name): value for name, value in cast("Mapping[Any, Any]", found).items() if isinstance(value, Tensor)}
+    tensors = _named(cast("Mapping[Any, Any]", found)) or {
+        f"{part}.{name}": value
+        for part, below in cast("Mapping[Any, Any]", found).items()
+        if isinstance(below, Mapping)
+        for name, value in _named(cast("Mapping[Any, Any]", below)).items()
+    }
     if not tensors:
         raise ValueError(f"{file} holds no tensors; give the weights of a model, what state_dict() returns")
     return {name: _usable(file, name, value) for name, value in unwrapped(tensors).items()}
+
+
+def _named(found: Mapping[Any, Any]) -> dict[str, Tensor]:
+    return {str(name): value for name, value in found.items() if isinstance(value, Tensor)}
 
 
 def _check_begin(file: Path, begin: bytes) -> None:
@@ -77,17 +90,17 @@ def _torch_file(file: Path, zipped: bool) -> Any:
             if b"PK\x05\x06" not in stream.read():
                 size = file.stat().st_size
                 raise ValueError(f"{file} is cut off ({size:,} bytes; its archive has no end): fetch it again")
+    damaged = (RuntimeError, EOFError, OSError, KeyError, ValueError, IndexError, TypeError, AttributeError, pickle.UnpicklingError, zipfile.BadZipFile)
     try:
-        return torch.load(file, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:
-        named = re.search(r"GLOBAL ([\w.]+)|Unsupported (?:global|class) ([\w.]+)", str(error))
-        what = next((name for name in named.groups() if name), "objects of Python") if named else "objects of Python"
-        raise ValueError(
-            f"{file} would have Python load {what}, which can execute anything; only tensors are read here. `swm import` reads such files "
-            "without executing them; or save its state_dict() where you trust the file"
-        ) from error
-    except (RuntimeError, EOFError, OSError, KeyError, ValueError, IndexError, TypeError, AttributeError) as error:
+        try:
+            return torch.load(file, map_location="cpu", weights_only=True)
+        except pickle.UnpicklingError:
+            found, called = read_objects(file, zipped)
+    except damaged as error:
         raise ValueError(f"{file} is no file of torch.save, or a damaged one: {error}. Fetch it again") from error
+    if called:
+        warnings.warn(f"{file} would call {', '.join(called)} if Python loaded it; ignored here. Do not load it with torch.load", stacklevel=2)
+    return found
 
 
 def _safetensors(file: Path) -> dict[str, Tensor]:

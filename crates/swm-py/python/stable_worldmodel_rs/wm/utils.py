@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["download_model", "from_config", "load_pretrained", "save_pretrained"]
 
 _MOST_CONFIG = 1 << 20
+# Where DINO-WM's authors keep the last weights in their folder.
+_ARCHIVE = Path("checkpoints") / "model_latest.pth"
 _WEIGHTS = (".pt", ".pth", ".ckpt", ".safetensors")
 
 
@@ -45,16 +48,19 @@ def load_pretrained(
     device: str = "cpu",
     cache_dir: str | os.PathLike[str] | None = None,
     extra_args: Mapping[str, Any] | None = None,
+    encoder: str | os.PathLike[str] | None = None,
 ) -> Any:
     """A published model as a torch module, in evaluation: LeWM, PLDM, PreJEPA, TD-MPC2, or a goal-conditioned policy.
 
     Args:
         name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
-            or a repository of the Hugging Face Hub that is in a cache. Nothing is fetched; see :func:`download_model`.
+            or a repository of the Hugging Face Hub that is in a cache. Nothing is fetched; see :func:`download_model`. Or the folder of
+            DINO-WM's authors, with ``hydra.yaml`` and ``checkpoints/model_latest.pth``, which becomes a PreJEPA.
         kind: ``"gcbc"``, ``"gciql"``, ``"gcivl"`` or ``"hilp"``, where ``config.json`` is that of a whole training.
         device: Where to.
         cache_dir: In the place of ``$STABLEWM_HOME``, ``~/.stable_worldmodel`` by default.
         extra_args: Other values in the config, by path: ``{"predictor.num_frames": 3}``; ``{"encoder.heads": N}`` where no file says it.
+        encoder: The weights of the frozen DINOv2 (``dinov2_vits14_pretrain.pth``), which the folder of DINO-WM's authors does not have.
 
     Raises:
         FileNotFoundError: nothing of that name is here.
@@ -68,9 +74,15 @@ def load_pretrained(
     where = device_of("device", device)
     file = _find(name, None if cache_dir is None else Path(cache_dir))
     extra = dict(extra_args or {})
-    config = _read_config(file.parent)
+    hydra = (file.parent.parent if file.parent.name == _ARCHIVE.parent.name else file.parent) / "hydra.yaml"
+    is_archive = hydra.is_file() and not (file.parent / "config.json").is_file()
+    if encoder is not None and not is_archive:
+        raise ValueError(f"encoder: {file} has an encoder of its own, or none; leave encoder out")
+    config = {} if is_archive else _read_config(file.parent)
     tensors = read_weights(file)
-    if "_target_" in config:
+    if is_archive:
+        model, tensors = _of_archive(hydra, tensors, file, encoder, extra)
+    elif "_target_" in config:
         heads = extra.pop("encoder.heads", None)
         model = _of_config(overridden(config, extra), tensors, file, heads)
     else:
@@ -93,6 +105,30 @@ def _of_config(config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: P
 
     with torch.device("meta"):
         return build(config, generation(tensors), backbone)
+
+
+def _of_archive(
+    hydra: Path, tensors: Mapping[str, Tensor], file: Path, encoder: str | os.PathLike[str] | None, extra: Mapping[str, Any]
+) -> tuple[nn.Module, dict[str, Tensor]]:
+    """The model of the archive of DINO-WM's authors."""
+    from .._arguments import path_of
+    from ._shapes import archive_of
+    from ._weights import read_weights
+
+    if encoder is None:
+        raise ValueError(f"{file}: the weights of the encoder, a frozen DINOv2, are not in the file; give encoder='dinov2_vits14_pretrain.pth'")
+    own = read_weights(Path(path_of("encoder", encoder, "the file of the weights of a DINOv2")))
+    if hydra.stat().st_size > _MOST_CONFIG:
+        raise ValueError(f"{hydra} has more than 1 MiB; no model's config has")
+    # Values by path, of the simple YAML that OmegaConf writes: two levels are enough.
+    settings: dict[str, Any] = {}
+    above = ""
+    for indent, key, value in re.findall(r"^( *)(\w+):[ \t]*(.*)$", hydra.read_text(encoding="utf-8"), re.MULTILINE):
+        if not indent:
+            above = key
+        path = f"{above}.{key}" if indent else key
+        settings.setdefault(path, int(value) if value.isdecimal() else value.strip("'\""))
+    return archive_of(tensors, own, settings, extra, str(file))
 
 
 def _of_training(
@@ -216,6 +252,8 @@ def _snapshot(folder: Path) -> Path | None:
 
 def _only(folder: Path) -> Path:
     """The one file of weights in a folder; ``.pt`` first, as training scripts leave a ``.ckpt`` beside it."""
+    if (folder / _ARCHIVE).is_file():
+        return folder / _ARCHIVE
     for ending in _WEIGHTS:
         found = sorted(folder.glob(f"*{ending}"))
         if len(found) > 1:

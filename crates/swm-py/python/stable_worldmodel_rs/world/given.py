@@ -134,7 +134,8 @@ def settings_of(policy: Any) -> dict[str, Any]:
     """The settings of a policy in Python, by name, as JSON has values.
 
     They are what its method ``settings()`` returns, or else the arguments of its constructor that it keeps as attributes, with those
-    of its solver, its cost and its plans. Scalings and transforms are described by their kind and, with ``#``, a hash of their values.
+    of its solver, its cost and its plans. Scalings and transforms are described by their kind and, with ``#``, a hash of their values, and files
+    by their name and a hash of their content, wherever they are.
     """
     found: dict[str, Any] = {}
     _collect(found, policy, "", _DEPTH)
@@ -192,7 +193,40 @@ def _kept(of: Any, name: str) -> Any:
 def _is_plain(value: Any) -> bool:
     if isinstance(value, (list, tuple)):
         return all(_is_plain(one) for one in value)  # pyright: ignore[reportUnknownVariableType]
-    return value is None or isinstance(value, (bool, int, float, str, np.generic))
+    return value is None or isinstance(value, (bool, int, float, str, np.generic, PathLike))
+
+
+def _path(value: Any) -> str | None:
+    """A path without its folder, so that a receipt agrees wherever its files are: the name and, of a file, a hash of its content. None: it is
+    no path. A text is one where it names a file by a folder or an ending."""
+    if not isinstance(value, (str, PathLike)):
+        return None
+    text = fspath(cast("str | PathLike[Any]", value))
+    if not isinstance(text, str):
+        return None
+    path = Path(text).expanduser()
+    try:
+        is_file = path.is_file()
+    except (OSError, ValueError):
+        is_file = False
+    if isinstance(value, str) and not (is_file and (path.suffix or path.name != text)):
+        return None
+    if not is_file:
+        return path.name or text
+    with path.open("rb") as stream:
+        digest = hashlib.sha256()
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return f"{path.name}#{digest.hexdigest()[:12]}"
+
+
+def _placeless(value: Any) -> Any:
+    """A plain value with its paths as `_path` has them."""
+    if isinstance(value, (list, tuple)):
+        parts = [_placeless(one) for one in cast("list[Any]", value)]
+        return parts if isinstance(value, list) else tuple(parts)
+    found = _path(value)
+    return value if found is None else found
 
 
 def _described(value: Any) -> Any:
@@ -201,12 +235,12 @@ def _described(value: Any) -> Any:
         return _described(cast("Any", value).item())
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
+    if (path := _path(value)) is not None:
+        return path
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, (list, tuple)):
         return [_described(one) for one in cast("list[Any]", value)]
-    if isinstance(value, PathLike):
-        return fspath(cast("PathLike[str]", value))
     if inspect.isroutine(value) or isinstance(value, type):
         return ByName(value.__qualname__)
     digest = hashlib.sha256()
@@ -248,4 +282,4 @@ def _bytes(state: Any) -> bytes | None:
     if isinstance(state, (np.ndarray, np.generic)):
         array: npt.NDArray[Any] = np.ascontiguousarray(cast("Any", state))
         return f"{array.dtype}{array.shape}".encode() + array.tobytes()
-    return repr(state).encode() if _is_plain(state) else None
+    return repr(_placeless(state)).encode() if _is_plain(state) else None

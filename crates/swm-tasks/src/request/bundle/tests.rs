@@ -10,6 +10,7 @@ use swm_core::{PolicyEntry, PolicyError, Registry, policies};
 use super::{Bundled, MakeBundle};
 use crate::bundle::{Bundle, receipt_to_repeat};
 use crate::evaluation::{RunOptions, read_manifest, verify};
+use crate::report_page::{Item, PageOptions, write_page};
 use crate::request::{Evaluate, Fix, MakeBoard, MakeManifest, Message, Request as _, TaskError};
 
 /// Acts at random, and depends on a folder of weights with a description, as trained models do.
@@ -173,7 +174,18 @@ fn a_model_travels_with_the_bundle_and_acts_where_that_lies() {
         assert_eq!(opened.unwrap().files, 7);
         let again = verify(&registry(), &receipt, &RunOptions::default(), false, || ()).unwrap();
         assert!(again.equal, "{again:?}");
+        let page = folder.path().join("page.html");
+        let options = PageOptions { videos: 1, plans: 0, format: swm_media::Format::Gif };
+        let notes = write_page(&registry(), &page, &[Item::read(&path).unwrap()], options, |_| {}).unwrap();
+        let html = fs::read_to_string(&page).unwrap();
+        assert!(notes.is_empty() && html.contains("data:image/gif"), "{notes:?}");
     }
+    let weights = moved.join("model/weights.bin");
+    fs::write(&weights, "v").unwrap();
+    let said = Item::read(&moved).err().unwrap().to_string();
+    assert!(said.contains("model/weights.bin was changed"), "{said}");
+    let said = Item::read(Path::new("zoo:nothing")).err().unwrap().to_string();
+    assert!(said.contains("there is no model zoo:nothing"), "{said}");
     // Without the run, there is nothing to bundle.
     let said = bundle(&result, &out).unwrap_err().to_string();
     assert!(said.contains("weights.bin, which the result depends on, is not there"), "{said}");
