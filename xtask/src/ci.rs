@@ -247,7 +247,9 @@ fn doc() -> Result<()> {
     let flags = std::env::var("RUSTDOCFLAGS").unwrap_or_default();
     let mut command = process::cargo(["doc", "--no-deps"]);
     process::run(
-        command.args(test::whole_workspace()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()),
+        command
+            .args(test::whole_workspace())
+            .env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()),
     )
 }
 

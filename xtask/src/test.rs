@@ -95,8 +95,7 @@ fn packages() -> Vec<&'static str> {
 }
 
 /// What is not built by default and tested all the same; what is left out where no C++ compiler is at hand.
-const FEATURES: &[&str] =
-    &["--features", "swm/lerobot,swm/onnx,swm/baselines,swm-py/baselines"];
+const FEATURES: &[&str] = &["--features", "swm/lerobot,swm/onnx,swm/baselines,swm-py/baselines"];
 
 fn features(args: &Args) -> &'static [&'static str] {
     match process::has_cxx() {
