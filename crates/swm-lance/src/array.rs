@@ -16,23 +16,57 @@ const MAX_ENTRIES: usize = 1 << 16;
 /// A code of values.
 #[derive(Debug)]
 pub(crate) enum Array {
-    Flat { bits: usize, buffer: Extent, scheme: Option<Scheme> },
+    Flat {
+        bits: usize,
+        buffer: Extent,
+        scheme: Option<Scheme>,
+    },
     /// Some values are missing.
-    Marked { valid: Box<Self>, values: Box<Self> },
+    Marked {
+        valid: Box<Self>,
+        values: Box<Self>,
+    },
     /// All are missing.
     Missing,
-    Fixed { width: usize, items: Box<Self> },
-    Binary { ends: Box<Self>, bytes: Box<Self>, adjustment: u64 },
-    FixedBinary { size: usize, bytes: Box<Self> },
+    Fixed {
+        width: usize,
+        items: Box<Self>,
+    },
+    Binary {
+        ends: Box<Self>,
+        bytes: Box<Self>,
+        adjustment: u64,
+    },
+    FixedBinary {
+        size: usize,
+        bytes: Box<Self>,
+    },
     /// Position 0 is of what is missing.
-    Dictionary { positions: Box<Self>, entries: Box<Self>, count: usize },
+    Dictionary {
+        positions: Box<Self>,
+        entries: Box<Self>,
+        count: usize,
+    },
     Fsst(Symbols, Box<Self>),
     /// Numbers of fewer bits, one behind the other.
-    Packed { bits: usize, size: usize, buffer: Extent, is_signed: bool },
+    Packed {
+        bits: usize,
+        size: usize,
+        buffer: Extent,
+        is_signed: bool,
+    },
     /// As those of later versions.
-    PackedChunks { bits: usize, size: usize, buffer: Extent },
+    PackedChunks {
+        bits: usize,
+        size: usize,
+        buffer: Extent,
+    },
     /// Where lists end, of values in another column; so many are of this page.
-    List { ends: Box<Self>, adjustment: u64, items: u64 },
+    List {
+        ends: Box<Self>,
+        adjustment: u64,
+        items: u64,
+    },
     Struct,
 }
 
@@ -124,7 +158,10 @@ impl Array {
             }
             11 => {
                 let size = bits(2).filter(|&size| size > 0);
-                Ok(Self::FixedBinary { size: size.ok_or_else(|| damaged("bytes of no size"))?, bytes: child(1)? })
+                Ok(Self::FixedBinary {
+                    size: size.ok_or_else(|| damaged("bytes of no size"))?,
+                    bytes: child(1)?,
+                })
             }
             other => {
                 let name = match other {
@@ -140,7 +177,13 @@ impl Array {
     }
 
     /// Values from one on; `leaf` has the size of an item and the items of a value, for those that are all missing.
-    pub(crate) fn read(&self, file: &dyn Bytes, first: u64, count: usize, leaf: (usize, usize)) -> Result<Part> {
+    pub(crate) fn read(
+        &self,
+        file: &dyn Bytes,
+        first: u64,
+        count: usize,
+        leaf: (usize, usize),
+    ) -> Result<Part> {
         let all = |block| Ok(Part { block, valid: None });
         match self {
             Self::Flat { bits, buffer, scheme } => all(flat(file, (*bits, *buffer, *scheme), first, count)?),
@@ -156,20 +199,30 @@ impl Array {
                     return Err(damaged("its marks of missing values are no bits"));
                 };
                 let Part { block, valid } = values.read(file, first, count, leaf)?;
-                let both = bytes.iter().enumerate().map(|(at, &mark)| mark == 1 && valid.as_ref().is_none_or(|valid| valid[at]));
+                let both = bytes
+                    .iter()
+                    .enumerate()
+                    .map(|(at, &mark)| mark == 1 && valid.as_ref().is_none_or(|valid| valid[at]));
                 Ok(Part { block, valid: Some(both.collect()) })
             }
             Self::Fixed { width, items } => {
-                let (inner, wide) = count.checked_mul(*width).zip(first.checked_mul(*width as u64)).ok_or_else(|| damaged("lists have too many values"))?;
+                let (inner, wide) = count
+                    .checked_mul(*width)
+                    .zip(first.checked_mul(*width as u64))
+                    .ok_or_else(|| damaged("lists have too many values"))?;
                 let leaf = (leaf.0, leaf.1 / width);
                 let Part { block, valid } = items.read(file, wide, inner, leaf)?;
                 all(block.widened(*width, valid)?)
             }
-            Self::Binary { ends, bytes, adjustment } => binary(file, (ends, bytes, *adjustment), first, count),
+            Self::Binary { ends, bytes, adjustment } => {
+                binary(file, (ends, bytes, *adjustment), first, count)
+            }
             Self::FixedBinary { size, bytes } => {
                 let items = count.checked_mul(*size).zip(first.checked_mul(*size as u64));
                 let (count_of_bytes, first) = items.ok_or_else(|| damaged("its bytes are too many"))?;
-                let Items::Fixed { size: 1, bytes } = bytes.read(file, first, count_of_bytes, (1, 1))?.block.items else {
+                let Items::Fixed { size: 1, bytes } =
+                    bytes.read(file, first, count_of_bytes, (1, 1))?.block.items
+                else {
                     return Err(damaged("its bytes are none"));
                 };
                 let offsets = (0..=count).map(|at| at * size).collect();
@@ -184,9 +237,13 @@ impl Array {
                     let at = usize::try_from(position).unwrap_or(usize::MAX).checked_sub(1);
                     valid.push(at.is_some());
                     match at {
-                        Some(at) => items.push(entries.block.items.get(at).ok_or_else(|| {
-                            damaged(format!("its dictionary has no entry {position}"))
-                        })?),
+                        Some(at) => {
+                            items.push(
+                                entries.block.items.get(at).ok_or_else(|| {
+                                    damaged(format!("its dictionary has no entry {position}"))
+                                })?,
+                            )
+                        }
                         None => items.push_zeros(1),
                     }
                 }
@@ -197,8 +254,11 @@ impl Array {
                 Ok(Part { block: Block::of(symbols.decode(block.items)?), valid })
             }
             Self::Packed { bits, size, buffer, is_signed } => {
-                let from = first.checked_mul(*bits as u64).ok_or_else(|| damaged("its positions are too large"))?;
-                let end = from.checked_add((count * bits) as u64).ok_or_else(|| damaged("its positions are too large"))?;
+                let from =
+                    first.checked_mul(*bits as u64).ok_or_else(|| damaged("its positions are too large"))?;
+                let end = from
+                    .checked_add((count * bits) as u64)
+                    .ok_or_else(|| damaged("its positions are too large"))?;
                 let bytes = read(file, buffer.part(from / 8, end.div_ceil(8) - from / 8)?)?;
                 let mut out = Vec::new();
                 for at in 0..count {
@@ -217,7 +277,8 @@ impl Array {
                     let (chunk, skip) = (at / CHUNK as u64, (at % CHUNK as u64) as usize);
                     let take = (CHUNK - skip).min((end - at) as usize);
                     let bytes = packed_bytes(*bits) as u64;
-                    let from = chunk.checked_mul(bytes).ok_or_else(|| damaged("its positions are too large"))?;
+                    let from =
+                        chunk.checked_mul(bytes).ok_or_else(|| damaged("its positions are too large"))?;
                     let packed = read(file, buffer.part(from, bytes)?)?;
                     let mut values = Vec::new();
                     unpack(*size, *bits, &packed, skip + take, &mut values)?;
@@ -258,7 +319,12 @@ fn adjusted(ends: &[u64], adjustment: u64) -> Result<Vec<(u64, bool)>> {
     Ok(ends)
 }
 
-fn flat(file: &dyn Bytes, (bits, buffer, scheme): (usize, Extent, Option<Scheme>), first: u64, count: usize) -> Result<Block> {
+fn flat(
+    file: &dyn Bytes,
+    (bits, buffer, scheme): (usize, Extent, Option<Scheme>),
+    first: u64,
+    count: usize,
+) -> Result<Block> {
     let too_large = || damaged("its positions are too large");
     if bits == 1 {
         let end = first.checked_add(count as u64).ok_or_else(too_large)?;
@@ -281,7 +347,12 @@ fn flat(file: &dyn Bytes, (bits, buffer, scheme): (usize, Extent, Option<Scheme>
     Ok(Block::fixed(size, values))
 }
 
-fn binary(file: &dyn Bytes, (ends, bytes, adjustment): (&Array, &Array, u64), first: u64, count: usize) -> Result<Part> {
+fn binary(
+    file: &dyn Bytes,
+    (ends, bytes, adjustment): (&Array, &Array, u64),
+    first: u64,
+    count: usize,
+) -> Result<Part> {
     let before = first.min(1);
     let found = ends.read(file, first - before, count + before as usize, (8, 1))?.block.numbers()?;
     let mut ends = adjusted(&found, adjustment)?;
@@ -341,7 +412,8 @@ mod tests {
         // 5 bits each: 3, -1, 10, -16.
         let bits = 0b10000_01010_11111_00011u32.to_le_bytes();
         let file = Memory(bits[..3].to_vec());
-        let packed = |is_signed| Array::Packed { bits: 5, size: 2, buffer: Extent { at: 0, size: 3 }, is_signed };
+        let packed =
+            |is_signed| Array::Packed { bits: 5, size: 2, buffer: Extent { at: 0, size: 3 }, is_signed };
         let values = |array: &Array, first, count| {
             let numbers = array.read(&file, first, count, (2, 1)).unwrap().block.numbers().unwrap();
             numbers.into_iter().map(|number| number as u16 as i16).collect::<Vec<_>>()

@@ -51,7 +51,9 @@ impl Items {
             return Ok(());
         }
         match (self, other) {
-            (Self::Fixed { size, bytes }, Self::Fixed { size: other_size, bytes: more }) if size == other_size => {
+            (Self::Fixed { size, bytes }, Self::Fixed { size: other_size, bytes: more })
+                if size == other_size =>
+            {
                 let more = more.get(range.start * *size..range.end * *size).ok_or_else(missing)?;
                 bytes.extend_from_slice(more);
                 Ok(())
@@ -124,7 +126,8 @@ impl Block {
             if outer.len() * self.width != items {
                 return Err(damaged("the marks of missing values are of another number"));
             }
-            let both = (0..items).map(|at| outer[at / self.width] && inner.as_ref().is_none_or(|inner| inner[at]));
+            let both =
+                (0..items).map(|at| outer[at / self.width] && inner.as_ref().is_none_or(|inner| inner[at]));
             self.valid = Some(both.collect());
         }
         self.width *= width;
@@ -171,14 +174,18 @@ mod tests {
         let mut other = Items::empty(0);
         other.push(b"zero");
         other.extend(&items, 1..3).unwrap();
-        assert_eq!((other.count(), other.get(1), other.get(2), other.get(3)), (3, Some(&b""[..]), Some(&b"three"[..]), None));
+        assert_eq!(
+            (other.count(), other.get(1), other.get(2), other.get(3)),
+            (3, Some(&b""[..]), Some(&b"three"[..]), None)
+        );
         assert!(other.extend(&items, 2..4).is_err());
         assert!(other.extend(&Items::Fixed { size: 2, bytes: vec![0; 4] }, 0..1).is_err());
     }
 
     #[test]
     fn missing_lists_hide_their_items() {
-        let block = Block::fixed(1, vec![1, 2, 3, 4]).widened(2, Some(vec![true, false, true, true])).unwrap();
+        let block =
+            Block::fixed(1, vec![1, 2, 3, 4]).widened(2, Some(vec![true, false, true, true])).unwrap();
         let block = block.widened(1, Some(vec![false, true])).unwrap();
         assert_eq!((block.count(), block.valid), (2, Some(vec![false, false, true, true])));
     }

@@ -32,7 +32,8 @@ impl Cursor {
         let chunk = Arc::new(chunk);
         self.chunks.push(((page, index), chunk.clone()));
         while self.chunks.len() > MAX_CHUNKS
-            || self.chunks.len() > 1 && self.chunks.iter().map(|(_, chunk)| held(chunk)).sum::<usize>() > MAX_BYTES
+            || self.chunks.len() > 1
+                && self.chunks.iter().map(|(_, chunk)| held(chunk)).sum::<usize>() > MAX_BYTES
         {
             self.chunks.remove(0);
         }

@@ -56,7 +56,9 @@ impl DataFile {
         let bytes = store.open(path)?;
         let length = bytes.length();
         if size != 0 && size != length {
-            return Err(damaged(format!("it has {length} bytes, and the manifest records {size}; it may be cut")));
+            return Err(damaged(format!(
+                "it has {length} bytes, and the manifest records {size}; it may be cut"
+            )));
         }
         let whole = Extent { at: 0, size: length };
         let end = length.checked_sub(FOOTER).ok_or_else(|| damaged("it is cut"))?;
@@ -93,7 +95,8 @@ impl DataFile {
 
     /// The pages of a column.
     pub(crate) fn pages(&self, column: usize) -> Result<&[Page]> {
-        let (extent, pages) = self.columns.get(column).ok_or_else(|| damaged("it lacks a column that the manifest names"))?;
+        let (extent, pages) =
+            self.columns.get(column).ok_or_else(|| damaged("it lacks a column that the manifest names"))?;
         if let Some(pages) = pages.get() {
             return Ok(pages);
         }
@@ -112,7 +115,9 @@ impl DataFile {
         let most = self.bytes.length().saturating_mul(ROWS_PER_BYTE).saturating_add(FREE_ROWS);
         match rows <= most {
             true => Ok(pages),
-            false => Err(damaged(format!("{rows} rows are more than {} bytes can hold", self.bytes.length()))),
+            false => {
+                Err(damaged(format!("{rows} rows are more than {} bytes can hold", self.bytes.length())))
+            }
         }
     }
 
@@ -124,7 +129,9 @@ impl DataFile {
                 (1, value) => self.check_column(value.bytes()?)?,
                 (2, value) => {
                     let page = self.page(value.bytes()?, first).at(format_args!("page {}", pages.len()))?;
-                    first = first.checked_add(page.rows).ok_or_else(|| damaged("its pages have too many rows"))?;
+                    first = first
+                        .checked_add(page.rows)
+                        .ok_or_else(|| damaged("its pages have too many rows"))?;
                     pages.push(page);
                 }
                 _ => {}
@@ -140,7 +147,9 @@ impl DataFile {
             None | Some((1, _)) => Ok(()),
             Some((2, _)) => Err(unsupported("the encoding ZoneIndex of a column is not read")),
             Some((3, _)) => Err(unsupported("the encoding Blob of a column is not read")),
-            Some((number, _)) => Err(unsupported(format!("an encoding of a column with the number {number}"))),
+            Some((number, _)) => {
+                Err(unsupported(format!("an encoding of a column with the number {number}")))
+            }
         }
     }
 

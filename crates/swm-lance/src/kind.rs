@@ -131,8 +131,7 @@ pub(crate) struct Stored {
 
 impl Stored {
     pub(crate) fn parse(message: &[u8]) -> Result<Self> {
-        let mut stored =
-            Self { name: String::new(), id: 0, parent: 0, kind: String::new(), is_blob: false };
+        let mut stored = Self { name: String::new(), id: 0, parent: 0, kind: String::new(), is_blob: false };
         for field in fields(message) {
             let (number, value) = field?;
             match number {
@@ -158,7 +157,10 @@ pub(crate) fn columns(stored: &[Stored]) -> Result<Vec<Column>> {
         return Err(unsupported(format!("it has {} fields, and {MAX_FIELDS} are read", stored.len())));
     }
     if let Some(field) = stored.iter().find(|field| field.id < 0 || !ids.insert(field.id)) {
-        return Err(damaged(format!("its field `{}` has the number {} of another one", field.name, field.id)));
+        return Err(damaged(format!(
+            "its field `{}` has the number {} of another one",
+            field.name, field.id
+        )));
     }
     for field in stored.iter().filter(|field| field.parent < 0) {
         add(stored, field, &field.name, MAX_DEPTH, &mut found)?;
@@ -204,7 +206,13 @@ mod tests {
         assert_eq!(kind("uint16"), Kind::Int { bits: 16, signed: false });
         let nested = kind("fixed_size_list:fixed_size_list:double:3:2");
         assert_eq!((nested.shape(), nested.to_string()), (Some((8, 6)), "2 of 3 of float64".to_owned()));
-        for name in ["date32:day", "fixed_size_list:string:2x", "fixed_size_list:int8:0", "", "fixed_size_list:int8:999999999"] {
+        for name in [
+            "date32:day",
+            "fixed_size_list:string:2x",
+            "fixed_size_list:int8:0",
+            "",
+            "fixed_size_list:int8:999999999",
+        ] {
             assert_eq!(kind(name), Kind::Other(name.to_owned()));
         }
         let deep = format!("{}int8{}", "fixed_size_list:".repeat(9), ":1".repeat(9));

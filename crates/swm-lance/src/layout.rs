@@ -178,7 +178,8 @@ fn chunks(message: &[u8]) -> Result<Chunks> {
 }
 
 fn constant(message: &[u8]) -> Result<Constant> {
-    let (mut layers, mut value, mut repetition, mut definition, mut counts) = (Vec::new(), None, None, None, [0; 2]);
+    let (mut layers, mut value, mut repetition, mut definition, mut counts) =
+        (Vec::new(), None, None, None, [0; 2]);
     for field in fields(message) {
         let (number, found) = field?;
         match number {
@@ -225,16 +226,21 @@ mod tests {
 
     #[test]
     fn levels_count_from_the_innermost_layer_on() {
-        assert_eq!(Levels::of(&[3, 6, 3]).unwrap(), Levels { visible: 1, list: Some(ListLevels { empty: Some(3) }) });
+        assert_eq!(
+            Levels::of(&[3, 6, 3]).unwrap(),
+            Levels { visible: 1, list: Some(ListLevels { empty: Some(3) }) }
+        );
         assert_eq!(Levels::of(&[3, 3]).unwrap(), Levels { visible: 2, list: None });
-        assert_eq!(Levels::of(&[1, 4]).unwrap(), Levels { visible: 0, list: Some(ListLevels { empty: None }) });
+        assert_eq!(
+            Levels::of(&[1, 4]).unwrap(),
+            Levels { visible: 0, list: Some(ListLevels { empty: None }) }
+        );
         assert!(Levels::of(&[1, 2, 2]).unwrap_err().is_unsupported() && Levels::of(&[7]).is_err());
     }
 
     #[test]
     fn words_of_levels_are_split() {
-        let zipped =
-            |bits| Zipped { levels: Levels::default(), bits, size: None, values: Code::Flat(8) };
+        let zipped = |bits| Zipped { levels: Levels::default(), bits, size: None, values: Code::Flat(8) };
         assert_eq!((zipped([1, 2]).word(), zipped([1, 2]).split(0b110)), (1, [1, 2]));
         assert_eq!((zipped([0, 1]).split(1), zipped([1, 0]).split(1)), ([0, 1], [1, 0]));
         assert_eq!((zipped([8, 1]).word(), zipped([0, 0]).word(), zipped([16, 16]).word()), (2, 0, 4));

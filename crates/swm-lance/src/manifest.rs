@@ -15,7 +15,8 @@ const FOOTER: usize = 16;
 const DIGITS: usize = 20;
 
 /// Features of a table that a reader has to know; of these, the ones below change nothing for this one, or are found in the fragments.
-const KNOWN_FEATURES: u64 = DELETIONS | STABLE_ROW_IDS | V2 | CONFIG | BASE_PATHS | NO_TRANSACTIONS | MIXED_VERSIONS;
+const KNOWN_FEATURES: u64 =
+    DELETIONS | STABLE_ROW_IDS | V2 | CONFIG | BASE_PATHS | NO_TRANSACTIONS | MIXED_VERSIONS;
 const DELETIONS: u64 = 1;
 const STABLE_ROW_IDS: u64 = 1 << 1;
 const V2: u64 = 1 << 2;

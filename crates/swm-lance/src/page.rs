@@ -58,7 +58,9 @@ pub(crate) fn rows(
         return lists(file, page, layout, kind, rows, cursor, out);
     }
     let levels = match layout {
-        Layout::Chunks(Chunks { levels, .. }) | Layout::Constant(Constant { levels, .. }) | Layout::Zipped(Zipped { levels, .. }) => levels,
+        Layout::Chunks(Chunks { levels, .. })
+        | Layout::Constant(Constant { levels, .. })
+        | Layout::Zipped(Zipped { levels, .. }) => levels,
     };
     if levels.list.is_some() {
         return Err(damaged("its values are lists, which the schema does not have"));
@@ -70,14 +72,23 @@ pub(crate) fn rows(
     }
 }
 
-fn from_chunks(file: &dyn Bytes, page: &Page, layout: &Chunks, rows: Range<u64>, cursor: &mut Cursor, out: &mut Values) -> Result<()> {
+fn from_chunks(
+    file: &dyn Bytes,
+    page: &Page,
+    layout: &Chunks,
+    rows: Range<u64>,
+    cursor: &mut Cursor,
+    out: &mut Values,
+) -> Result<()> {
     let table = table(file, page, layout)?;
     let mut at = rows.start;
     let mut ahead = Ahead::default();
     let end_chunk = table.firsts.partition_point(|&first| first < rows.end);
     while at < rows.end {
         let index = table.firsts.partition_point(|&first| first <= at).checked_sub(1);
-        let index = index.filter(|&index| index + 1 < table.firsts.len()).ok_or_else(|| damaged("it has fewer values than rows"))?;
+        let index = index
+            .filter(|&index| index + 1 < table.firsts.len())
+            .ok_or_else(|| damaged("it has fewer values than rows"))?;
         let chunk = match cursor.chunk(page.key, index) {
             Some(chunk) => chunk,
             None => {
@@ -91,7 +102,9 @@ fn from_chunks(file: &dyn Bytes, page: &Page, layout: &Chunks, rows: Range<u64>,
         let valid = match &chunk.definition {
             None => None,
             Some(levels) => {
-                let levels = levels.get(range.clone()).ok_or_else(|| damaged("a chunk has fewer levels than values"))?;
+                let levels = levels
+                    .get(range.clone())
+                    .ok_or_else(|| damaged("a chunk has fewer levels than values"))?;
                 Some(levels.iter().map(|&level| level == 0).collect::<Vec<_>>())
             }
         };
@@ -108,7 +121,12 @@ fn from_chunks(file: &dyn Bytes, page: &Page, layout: &Chunks, rows: Range<u64>,
 }
 
 /// Values of a dictionary; those that are missing have any position.
-fn looked_up(dictionary: &Block, positions: &Block, range: Range<usize>, valid: Option<&[bool]>) -> Result<Block> {
+fn looked_up(
+    dictionary: &Block,
+    positions: &Block,
+    range: Range<usize>,
+    valid: Option<&[bool]>,
+) -> Result<Block> {
     let mut part = Items::empty(positions.items.size());
     part.extend(&positions.items, range)?;
     let positions = Block::of(part).numbers()?;
@@ -150,12 +168,20 @@ struct Ahead {
 
 impl Ahead {
     /// The bytes of the first of some chunks.
-    fn chunk(&mut self, file: &dyn Bytes, buffer: Extent, table: &ChunkTable, chunks: Range<usize>) -> Result<&[u8]> {
+    fn chunk(
+        &mut self,
+        file: &dyn Bytes,
+        buffer: Extent,
+        table: &ChunkTable,
+        chunks: Range<usize>,
+    ) -> Result<&[u8]> {
         let index = chunks.start;
         let start = table.starts[index];
         if !self.chunks.contains(&index) {
             let last = chunks.end.min(table.starts.len() - 1).max(index + 1);
-            let end = (index + 1..=last).rev().find(|&end| end == index + 1 || table.starts[end] - start <= READ_AHEAD);
+            let end = (index + 1..=last)
+                .rev()
+                .find(|&end| end == index + 1 || table.starts[end] - start <= READ_AHEAD);
             let end = end.unwrap_or(index + 1);
             self.bytes = read(file, buffer.part(start, table.starts[end] - start)?)?;
             self.chunks = index..end;
@@ -171,7 +197,9 @@ fn table<'a>(file: &dyn Bytes, page: &'a Page, layout: &Chunks) -> Result<&'a Ch
     if let Some(table) = page.chunks.get() {
         return Ok(table);
     }
-    let [words, values, ..] = page.buffers[..] else { return Err(damaged("a page of chunks has too few buffers")) };
+    let [words, values, ..] = page.buffers[..] else {
+        return Err(damaged("a page of chunks has too few buffers"));
+    };
     let bytes = read(file, words)?;
     let size = if layout.is_large { 4 } else { 2 };
     if bytes.len() % size != 0 {
@@ -183,7 +211,8 @@ fn table<'a>(file: &dyn Bytes, page: &'a Page, layout: &Chunks) -> Result<&'a Ch
     for (index, word) in bytes.chunks_exact(size).enumerate() {
         let word = number(word);
         start += ((word >> 4) + 1) * ALIGNMENT as u64;
-        let left = layout.items.checked_sub(first).ok_or_else(|| damaged("its chunks have too many values"))?;
+        let left =
+            layout.items.checked_sub(first).ok_or_else(|| damaged("its chunks have too many values"))?;
         let here = match word & 0xf {
             0 if index + 1 == count => left,
             0 => return Err(damaged("a chunk that is not the last one has no number of values")),
@@ -197,7 +226,10 @@ fn table<'a>(file: &dyn Bytes, page: &'a Page, layout: &Chunks) -> Result<&'a Ch
         firsts.push(first);
     }
     if first != layout.items || start > values.size {
-        return Err(damaged(format!("its chunks have {first} values in {start} bytes, of {} in {}", layout.items, values.size)));
+        return Err(damaged(format!(
+            "its chunks have {first} values in {start} bytes, of {} in {}",
+            layout.items, values.size
+        )));
     }
     let dictionary = match &layout.dictionary {
         None => None,
@@ -223,7 +255,8 @@ fn decode(bytes: &[u8], layout: &Chunks, items: usize) -> Result<Chunk> {
     let sizes = (0..layout.buffers).map(|_| head(size)).collect::<Result<Vec<_>>>()?;
     let mut part = |size: usize| {
         at = at.next_multiple_of(ALIGNMENT);
-        let part = bytes.get(at..).and_then(|bytes| bytes.get(..size)).ok_or_else(|| damaged("a chunk is cut"))?;
+        let part =
+            bytes.get(at..).and_then(|bytes| bytes.get(..size)).ok_or_else(|| damaged("a chunk is cut"))?;
         at += size;
         Ok::<_, crate::LanceError>(part)
     };
@@ -272,7 +305,8 @@ fn buffer_of_scalar(bytes: &[u8], has_offsets: bool) -> Result<Vec<u8>> {
         return Err(damaged(format!("its constant has {} buffers, not {expected}", word(0)?)));
     }
     let last = usize::try_from(word(expected as usize)?).map_err(|_| cut())?;
-    let start = bytes.len().checked_sub(last).filter(|&start| start >= 4 + 4 * expected as usize).ok_or_else(cut)?;
+    let start =
+        bytes.len().checked_sub(last).filter(|&start| start >= 4 + 4 * expected as usize).ok_or_else(cut)?;
     Ok(bytes[start..].to_vec())
 }
 
@@ -298,7 +332,14 @@ fn constant_levels(file: &dyn Bytes, page: &Page, constant: &Constant) -> Result
     Ok(found)
 }
 
-fn from_constant(file: &dyn Bytes, page: &Page, constant: &Constant, kind: &Kind, rows: Range<u64>, out: &mut Values) -> Result<()> {
+fn from_constant(
+    file: &dyn Bytes,
+    page: &Page,
+    constant: &Constant,
+    kind: &Kind,
+    rows: Range<u64>,
+    out: &mut Values,
+) -> Result<()> {
     let count = (rows.end - rows.start) as usize;
     let Some(scalar) = scalar(file, page, constant, kind)? else { return out.push_missing(count) };
     let [_, definition] = constant_levels(file, page, constant)?;
@@ -320,7 +361,13 @@ fn from_constant(file: &dyn Bytes, page: &Page, constant: &Constant, kind: &Kind
     Ok(())
 }
 
-fn from_zipped(file: &dyn Bytes, page: &Page, zipped: &Zipped, rows: Range<u64>, out: &mut Values) -> Result<()> {
+fn from_zipped(
+    file: &dyn Bytes,
+    page: &Page,
+    zipped: &Zipped,
+    rows: Range<u64>,
+    out: &mut Values,
+) -> Result<()> {
     let Some(&data) = page.buffers.first() else { return Err(damaged("its buffer of values is missing")) };
     let (count, word) = ((rows.end - rows.start) as usize, zipped.word());
     if zipped.size.is_some() {
@@ -360,7 +407,8 @@ fn row_ends(file: &dyn Bytes, page: &Page, rows: Range<u64>) -> Result<Vec<u64>>
     }
     let bytes = read(file, index.part(rows.start * size, (rows.end - rows.start + 1) * size)?)?;
     let ends: Vec<u64> = bytes.chunks_exact(size as usize).map(number).collect();
-    let is_wrong = ends.windows(2).any(|pair| pair[0] > pair[1]) || ends.last().is_none_or(|&end| end > data.size);
+    let is_wrong =
+        ends.windows(2).any(|pair| pair[0] > pair[1]) || ends.last().is_none_or(|&end| end > data.size);
     match is_wrong {
         true => Err(damaged("its index of rows is not in order, or beyond the end")),
         false => Ok(ends),
@@ -407,14 +455,26 @@ impl<'a> Walk<'a> {
 }
 
 /// Adds rows that are lists. The page is decoded as a whole: a list may be in several chunks.
-fn lists(file: &dyn Bytes, page: &Page, layout: &Layout, kind: &Kind, rows: Range<u64>, cursor: &mut Cursor, out: &mut Values) -> Result<()> {
+fn lists(
+    file: &dyn Bytes,
+    page: &Page,
+    layout: &Layout,
+    kind: &Kind,
+    rows: Range<u64>,
+    cursor: &mut Cursor,
+    out: &mut Values,
+) -> Result<()> {
     let whole = match cursor.page(page.key) {
         Some(whole) => whole,
         None => {
             let mut whole = Values::empty(kind)?;
             all_lists(file, page, layout, kind, &mut whole)?;
             if whole.rows() as u64 != page.rows {
-                return Err(damaged(format!("it has {} lists, and {} are expected", whole.rows(), page.rows)));
+                return Err(damaged(format!(
+                    "it has {} lists, and {} are expected",
+                    whole.rows(),
+                    page.rows
+                )));
             }
             cursor.keep_page(page.key, whole)
         }

@@ -92,7 +92,8 @@ impl Table {
         }
         let mut values = Values::empty(&column.kind)?;
         let end = first.checked_add(count as u64).filter(|&end| end <= self.rows());
-        let end = end.ok_or_else(|| damaged(format!("it has {} rows, not {count} from {first} on", self.rows())))?;
+        let end =
+            end.ok_or_else(|| damaged(format!("it has {} rows, not {count} from {first} on", self.rows())))?;
         let row_bytes = column.kind.shape().map_or(1, |(size, width)| size.max(1) * width) as u64;
         if (count as u64).saturating_mul(row_bytes) > MAX_READ {
             return Err(unsupported(format!("{count} rows of {row_bytes} bytes in one read")));
@@ -117,14 +118,18 @@ impl Table {
         cursor: &mut Cursor,
         out: &mut Values,
     ) -> Result<()> {
-        let (files, rows) = (&self.manifest.fragments[fragment].files, self.manifest.fragments[fragment].rows);
+        let (files, rows) =
+            (&self.manifest.fragments[fragment].files, self.manifest.fragments[fragment].rows);
         // Files since 2.1 have no columns of lists, only of their items.
         let fields = [column.item, Some(column.field)].into_iter().flatten();
-        let found = fields.into_iter().find_map(|field| files.iter().position(|file| file.column(field).is_some()).map(|at| (at, field)));
+        let found = fields.into_iter().find_map(|field| {
+            files.iter().position(|file| file.column(field).is_some()).map(|at| (at, field))
+        });
         let Some((at, field)) = found else { return out.push_missing((to - from) as usize) };
         let entry = &files[at];
         let file = self.file(fragment, at, entry).at(&entry.path)?;
-        let position = |field| entry.column(field).ok_or_else(|| damaged("its file lacks a part of the column"));
+        let position =
+            |field| entry.column(field).ok_or_else(|| damaged("its file lacks a part of the column"));
         let mut read = || match (&column.kind, file.is_first()) {
             (Kind::List(item), true) => {
                 let of_lists = file.pages_of(position(column.field)?, rows)?;
@@ -178,7 +183,9 @@ fn read_pages(
                     out.push(&block, 0..(end - row) as usize, valid.as_deref())
                 })
             }
-            Encoding::Layout(layout) => page::rows(file.bytes.as_ref(), page, layout, kind, rows, cursor, out),
+            Encoding::Layout(layout) => {
+                page::rows(file.bytes.as_ref(), page, layout, kind, rows, cursor, out)
+            }
         };
         read.at(format_args!("page {index}"))?;
         (row, index) = (end, index + 1);

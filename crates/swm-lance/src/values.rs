@@ -28,7 +28,8 @@ impl Values {
             Kind::List(item) => (item.as_ref(), true),
             kind => (kind, false),
         };
-        let (size, width) = item.shape().ok_or_else(|| damaged(format!("there are no values of type {kind}")))?;
+        let (size, width) =
+            item.shape().ok_or_else(|| damaged(format!("there are no values of type {kind}")))?;
         let starts = is_list.then(|| vec![0]);
         Ok(Self { items: Items::empty(size), width, starts, rows_valid: None, items_valid: None, rows: 0 })
     }
@@ -51,7 +52,8 @@ impl Values {
 
     /// Whether all rows and items are there.
     pub fn is_complete(&self) -> bool {
-        let is_all = |valid: &Option<Vec<bool>>| valid.as_ref().is_none_or(|valid| valid.iter().all(|&valid| valid));
+        let is_all =
+            |valid: &Option<Vec<bool>>| valid.as_ref().is_none_or(|valid| valid.iter().all(|&valid| valid));
         is_all(&self.rows_valid) && is_all(&self.items_valid)
     }
 
@@ -82,7 +84,10 @@ impl Values {
     /// Adds rows that are no lists.
     pub(crate) fn push(&mut self, block: &Block, range: Range<usize>, valid: Option<&[bool]>) -> Result<()> {
         if block.width != self.width || self.starts.is_some() {
-            return Err(damaged(format!("its rows have {} values, and {} were expected", block.width, self.width)));
+            return Err(damaged(format!(
+                "its rows have {} values, and {} were expected",
+                block.width, self.width
+            )));
         }
         let items = range.start * self.width..range.end * self.width;
         let before = self.items.count();
@@ -95,11 +100,23 @@ impl Values {
     }
 
     /// Adds a row that is a list.
-    pub(crate) fn push_list(&mut self, block: &Block, items: Range<usize>, valid: Option<&[bool]>, is_valid: bool) -> Result<()> {
+    pub(crate) fn push_list(
+        &mut self,
+        block: &Block,
+        items: Range<usize>,
+        valid: Option<&[bool]>,
+        is_valid: bool,
+    ) -> Result<()> {
         self.push_items(BlockRef { items: &block.items, width: block.width }, items, valid, is_valid)
     }
 
-    fn push_items(&mut self, block: BlockRef<'_>, items: Range<usize>, valid: Option<&[bool]>, is_valid: bool) -> Result<()> {
+    fn push_items(
+        &mut self,
+        block: BlockRef<'_>,
+        items: Range<usize>,
+        valid: Option<&[bool]>,
+        is_valid: bool,
+    ) -> Result<()> {
         let (Some(starts), 1) = (&mut self.starts, block.width) else {
             return Err(damaged("its rows are lists, which was not expected"));
         };
@@ -124,7 +141,8 @@ impl Values {
         let (Some(starts), Some(others)) = (&mut self.starts, &other.starts) else {
             return Err(damaged("its rows are no lists"));
         };
-        let wanted = others.get(rows.start..=rows.end).ok_or_else(|| damaged("it has fewer lists than rows"))?;
+        let wanted =
+            others.get(rows.start..=rows.end).ok_or_else(|| damaged("it has fewer lists than rows"))?;
         let (first, last, before) = (wanted[0], wanted[wanted.len() - 1], self.items.count());
         self.items.extend(&other.items, first..last)?;
         starts.extend(wanted[1..].iter().map(|start| start - first + before));

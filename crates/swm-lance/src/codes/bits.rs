@@ -70,7 +70,8 @@ pub(super) fn out_of_line(size: usize, bits: usize, bytes: &[u8], count: usize) 
     }
     let (whole, rest, chunk) = (count / CHUNK, count % CHUNK, packed_bytes(bits));
     let plain = whole.checked_mul(chunk).and_then(|bytes| bytes.checked_add(rest * size));
-    let padded = whole.checked_mul(chunk).and_then(|bytes| bytes.checked_add(if rest > 0 { chunk } else { 0 }));
+    let padded =
+        whole.checked_mul(chunk).and_then(|bytes| bytes.checked_add(if rest > 0 { chunk } else { 0 }));
     let is_plain = plain == Some(bytes.len());
     if !is_plain && padded != Some(bytes.len()) || bits == 0 && whole > 0 {
         return Err(damaged(format!("{} bytes do not hold {count} values of {bits} bits", bytes.len())));
@@ -114,8 +115,9 @@ mod tests {
         for size in [1, 2, 4, 8] {
             for bits in 0..=size * 8 {
                 let mask = if bits == 0 { 0 } else { u64::MAX >> (64 - bits) };
-                let values: Vec<u64> =
-                    (0..CHUNK as u64).map(|at| at.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23) & mask).collect();
+                let values: Vec<u64> = (0..CHUNK as u64)
+                    .map(|at| at.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23) & mask)
+                    .collect();
                 let packed = pack(size, bits, &values);
                 for count in [CHUNK, 1, 700] {
                     let mut out = Vec::new();

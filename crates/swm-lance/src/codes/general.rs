@@ -100,7 +100,8 @@ mod tests {
         let bytes: Vec<u8> = (0..4000u32).map(|at| (at / 37) as u8).collect();
         let lz4 = lz4_flex::block::compress_prepend_size(&bytes);
         assert_eq!(Scheme::Lz4.decode(&lz4).unwrap(), bytes);
-        let frame = ruzstd::encoding::compress_to_vec(&bytes[..], ruzstd::encoding::CompressionLevel::Fastest);
+        let frame =
+            ruzstd::encoding::compress_to_vec(&bytes[..], ruzstd::encoding::CompressionLevel::Fastest);
         assert_eq!(Scheme::Zstd.decode(&frame).unwrap(), bytes);
         let mut sized = 4000u64.to_le_bytes().to_vec();
         sized.extend_from_slice(&frame);

@@ -28,16 +28,26 @@ pub(crate) enum Code {
     /// A value that all have; `None`: they are missing.
     Constant(Option<Vec<u8>>),
     /// Words of so many bytes, packed in fewer bits.
-    OutOfLine { size: usize, bits: usize },
+    OutOfLine {
+        size: usize,
+        bits: usize,
+    },
     /// Words of so many bytes; each chunk has the number of its bits.
     Inline(usize),
     Fsst(Symbols, Box<Self>),
-    Runs { values: Box<Self>, lengths: Box<Self> },
+    Runs {
+        values: Box<Self>,
+        lengths: Box<Self>,
+    },
     /// The first bytes of all values, then the second ones: so many bytes of each.
     Split(usize),
     General(Scheme, Box<Self>),
     /// As many values in each.
-    Fixed { width: usize, has_marks: bool, items: Box<Self> },
+    Fixed {
+        width: usize,
+        has_marks: bool,
+        items: Box<Self>,
+    },
 }
 
 impl Code {
@@ -67,7 +77,8 @@ impl Code {
         match kind {
             1 => {
                 plain(2)?;
-                let bits = usize::try_from(numbers[1]).ok().filter(|&bits| bits == 1 || bits > 0 && bits % 8 == 0);
+                let bits =
+                    usize::try_from(numbers[1]).ok().filter(|&bits| bits == 1 || bits > 0 && bits % 8 == 0);
                 let bits = bits.filter(|&bits| bits <= 1 << 31);
                 Ok(Self::Flat(bits.ok_or_else(|| unsupported(format!("values of {} bits", numbers[1])))?))
             }
@@ -162,7 +173,9 @@ impl Code {
     fn plain(&self, bytes: &[u8]) -> Result<Option<Vec<u8>>> {
         match self {
             Self::Flat(_) => Ok(Some(bytes.to_vec())),
-            Self::General(scheme, values) if matches!(**values, Self::Flat(_)) => Ok(Some(scheme.decode(bytes)?)),
+            Self::General(scheme, values) if matches!(**values, Self::Flat(_)) => {
+                Ok(Some(scheme.decode(bytes)?))
+            }
             _ => Ok(None),
         }
     }
@@ -191,7 +204,8 @@ impl Code {
             },
             Self::Split(size) => split(*size, one()?, count),
             Self::General(scheme, values) => {
-                let (&first, rest) = buffers.split_first().ok_or_else(|| damaged("a chunk has no buffers"))?;
+                let (&first, rest) =
+                    buffers.split_first().ok_or_else(|| damaged("a chunk has no buffers"))?;
                 let decoded = scheme.decode(first)?;
                 let buffers: Vec<&[u8]> = std::iter::once(&decoded[..]).chain(rest.iter().copied()).collect();
                 values.chunk(&buffers, count)
@@ -338,8 +352,8 @@ fn word(bits: u64) -> Result<usize> {
 
 fn flat(bits: usize, bytes: &[u8], count: usize) -> Result<Block> {
     let size = count.checked_mul(bits).map(|bits| bits.div_ceil(8)).filter(|&size| size <= bytes.len());
-    let size =
-        size.ok_or_else(|| damaged(format!("{} bytes do not hold {count} values of {bits} bits", bytes.len())))?;
+    let size = size
+        .ok_or_else(|| damaged(format!("{} bytes do not hold {count} values of {bits} bits", bytes.len())))?;
     Ok(match bits {
         1 => Block::fixed(1, unpack_bits(bytes, 0, count)),
         bits => Block::fixed(bits / 8, bytes[..size].to_vec()),

@@ -14,7 +14,12 @@ pub(super) fn split(block: &[u8]) -> Result<[&[u8]; 2]> {
 }
 
 /// `count` values. Runs may go on beyond the end: writers put the rest into the next chunk too.
-pub(super) fn decode(values: &Code, lengths: &Code, [stored, stored_lengths]: [&[u8]; 2], count: usize) -> Result<Block> {
+pub(super) fn decode(
+    values: &Code,
+    lengths: &Code,
+    [stored, stored_lengths]: [&[u8]; 2],
+    count: usize,
+) -> Result<Block> {
     let (size, length_size) = (values.word()?, lengths.word()?);
     // A number of values is known of one of them first.
     let (values, lengths) = match (values.plain(stored)?, lengths.plain(stored_lengths)?) {
@@ -29,7 +34,10 @@ pub(super) fn decode(values: &Code, lengths: &Code, [stored, stored_lengths]: [&
         }
         (None, None) => return Err(damaged("neither the values of runs nor their lengths are plain")),
     };
-    if values.len() % size != 0 || lengths.len() % length_size != 0 || values.len() / size != lengths.len() / length_size {
+    if values.len() % size != 0
+        || lengths.len() % length_size != 0
+        || values.len() / size != lengths.len() / length_size
+    {
         return Err(damaged("runs have other numbers of values than of lengths"));
     }
     let mut out = Vec::new();

@@ -111,9 +111,9 @@ pub(crate) fn row(column: &str, r: u64) -> Row {
         "vec_few" => list(3, |at| i32_of(h(r * 3 + at, 29) % 3)),
         "vec_null" if small(r, 30, 6) => None,
         "vec_null" => list(3, |at| f32_of(h(r * 3 + at, 31))),
-        "vec_items" => Some(
-            (0..3).map(|at| (!small(r * 3 + at, 32, 7)).then(|| f32_of(h(r * 3 + at, 33)))).collect(),
-        ),
+        "vec_items" => {
+            Some((0..3).map(|at| (!small(r * 3 + at, 32, 7)).then(|| f32_of(h(r * 3 + at, 33)))).collect())
+        }
         "matrix" => list(6, |at| f32_of(h(r * 6 + at, 77))),
         "text" => one(text(r, 34, 3)),
         "text_few" => one([b"task ", WORDS[(h(r, 35) % 10) as usize].as_bytes()].concat()),
@@ -134,9 +134,9 @@ pub(crate) fn row(column: &str, r: u64) -> Row {
         "jpeg_null" => optional(small(r, 54, 4), || data(r, 55, 300)),
         "wide_null" if small(r, 56, 3) => None,
         "wide_null" => list(80, |at| f32_of(h(r * 80 + at, 57))),
-        "wide_items" => Some(
-            (0..70).map(|at| (!small(r * 70 + at, 58, 9)).then(|| f32_of(h(r * 70 + at, 59)))).collect(),
-        ),
+        "wide_items" => {
+            Some((0..70).map(|at| (!small(r * 70 + at, 58, 9)).then(|| f32_of(h(r * 70 + at, 59)))).collect())
+        }
         "same_jpeg" => one(data(0, 60, 400)),
         "long_text" => one(text(r, 61, 70)),
         "blob_large" => one(data(r, 62, 270)),

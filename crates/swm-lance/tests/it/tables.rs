@@ -5,14 +5,11 @@ use std::sync::atomic::Ordering;
 use swm_lance::{Column, Cursor, Kind, Table, Values};
 
 use crate::formulas::row;
-use crate::{Memory, folder, open};
+use crate::memory::{Memory, TABLES, folder};
 
-/// Every table that is read whole.
-pub(crate) const TABLES: &[&str] = &[
-    "altered", "borders_2_0", "borders_2_1", "borders_2_2", "large_2_0", "large_2_1", "large_2_2", "lists_2_0",
-    "lists_2_1", "lists_2_2", "narrow_2_0", "narrow_2_1", "narrow_2_2", "packed_2_1", "packed_2_2", "pages_2_0",
-    "pages_2_1", "pages_2_2",
-];
+fn open(name: &str) -> Table {
+    Table::open(&folder().join(format!("{name}.lance"))).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
 
 /// Compares rows with the formulas.
 fn check(place: &str, column: &Column, first: u64, values: &Values) {
@@ -37,7 +34,8 @@ fn check(place: &str, column: &Column, first: u64, values: &Values) {
 
 fn read(table: &Table, column: &Column, first: u64, count: usize, cursor: &mut Cursor) -> Values {
     let values = table.read(column, first, count, cursor);
-    let values = values.unwrap_or_else(|error| panic!("`{}`, {count} rows from {first} on: {error}", column.name));
+    let values =
+        values.unwrap_or_else(|error| panic!("`{}`, {count} rows from {first} on: {error}", column.name));
     assert_eq!(values.rows(), count);
     values
 }
@@ -74,7 +72,8 @@ fn parts_of_any_size_are_as_the_whole() {
 
 #[test]
 fn the_folder_holds_no_other_tables() {
-    let mut names: Vec<String> = folder().read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<String> =
+        folder().read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.retain(|name| name.ends_with(".lance") && name != "deleted.lance");
     names.sort();
     assert_eq!(names, TABLES.iter().map(|name| format!("{name}.lance")).collect::<Vec<_>>());
@@ -97,7 +96,9 @@ fn rows_that_are_not_there_and_deleted_ones_are_errors() {
 /// A clip of 4 rows, as training reads it.
 #[test]
 fn a_clip_reads_what_it_needs() {
-    for (name, column, most) in [("large_2_2", "jpeg", 4 * 500 + 100), ("large_2_1", "image", 4 * 300), ("narrow_2_0", "vec", 32)] {
+    for (name, column, most) in
+        [("large_2_2", "jpeg", 4 * 500 + 100), ("large_2_1", "image", 4 * 300), ("narrow_2_0", "vec", 32)]
+    {
         let memory = Memory::of(name);
         let table = Table::open_in(Box::new(memory.clone())).unwrap();
         let (column, mut cursor) = (table.column(column).unwrap(), Cursor::default());
