@@ -1,7 +1,7 @@
 """Writes the tables of this folder: python make.py (pylance 14.0.2, pyarrow, numpy). README.md describes them.
 
 Values are formulas of the row, which crates/swm-lance/tests/golden/values.rs has too."""
-import os, shutil
+import json, os, shutil, struct, zlib
 import lance, numpy as np, pyarrow as pa
 HERE = os.path.dirname(os.path.abspath(__file__))
 def h(row, salt):
@@ -30,7 +30,7 @@ COLUMNS = {
  "runs_bool": (pa.bool_(), lambda r: r % 100 == 99),
  "null_i32": (pa.int32(), lambda r: None if small(r, 16, 5) else h(r, 17) % 1000), "null_f64": (pa.float64(), lambda r: None if small(r, 18, 3) else h(r, 19) / 7.0),
  "null_bool": (pa.bool_(), lambda r: None if small(r, 20, 4) else h(r, 21) % 2 == 1), "null_text": (pa.string(), lambda r: None if small(r, 22, 3) else text(r, 23, 2)),
- "no_i32": (pa.int32(), lambda r: None), "no_text": (pa.string(), lambda r: None), "rare_f32": (pa.float32(), lambda r: None if r == 127 else f(h(r, 24))),
+ "no_i32": (pa.int32(), lambda r: None), "no_text": (pa.string(), lambda r: None), "rare_f32": (pa.float32(), lambda r: None if r == 117 else f(h(r, 24))),
  "vec": (fsl(pa.float32(), 2), lambda r: [f(h(r * 2 + i, 25)) for i in range(2)]), "vec_f64": (fsl(pa.float64(), 3), lambda r: [h(r * 3 + i, 26) / 7.0 for i in range(3)]),
  "one": (fsl(pa.float32(), 1), lambda r: [f(h(r, 27))]), "bits": (fsl(pa.bool_(), 8), lambda r: [h(r * 8 + i, 28) % 2 == 1 for i in range(8)]),
  "vec_same": (fsl(pa.float32(), 4), lambda r: [1.0, 2.0, 3.0, 4.0]), "vec_few": (fsl(pa.int32(), 3), lambda r: [h(r * 3 + i, 29) % 3 for i in range(3)]),
@@ -86,18 +86,38 @@ def finish(path, expected, rows):
     for extra in ("_transactions", "_indices"): shutil.rmtree(f"{path}/{extra}", ignore_errors=True)
     found = lance.dataset(path).to_table(); assert found.num_rows == rows and (expected is None or found.equals(expected.cast(found.schema))), path
     print(path.split("/")[-1], rows, sum(os.path.getsize(os.path.join(d, x)) for d, _, xs in os.walk(path) for x in xs))
+def png(row):
+    """An image of 8 x 9 pixels, whose red is the row."""
+    raw = b"".join(b"\0" + bytes(v for x in range(9) for v in (row, x, y)) for y in range(8))
+    chunk = lambda kind, body: struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 9, 8, 8, 2, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
+def recorded():
+    """Episodes of 3 and 2 rows as the reference and as this package write them: with an index, images, a record of what Lance cannot express."""
+    rows = range(5); index = {"episode_idx": pa.array([4, 4, 4, 7, 7], pa.int32()), "step_idx": pa.array([0, 1, 2, 0, 1], pa.int32())}
+    vec = lambda item, width, value: pa.array([[value(r * width + i) for i in range(width)] for r in rows], fsl(item, width))
+    columns = {**index, "pixels": pa.array([png(r) for r in rows], pa.binary()), "action": pa.array([[r / 2, None if r == 1 else -r] if r != 4 else None for r in rows], fsl(pa.float32(), 2)),
+        "a_b": vec(pa.uint8(), 1, lambda at: at % 2), "matrix": vec(pa.float64(), 6, lambda at: at / 4), "words": pa.array([json.dumps([f"w{r}", "x"]) for r in rows]), "task": pa.array([f"task {int(r > 2)}" for r in rows]), "count": vec(pa.int64(), 1, lambda at: 10**12 + at)}
+    fields = [("pixels", "u8", [8, 9, 3], "step"), ("action", "f32", [2], "step"), ("a.b", "bool", [], "step"), ("matrix", "f64", [2, 3], "step"), ("words", "str", [2], "step"), ("task", "str", [], "episode"), ("count", "i64", [], "step")]
+    record = {"version": 1, "frames_per_second": 25.0, "runs": [], "columns": [dict(zip(("name", "dtype", "shape", "kind"), field)) for field in fields]}
+    for name in ("plain", "recorded"):
+        path = f"{HERE}/{name}.lance"; shutil.rmtree(path, ignore_errors=True); d = lance.write_dataset(pa.table(columns), path, data_storage_version="2.1")
+        if name == "recorded": d.update_metadata({"swm": json.dumps(record)})
+        finish(path, None, 5)
+    path = f"{HERE}/plain_episodes.lance"; shutil.rmtree(path, ignore_errors=True)
+    lance.write_dataset(pa.table({"episode_idx": pa.array([7, 4], pa.int32()), "seed": pa.array([70, 40], pa.int64()), "scene": ["seven", None], "goal": pa.array([[7.0, 7.5], [4.0, 4.5]], pa.list_(pa.float32())), "mixed": pa.array([[1.0], []], pa.list_(pa.float32()))}), path); finish(path, None, 2)
 BORDERS = ["few", "step", "episode", "count", "narrow_u16", "narrow_u8", "same_i32", "runs", "runs_bool", "bool", "null_i32", "rare_f32", "text_few", "vec_few"]
 PAGES = ["i32", "vec", "text", "bytes", "bool", "null_i32", "list", "list_text", "jpeg", "vec_null", "text_few", "same_i32", "no_i32", "zip_list", "pair"]
 if __name__ == "__main__":
     EVERY = {**COLUMNS, **MORE, **LARGE, **LISTS}
     for v in ALL:
         s = v.replace(".", "_")
-        write(f"narrow_{s}", COLUMNS, [150], v)
+        write(f"narrow_{s}", COLUMNS, [122], v)
         write(f"borders_{s}", {n: COLUMNS[n] for n in BORDERS}, [150, 20] if v == "2.0" else [1060, 40], v)
         write(f"lists_{s}", {**MORE, **LISTS}, [30], v)
         write(f"large_{s}", LARGE, [8], v)
         if v != "2.0": write(f"packed_{s}", PACKED, [200], v)
         write_pages(f"pages_{s}", {n: EVERY[n] for n in PAGES}, 19, v)
+    recorded()
     # Columns in several files, one gone, one renamed; and rows that are deleted, which the reader refuses.
     path = f"{HERE}/altered.lance"; write("altered", {n: COLUMNS[n] for n in ["i32", "few", "step"]}, [30, 10], "2.1"); d = lance.dataset(path)
     d.add_columns({"twice": "few * 2"}); d.drop_columns(["step"]); d.alter_columns({"path": "i32", "name": "renamed"}); finish(path, None, 40)
