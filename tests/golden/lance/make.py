@@ -30,7 +30,7 @@ COLUMNS = {
  "runs_bool": (pa.bool_(), lambda r: r % 100 == 99),
  "null_i32": (pa.int32(), lambda r: None if small(r, 16, 5) else h(r, 17) % 1000), "null_f64": (pa.float64(), lambda r: None if small(r, 18, 3) else h(r, 19) / 7.0),
  "null_bool": (pa.bool_(), lambda r: None if small(r, 20, 4) else h(r, 21) % 2 == 1), "null_text": (pa.string(), lambda r: None if small(r, 22, 3) else text(r, 23, 2)),
- "no_i32": (pa.int32(), lambda r: None), "no_text": (pa.string(), lambda r: None), "rare_f32": (pa.float32(), lambda r: None if r == 117 else f(h(r, 24))),
+ "no_i32": (pa.int32(), lambda r: None), "no_text": (pa.string(), lambda r: None), "rare_f32": (pa.float32(), lambda r: None if r == 77 else f(h(r, 24))),
  "vec": (fsl(pa.float32(), 2), lambda r: [f(h(r * 2 + i, 25)) for i in range(2)]), "vec_f64": (fsl(pa.float64(), 3), lambda r: [h(r * 3 + i, 26) / 7.0 for i in range(3)]),
  "one": (fsl(pa.float32(), 1), lambda r: [f(h(r, 27))]), "bits": (fsl(pa.bool_(), 8), lambda r: [h(r * 8 + i, 28) % 2 == 1 for i in range(8)]),
  "vec_same": (fsl(pa.float32(), 4), lambda r: [1.0, 2.0, 3.0, 4.0]), "vec_few": (fsl(pa.int32(), 3), lambda r: [h(r * 3 + i, 29) % 3 for i in range(3)]),
@@ -111,11 +111,11 @@ if __name__ == "__main__":
     EVERY = {**COLUMNS, **MORE, **LARGE, **LISTS}
     for v in ALL:
         s = v.replace(".", "_")
-        write(f"narrow_{s}", COLUMNS, [122], v)
+        write(f"narrow_{s}", COLUMNS, [96], v)
         write(f"borders_{s}", {n: COLUMNS[n] for n in BORDERS}, [150, 20] if v == "2.0" else [1060, 40], v)
         write(f"lists_{s}", {**MORE, **LISTS}, [30], v)
         write(f"large_{s}", LARGE, [8], v)
-        if v != "2.0": write(f"packed_{s}", PACKED, [200], v)
+        if v != "2.0": write(f"packed_{s}", PACKED, [150], v)
         write_pages(f"pages_{s}", {n: EVERY[n] for n in PAGES}, 19, v)
     recorded()
     # Columns in several files, one gone, one renamed; and rows that are deleted, which the reader refuses.

@@ -102,7 +102,7 @@ pub(crate) fn row(column: &str, r: u64) -> Row {
         "null_bool" => optional(small(r, 20, 4), || flag(h(r, 21) % 2 == 1)),
         "null_text" => optional(small(r, 22, 3), || text(r, 23, 2)),
         "no_i32" | "no_text" => None,
-        "rare_f32" => optional(r == 117, || f32_of(h(r, 24))),
+        "rare_f32" => optional(r == 77, || f32_of(h(r, 24))),
         "vec" => list(2, |at| f32_of(h(r * 2 + at, 25))),
         "vec_f64" => list(3, |at| f64_of(h(r * 3 + at, 26))),
         "one" => one(f32_of(h(r, 27))),
