@@ -392,7 +392,7 @@ fn from_zipped(
         valid.push(definition == 0);
         values.extend_from_slice(&row[word..]);
     }
-    out.push(&zipped.values.values(&values, count)?, 0..count, Some(&valid))
+    out.push(&zipped.values.values(&values, count, out.item_size())?, 0..count, Some(&valid))
 }
 
 /// Where the rows of a page of values with their own sizes begin; the last one is the end.
@@ -582,7 +582,7 @@ fn leveled_zipped(file: &dyn Bytes, page: &Page, zipped: &Zipped) -> Result<Leve
     let count = walk.items.count();
     let block = match (zipped.size, walk.items) {
         (Some(_), items) => Block::of(zipped.values.own_sizes(items)?),
-        (None, Items::Variable { bytes, .. }) => zipped.values.values(&bytes, count)?,
+        (None, Items::Variable { bytes, .. }) => zipped.values.values(&bytes, count, 0)?,
         (None, Items::Fixed { .. }) => return Err(damaged("its values are no lists")),
     };
     Ok(Leveled { block, repetition, definition })

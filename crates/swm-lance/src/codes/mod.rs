@@ -90,10 +90,7 @@ impl Code {
                 }
             }
             3 => Ok(Self::Constant(parts[1].map(<[u8]>::to_vec))),
-            4 => match *child(3)? {
-                Self::Flat(bits) => Ok(Self::OutOfLine { size: word(numbers[1])?, bits }),
-                other => Err(unsupported(format!("the encoding {} of packed integers", other.name()))),
-            },
+            4 => Ok(Self::OutOfLine { size: word(numbers[1])?, bits: packed_bits(part(3)?)? }),
             5 => {
                 plain(2)?;
                 Ok(Self::Inline(word(numbers[1])?))
@@ -238,7 +235,7 @@ impl Code {
             Self::Inline(size) => Ok(Block::fixed(*size, bits::inline(*size, bytes, count)?)),
             Self::Runs { values, lengths } => rle::decode(values, lengths, rle::split(bytes)?, count),
             Self::General(scheme, values) => values.block(&scheme.decode(bytes)?, count),
-            Self::Fixed { .. } => self.values(bytes, count),
+            Self::Fixed { .. } => self.values(bytes, count, 0),
             _ => self.refused("a block"),
         }
     }
@@ -252,6 +249,8 @@ impl Code {
             code = items;
         }
         match code {
+            // All items are missing, and have no bytes.
+            Self::Constant(None) => Ok(size),
             Self::Flat(bits) => {
                 let of_items = bits.checked_mul(width).ok_or_else(|| damaged("values are too large"))?;
                 Ok(size + of_items.div_ceil(8))
@@ -260,8 +259,8 @@ impl Code {
         }
     }
 
-    /// Single values of one size, end to end.
-    pub(crate) fn values(&self, bytes: &[u8], count: usize) -> Result<Block> {
+    /// Single values of one size, end to end; their items have `item` bytes if all are missing.
+    pub(crate) fn values(&self, bytes: &[u8], count: usize, item: usize) -> Result<Block> {
         let size = self.value_size()?;
         if count.checked_mul(size).is_none_or(|all| all > bytes.len()) {
             return Err(damaged(format!("{} bytes do not hold {count} values of {size} bytes", bytes.len())));
@@ -273,7 +272,11 @@ impl Code {
             layers.push((*here, width, has_marks.then(Vec::new)));
             code = items;
         }
-        let Self::Flat(bits) = code else { return code.refused("single values") };
+        let bits = match code {
+            Self::Flat(bits) => *bits,
+            Self::Constant(None) if item > 0 => 0,
+            other => return other.refused("single values"),
+        };
         let mut items = Vec::new();
         for mut value in bytes.chunks_exact(size.max(1)).take(count) {
             for (_, width, valid) in &mut layers {
@@ -284,11 +287,16 @@ impl Code {
                 }
             }
             match bits {
+                0 => items.resize(items.len() + width * item, 0),
                 1 => items.extend(unpack_bits(value, 0, width)),
                 _ => items.extend_from_slice(value),
             }
         }
-        let mut block = Block::fixed(if *bits == 1 { 1 } else { bits / 8 }, items);
+        let size = match bits {
+            0 => item,
+            bits => bits.div_ceil(8),
+        };
+        let mut block = Block::fixed(size, items);
         for (width, _, valid) in layers.into_iter().rev() {
             block = block.widened(width, valid)?;
         }
@@ -340,6 +348,24 @@ fn check(count: usize) -> Result<()> {
         true => Ok(()),
         false => Err(damaged(format!("{count} values in one part of a page"))),
     }
+}
+
+/// The bits of packed integers, which are flat values of any number of bits.
+fn packed_bits(message: &[u8]) -> Result<usize> {
+    let Some((1, flat)) = choice(message)? else {
+        return Err(unsupported("another encoding than Flat of packed integers"));
+    };
+    for field in fields(flat) {
+        match field? {
+            (1, bits) => {
+                let bits = usize::try_from(bits.number()?).ok().filter(|bits| (1..=64).contains(bits));
+                return bits.ok_or_else(|| damaged("packed integers have no number of bits"));
+            }
+            (2, _) => break,
+            _ => {}
+        }
+    }
+    Err(unsupported("buffers inside of an encoding are compressed"))
 }
 
 /// Bytes of a word with so many bits.
