@@ -2,7 +2,10 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, damaged};
+use crate::error::{Result, damaged, unsupported};
+
+/// Bytes of values in memory at once.
+pub(crate) const MAX_BYTES: usize = 1 << 30;
 
 /// The bytes of items.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,6 +58,7 @@ impl Items {
                 if size == other_size =>
             {
                 let more = more.get(range.start * *size..range.end * *size).ok_or_else(missing)?;
+                check(bytes.len() + more.len())?;
                 bytes.extend_from_slice(more);
                 Ok(())
             }
@@ -62,6 +66,7 @@ impl Items {
                 let ends = more_offsets.get(range.start..=range.end).ok_or_else(missing)?;
                 let (first, last) = (ends[0], ends[ends.len() - 1]);
                 let base = bytes.len();
+                check(base + last.saturating_sub(first))?;
                 bytes.extend_from_slice(more.get(first..last).ok_or_else(missing)?);
                 offsets.extend(ends[1..].iter().map(|end| end - first + base));
                 Ok(())
@@ -91,6 +96,13 @@ impl Items {
             Self::Fixed { size, bytes } => bytes.resize(bytes.len() + count * *size, 0),
             Self::Variable { offsets, bytes } => offsets.resize(offsets.len() + count, bytes.len()),
         }
+    }
+}
+
+fn check(size: usize) -> Result<()> {
+    match size <= MAX_BYTES {
+        true => Ok(()),
+        false => Err(unsupported(format!("{size} bytes of values in one read"))),
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::array::Part;
+use crate::block::MAX_BYTES;
 use crate::cursor::Cursor;
 use crate::error::{At as _, Result, damaged, unsupported};
 use crate::file::{DataFile, Encoding, Page};
@@ -16,8 +17,6 @@ use crate::values::Values;
 
 /// Files that stay open.
 const MAX_OPEN: usize = 64;
-/// Bytes of rows that are read at once.
-const MAX_READ: u64 = 1 << 31;
 
 /// A table, as it was when it was opened. Readers of several threads share it.
 #[derive(Debug)]
@@ -95,7 +94,7 @@ impl Table {
         let end =
             end.ok_or_else(|| damaged(format!("it has {} rows, not {count} from {first} on", self.rows())))?;
         let row_bytes = column.kind.shape().map_or(1, |(size, width)| size.max(1) * width) as u64;
-        if (count as u64).saturating_mul(row_bytes) > MAX_READ {
+        if (count as u64).saturating_mul(row_bytes) > MAX_BYTES as u64 {
             return Err(unsupported(format!("{count} rows of {row_bytes} bytes in one read")));
         }
         let mut fragment = self.starts.partition_point(|&start| start <= first).saturating_sub(1);

@@ -11,9 +11,10 @@ use crate::error::{At as _, FormatError, Result, invalid, missing, unsupported, 
 use crate::foreign::array::{Array, Scratch, new_key};
 use crate::formats::element::{Element, from_bytes};
 
-/// Bytes of values that are read at once, and rows of images.
+/// Bytes of numbers that are read at once, rows of images, and of texts.
 const PIECE_BYTES: usize = 4 << 20;
 const PIECE_IMAGES: usize = 32;
+const PIECE_TEXTS: usize = 1 << 12;
 /// Rows in which the first image is looked for.
 const LOOKED_AT: u64 = 16;
 /// The most values of a row.
@@ -255,6 +256,7 @@ impl Array for TableColumn {
         let most = match (self.what, rows.stride) {
             (_, 2..) => 1,
             (What::Images, _) => PIECE_IMAGES,
+            (What::Text | What::Texts, _) => PIECE_TEXTS,
             _ => (PIECE_BYTES / (dim * 8).max(1)).max(1),
         };
         let cursor: &mut Cursor = scratch.part((self.key, 0), |_| Ok((Cursor::default(), 0)))?;

@@ -5,6 +5,7 @@
 
 mod column;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -188,18 +189,20 @@ fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
 /// Adds the columns of the table of episodes.
 fn of_episodes(path: &Path, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
     let table = Arc::new(Table::open(path)?);
-    let mut theirs = Vec::new();
+    let mut theirs = BTreeMap::new();
     if let Some(column) = table.column(name) {
         each_block(&table, column, |block| {
-            theirs.extend_from_slice(block);
+            for &number in block {
+                theirs.entry(number).or_insert(theirs.len());
+            }
             Ok(())
         })?;
     }
     // An episode without a row there has nothing known of it.
     let spans: Vec<Span> = numbers
         .iter()
-        .map(|number| match theirs.iter().position(|other| other == number) {
-            Some(first) => Span { array: 0, first, count: 1, tail: None },
+        .map(|number| match theirs.get(number) {
+            Some(&first) => Span { array: 0, first, count: 1, tail: None },
             None => Span { array: 0, first: 0, count: 0, tail: None },
         })
         .collect();
