@@ -4,9 +4,10 @@
 //! Source of the layout: stable-worldmodel addbab4, `data/formats/lance.py`.
 
 mod column;
+mod place;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::Deserialize;
@@ -14,11 +15,12 @@ use swm_core::{Column as Values, Field, FieldKind};
 use swm_lance::{Column, Cursor, Kind, LanceError, Table};
 
 use self::column::TableColumn;
+use self::place::Place;
 use super::array::{Memory, Scratch, Shared, values};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use crate::dataset::{Dataset, Steps};
-use crate::error::{At as _, DataError, FormatError, Result, invalid, unsupported};
+use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported};
 use crate::open_options::OpenOptions;
 
 const NAME: &str = "lance";
@@ -33,22 +35,22 @@ const VIDEOS: &str = "_videos.lance";
 const RECORD: &str = "swm";
 
 pub(super) fn detect(path: &Path) -> bool {
-    let names = path.join("_versions").read_dir().into_iter().flatten().flatten();
-    names.map(|entry| entry.path()).any(|path| path.extension().is_some_and(|kind| kind == "manifest"))
+    Place::of(path).is_some()
 }
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
     let damaged = |error: FormatError| DataError::damaged(path, error);
-    let table = Arc::new(Table::open(path).map_err(FormatError::from).map_err(damaged)?);
+    let place = Place::of(path).ok_or_else(|| damaged(missing("it has no manifest")))?;
+    let table = Arc::new(place.table().map_err(damaged)?);
     let Some(indices) = INDICES.iter().find(|[episode, _]| table.column(episode).is_some()) else {
         let reason = "it is a Lance table without `episode_idx`, which has the episode of each row in the tables of stable-worldmodel";
         return Err(DataError::not_a_dataset(path, reason));
     };
-    let found = find(path, &table, indices).map_err(damaged)?;
+    let found = find(&place, &table, indices).map_err(damaged)?;
     found.open(path, NAME, options, &[])
 }
 
-fn find(path: &Path, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
+fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
     let mut found = Found::default();
     let numbers = episodes(table, episode, &mut found.lengths).at(format_args!("column `{episode}`"))?;
     let has_own_steps = is_counted(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
@@ -56,7 +58,7 @@ fn find(path: &Path, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<
     let mut known = vec![*episode];
     known.extend(has_own_steps.then_some(*step));
     match &record {
-        Some(record) => found.recorded(path, table, record)?,
+        Some(record) => found.recorded(place, table, record)?,
         None => {
             let spans = found.end_to_end();
             for column in table.columns().iter().filter(|column| !known.contains(&column.name.as_str())) {
@@ -65,17 +67,11 @@ fn find(path: &Path, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<
             }
         }
     }
-    if let Some(beside) = beside(path, EPISODES) {
+    if let Some(beside) = place.beside(EPISODES)? {
         let rows = of_episodes(&beside, episode, &numbers, &mut found);
-        rows.at(format_args!("the table of episodes, {}", beside.display()))?;
+        rows.at(format_args!("the table of episodes, {beside}"))?;
     }
     Ok(found)
-}
-
-/// A table whose name begins with that of another one.
-fn beside(path: &Path, ending: &str) -> Option<PathBuf> {
-    let stem = path.file_stem()?.to_str()?;
-    Some(path.with_file_name(format!("{stem}{ending}"))).filter(|path| detect(path))
 }
 
 impl Found {
@@ -96,7 +92,7 @@ impl Found {
     }
 
     /// The columns as this package recorded them.
-    fn recorded(&mut self, path: &Path, table: &Arc<Table>, record: &Record) -> Result<()> {
+    fn recorded(&mut self, place: &Place, table: &Arc<Table>, record: &Record) -> Result<()> {
         let spans = self.end_to_end();
         for (field, name) in record.columns.iter().zip(record.names()) {
             match table.column(&name) {
@@ -104,7 +100,7 @@ impl Found {
                     let array = TableColumn::recorded(table, column, field).and_then(readable);
                     self.add(&field.name, field.kind, array, &spans)?;
                 }
-                None if beside(path, VIDEOS).is_some() => {
+                None if place.beside(VIDEOS)?.is_some() => {
                     let reason = "its images are videos of the table `_videos` beside it, which builds with the feature `lance` read";
                     self.skipped.push((field.name.clone(), reason.to_owned()));
                 }
@@ -187,8 +183,8 @@ fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
 }
 
 /// Adds the columns of the table of episodes.
-fn of_episodes(path: &Path, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
-    let table = Arc::new(Table::open(path)?);
+fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
+    let table = Arc::new(place.table()?);
     let mut theirs = BTreeMap::new();
     if let Some(column) = table.column(name) {
         each_block(&table, column, |block| {
