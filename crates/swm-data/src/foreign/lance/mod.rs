@@ -266,9 +266,12 @@ impl Record {
 
 impl From<LanceError> for FormatError {
     fn from(error: LanceError) -> Self {
-        match error.is_unsupported() {
-            true => unsupported(error.to_string()),
-            false => Self::other(error),
+        match error {
+            // The network may be what failed.
+            LanceError::Io(error) => Self::Io(error),
+            LanceError::At { place, source } => Self::from(*source).at(place),
+            LanceError::Unsupported(reason) => unsupported(reason),
+            error => Self::other(error),
         }
     }
 }
