@@ -1,6 +1,8 @@
 //! Damaged tables: an error or values, without a panic or a hang, and with memory in proportion to the files. A binary of its own, for it
 //! counts what is allocated.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
 #[path = "it/memory.rs"]
 mod memory;
 
