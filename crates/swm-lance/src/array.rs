@@ -302,7 +302,7 @@ impl Array {
     }
 }
 
-/// Ends of values from which those that are missing are told by an addition.
+/// Ends of values; an addition marks those of missing values.
 fn adjusted(ends: &[u64], adjustment: u64) -> Result<Vec<(u64, bool)>> {
     let mut last = 0;
     let split = |&end: &u64| match end >= adjustment {
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_are_told_apart() {
+    fn missing_values_have_marked_ends() {
         assert_eq!(adjusted(&[2, 9, 2, 5], 7).unwrap(), [(2, true), (2, false), (2, true), (5, true)]);
         assert!(adjusted(&[2, 1], 7).is_err());
     }

@@ -15,7 +15,7 @@ pub enum LanceError {
     /// A length, position or value contradicts another part of the table.
     #[error("{0}")]
     Damaged(Cow<'static, str>),
-    /// The table may be valid, but this reader does not know this part of the format.
+    /// The table may be valid, but this reader does not support this part of the format.
     #[error("{0}")]
     Unsupported(Cow<'static, str>),
     /// One of the above, in one part of the table.

@@ -201,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn types_are_told_by_their_names() {
+    fn types_are_parsed_from_their_names() {
         let kind = |name| Kind::parse(name, MAX_DEPTH);
         assert_eq!(kind("uint16"), Kind::Int { bits: 16, signed: false });
         let nested = kind("fixed_size_list:fixed_size_list:double:3:2");

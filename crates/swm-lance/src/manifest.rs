@@ -14,7 +14,7 @@ const FOOTER: usize = 16;
 /// Digits of a name that counts down.
 const DIGITS: usize = 20;
 
-/// Features of a table that a reader has to know; of these, the ones below change nothing for this one, or are found in the fragments.
+/// Features that a reader has to support. These change nothing for this one, or are checked in the fragments.
 const KNOWN_FEATURES: u64 =
     DELETIONS | STABLE_ROW_IDS | V2 | CONFIG | BASE_PATHS | NO_TRANSACTIONS | MIXED_VERSIONS;
 const DELETIONS: u64 = 1;

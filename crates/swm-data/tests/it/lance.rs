@@ -74,7 +74,7 @@ fn a_table_and_a_file_of_the_reference_are_equal() {
 }
 
 #[test]
-fn episodes_are_told_by_their_numbers_and_images_by_their_bytes() {
+fn episodes_follow_their_numbers_and_images_are_decoded() {
     let mut dataset = opened(&table("plain"), &OpenOptions::default()).unwrap();
     assert_eq!(lengths(dataset.as_ref()), [3, 2]);
     assert_eq!(

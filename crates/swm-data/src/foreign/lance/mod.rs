@@ -164,7 +164,7 @@ fn episodes(table: &Table, name: &str, lengths: &mut Vec<usize>) -> Result<Vec<i
     Ok(numbers)
 }
 
-/// Whether a column counts the rows of each episode, and so says nothing else. Without it, too.
+/// Whether a column only counts the rows of each episode; true without the column.
 fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
     let Some(column) = table.column(name) else { return Ok(true) };
     if !matches!(column.kind, Kind::Int { .. }) {
@@ -233,7 +233,7 @@ fn lists(table: &Arc<Table>, column: &Column) -> Result<Shared> {
 /// Rows of a table of episodes, at most, whose lists are kept.
 const MAX_EPISODES: usize = 1 << 22;
 
-/// What tables of this package say of their columns.
+/// The record in tables of this package: their columns.
 #[derive(Deserialize)]
 struct Record {
     version: u32,
