@@ -9,6 +9,7 @@ pub mod results;
 #[cfg(feature = "baselines")]
 pub mod runs;
 pub mod sample;
+pub mod tables;
 #[cfg(feature = "baselines")]
 pub mod weights;
 

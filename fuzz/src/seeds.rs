@@ -8,6 +8,7 @@ fn main() -> std::io::Result<()> {
         write(format, swm_fuzz::Seed::new(format).inputs())?;
     }
     write("foreign", swm_fuzz::foreign::samples().inputs())?;
+    write("tables", swm_fuzz::tables::samples().inputs())?;
     write("results", swm_fuzz::results::samples().inputs())?;
     #[cfg(feature = "cli")]
     write("jobs", swm_fuzz::jobs::samples().inputs())?;

@@ -121,9 +121,6 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             check_rows(dataset.as_ref())?;
             Ok(dataset)
         }
-        None if path.join("_versions").is_dir() => {
-            Err(unread(registry, path, "lance", "it is a Lance table"))
-        }
         None if path.join("meta/info.json").is_file() => {
             Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
         }

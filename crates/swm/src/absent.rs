@@ -73,7 +73,7 @@ macro_rules! feature {
 #[cfg(feature = "cli")]
 pub(crate) const FEATURES: &[Feature] = &[
     feature!("baselines", "`swm train`, and policies and models that it trained"),
-    feature!("lance", "datasets on Lance tables"),
+    feature!("lance", "writing Lance tables, and reading their videos and checksums"),
     feature!("lerobot", "LeRobot datasets"),
     feature!("mp4", "videos in MP4; needs a C++ compiler"),
     feature!("mujoco", "environments on MuJoCo"),

@@ -29,6 +29,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-fov", &[], &["swm-render", "png"]),
     ("swm-render", &[], &["swm-core", "png"]),
     ("swm-media", &[VIDEOS], &["swm-core"]),
+    ("swm-lance", &[], &["swm-core", "png"]),
     ("swm-envs-2d", &[PHYSICS_2D], &["swm-data", "swm-solvers"]),
     ("swm-envs-3d", &[PHYSICS_3D], &["swm-data", "swm-solvers"]),
     ("swm-envs-mujoco", &[MUJOCO], &["swm-data", "swm-solvers"]),

@@ -10,10 +10,11 @@ const ARROWS: &[(&str, &[&str])] = &[
     // For its errors, with a feature of its own.
     ("swm-render", &["swm-core"]),
     ("swm-media", &[]),
+    ("swm-lance", &[]),
     ("swm-fov", &["swm-core"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
-    ("swm-data", &["swm-core", "swm-media", "swm-render"]),
+    ("swm-data", &["swm-core", "swm-lance", "swm-media", "swm-render"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-baselines", &["swm-core", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
@@ -140,7 +141,7 @@ mod tests {
         assert_eq!(
             found,
             [
-                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-media, swm-render",
+                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-lance, swm-media, swm-render",
                 "swm-envs-2d: depends on swm-data; it may depend on: swm-core, swm-fov, swm-render",
                 "swm-solvers: depends on swm-envs-2d; it may depend on: swm-core",
                 "swm: depends on swm-tests; it may depend on: swm-*",

@@ -13,6 +13,7 @@ mod grouped;
 mod hdf5;
 mod images;
 mod known;
+mod lance;
 mod libero;
 #[cfg(feature = "lerobot")]
 mod minari;
@@ -49,6 +50,7 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { detect: dinowm::detect, open: dinowm::open },
     Reader { detect: npz::detect, open: npz::open },
     Reader { detect: zarr::detect, open: zarr::open },
+    Reader { detect: lance::detect, open: lance::open },
     #[cfg(feature = "lerobot")]
     Reader { detect: minari::detect, open: minari::open },
     Reader { detect: rlds::detect, open: rlds::open },

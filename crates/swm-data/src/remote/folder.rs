@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::io;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde_json::Value as Json;
@@ -11,7 +12,7 @@ use sha2::{Digest as _, Sha256};
 use super::address::Address;
 use super::client::Version;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
-use super::found::Remote;
+use super::found::{Found, Remote};
 use super::list::{Entry, Files};
 use super::object::{Object, key};
 use super::sign::hex;
@@ -77,6 +78,21 @@ impl Folder {
         match &self.contents {
             Contents::Listed(files) => Box::new(files.keys().map(String::as_str)),
             Contents::Known(names) => Box::new(names.iter().map(String::as_str)),
+        }
+    }
+
+    /// Its address.
+    pub(crate) fn name(&self) -> String {
+        self.address.name()
+    }
+
+    /// Another folder of the same server; `None` if nothing is there.
+    pub(crate) fn beside(&self, path: &Path) -> io::Result<Option<Arc<Self>>> {
+        match Address::of(path).and_then(|address| self.remote.find(&address)) {
+            Ok(Found::Folder(folder)) => Ok(Some(folder)),
+            Ok(Found::Object(_)) => Ok(None),
+            Err(error) if error.kind == Kind::Missing || error.kind == Kind::Denied => Ok(None),
+            Err(error) => Err(error.into()),
         }
     }
 

@@ -146,6 +146,7 @@ const SAMPLES: &[&str] = &[
     "halfcheetah-medium-v2.hdf5",
     "antmaze-large-play-v2.hdf5",
     "rlds_toy",
+    "upstream_head.lance",
     #[cfg(feature = "lerobot")]
     "minari_parquet",
 ];

@@ -21,6 +21,8 @@ mod hostile_places;
 #[cfg(unix)]
 mod hostile_writes;
 mod index;
+#[cfg(feature = "video")]
+mod lance;
 mod layouts;
 #[cfg(feature = "lerobot")]
 mod lerobot;

@@ -18,12 +18,13 @@ const FILES: [(&str, &str); 5] = [
     ("tests/conformance.rs", include_str!("../../templates/environment/tests/conformance.rs")),
 ];
 /// The crates of this workspace that the template builds: a line in its manifest is enough to use one.
-const CRATES: [&str; 9] = [
+const CRATES: [&str; 10] = [
     "swm",
     "swm-core",
     "swm-data",
     "swm-envs-2d",
     "swm-fov",
+    "swm-lance",
     "swm-media",
     "swm-render",
     "swm-solvers",

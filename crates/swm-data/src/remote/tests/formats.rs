@@ -96,6 +96,18 @@ fn our_formats_are_read_from_a_store() {
 }
 
 #[test]
+fn tables_of_lance_are_read_by_position_with_those_beside_them() {
+    let test = Test::new(&[], |settings, url| settings.s3.endpoint = Some(url.to_owned()));
+    for name in ["upstream_head.lance", "upstream_head_episodes.lance"] {
+        put_all(&test.server, name, &format!("/bucket/{name}"));
+    }
+    let mut dataset = test.open(Path::new("s3://bucket/upstream_head.lance")).unwrap();
+    assert!(dataset.schema().index("seed").is_some(), "{:?}", dataset.schema());
+    assert!(same(&rows(dataset.as_mut()).unwrap(), &local("upstream_head.lance")));
+    assert!(!test.cache.path().join("copies").exists(), "no copy is made");
+}
+
+#[test]
 fn an_archive_of_zarr_is_read_by_position() {
     let name = "umi_like.zarr.zip";
     let test = Test::http(&[("/umi_like.zarr.zip", std::fs::read(golden(name)).unwrap())]);

@@ -35,7 +35,7 @@ EPISODE_DATA_KEY = "_episode_data"
 """In the dict of an episode, ``{name: value}`` of what the episode has once, beside its columns."""
 
 _MISSING = {
-    "lance": "convert the dataset with the reference's `swm convert` to HDF5, or build the wheel with Lance: `cargo xtask wheel --lance`",
+    "lance": "`load_dataset` without a format reads Lance tables, and `swm convert` makes HDF5 of them; to write some, build the wheel with Lance: `cargo xtask wheel --lance`",
     "lance_video": "convert the dataset with the reference's `swm convert` to HDF5",
 }
 

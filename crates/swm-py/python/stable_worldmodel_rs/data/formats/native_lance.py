@@ -1,4 +1,4 @@
-"""Lance tables, in builds with the feature ``lance``. Elsewhere the classes exist and say what to do instead.
+"""Lance tables, in builds with the feature ``lance``. Elsewhere ``load_dataset`` reads them, and the classes say what to do instead.
 
 Where it is built, this module is :mod:`stable_worldmodel_rs.data.formats.lance`. Elsewhere there is no module of that name, so
 that :mod:`stable_worldmodel_rs.compat` finds the one of an installed reference, which works with our datasets.
@@ -29,8 +29,8 @@ IS_BUILT = any(name == "lance" for name, *_ in _swm.dataset_formats())
 def _require(what: str) -> None:
     if not IS_BUILT:
         raise _swm.DataError(
-            f"{what}: this build has no Lance tables; convert them with `swm convert` of the reference, use HDF5Dataset "
-            "and HDF5Writer, or build the wheel with Lance: `cargo xtask wheel --lance`"
+            f"{what}: this build does not write Lance tables. `load_dataset` reads them; use HDF5Dataset and HDF5Writer for new datasets, "
+            "or build the wheel with Lance: `cargo xtask wheel --lance`"
         )
 
 

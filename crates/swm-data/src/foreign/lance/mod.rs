@@ -1,0 +1,277 @@
+//! Lance tables, the default format of the reference: a row for each step, with the number of its episode; and beside them
+//! `NAME_episodes.lance`, with a row for each episode. The crate `swm_lance` reads the files.
+//!
+//! Source of the layout: stable-worldmodel addbab4, `data/formats/lance.py`.
+
+mod column;
+mod place;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::Deserialize;
+use swm_core::{Column as Values, Field, FieldKind};
+use swm_lance::{Column, Cursor, Kind, LanceError, Table};
+
+use self::column::TableColumn;
+use self::place::Place;
+use super::array::{Memory, Scratch, Shared, values};
+use super::dataset::Span;
+use super::found::{Found, Source};
+use crate::dataset::{Dataset, Steps};
+use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported};
+use crate::open_options::OpenOptions;
+
+const NAME: &str = "lance";
+/// The columns with the number of the episode and of the row in it: of the reference, and of LeRobot's frames.
+const INDICES: [[&str; 2]; 2] = [["episode_idx", "step_idx"], ["episode_index", "frame_index"]];
+/// Rows of these that are read at once.
+const BLOCK: usize = 1 << 16;
+/// What follows the name of a table in those beside it.
+const EPISODES: &str = "_episodes.lance";
+const VIDEOS: &str = "_videos.lance";
+/// The record in tables that this package wrote.
+const RECORD: &str = "swm";
+
+pub(super) fn detect(path: &Path) -> bool {
+    Place::of(path).is_some()
+}
+
+pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
+    let damaged = |error: FormatError| DataError::damaged(path, error);
+    let place = Place::of(path).ok_or_else(|| damaged(missing("it has no manifest")))?;
+    let table = Arc::new(place.table().map_err(damaged)?);
+    let Some(indices) = INDICES.iter().find(|[episode, _]| table.column(episode).is_some()) else {
+        let reason = "it is a Lance table without `episode_idx`, which has the episode of each row in the tables of stable-worldmodel";
+        return Err(DataError::not_a_dataset(path, reason));
+    };
+    let found = find(&place, &table, indices).map_err(damaged)?;
+    found.open(path, NAME, options, &[])
+}
+
+fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
+    let mut found = Found::default();
+    let numbers = episodes(table, episode, &mut found.lengths).at(format_args!("column `{episode}`"))?;
+    let has_own_steps = is_counted(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
+    let record = Record::of(table)?;
+    let mut known = vec![*episode];
+    known.extend(has_own_steps.then_some(*step));
+    match &record {
+        Some(record) => found.recorded(place, table, record)?,
+        None => {
+            let spans = found.end_to_end();
+            for column in table.columns().iter().filter(|column| !known.contains(&column.name.as_str())) {
+                let array = TableColumn::of(table, column).and_then(readable);
+                found.add(&column.name, FieldKind::Step, array, &spans)?;
+            }
+        }
+    }
+    if let Some(beside) = place.beside(EPISODES)? {
+        let rows = of_episodes(&beside, episode, &numbers, &mut found);
+        rows.at(format_args!("the table of episodes, {beside}"))?;
+    }
+    Ok(found)
+}
+
+impl Found {
+    /// Adds a column, or the reason why there is none.
+    fn add(&mut self, name: &str, kind: FieldKind, array: Result<Shared>, spans: &[Span]) -> Result<()> {
+        match array {
+            Ok(array) => {
+                let source = Source::step(name, name, vec![array], spans.to_vec());
+                self.sources.push(Source { kind, ..source });
+                Ok(())
+            }
+            Err(error) if error.is_unsupported() => {
+                self.skipped.push((name.to_owned(), error.to_string()));
+                Ok(())
+            }
+            Err(error) => Err(error.at(format_args!("column `{name}`"))),
+        }
+    }
+
+    /// The columns as this package recorded them.
+    fn recorded(&mut self, place: &Place, table: &Arc<Table>, record: &Record) -> Result<()> {
+        let spans = self.end_to_end();
+        for (field, name) in record.columns.iter().zip(record.names()) {
+            match table.column(&name) {
+                Some(column) => {
+                    let array = TableColumn::recorded(table, column, field).and_then(readable);
+                    self.add(&field.name, field.kind, array, &spans)?;
+                }
+                None if place.beside(VIDEOS)?.is_some() => {
+                    let reason = "its images are videos of the table `_videos` beside it, which builds with the feature `lance` read";
+                    self.skipped.push((field.name.clone(), reason.to_owned()));
+                }
+                None => return Err(invalid(format!("it has no column `{name}`"))),
+            }
+        }
+        self.notes.push(
+            "this package recorded the table; builds with the feature `lance` also read the settings of its runs, and its checksums"
+                .to_owned(),
+        );
+        Ok(())
+    }
+}
+
+/// A column whose first row can be read.
+fn readable(column: TableColumn) -> Result<Shared> {
+    let array: Shared = Arc::new(column);
+    if array.rows() > 0 {
+        values(array.as_ref(), Steps { first: 0, count: 1, stride: 1 }, &mut Scratch::default())?;
+    }
+    Ok(array)
+}
+
+/// The integers of a column, in blocks.
+fn each_block(table: &Table, column: &Column, mut take: impl FnMut(&[i64]) -> Result<()>) -> Result<()> {
+    let mut cursor = Cursor::default();
+    let mut first = 0;
+    while first < table.rows() {
+        let count = (table.rows() - first).min(BLOCK as u64);
+        let values = table.read(column, first, count as usize, &mut cursor)?;
+        if !values.is_complete() {
+            return Err(invalid("some of its numbers are missing"));
+        }
+        take(&column::integers(&column.kind, values.numbers())?)?;
+        first += count;
+    }
+    Ok(())
+}
+
+/// The lengths of the episodes, and their numbers in the table.
+fn episodes(table: &Table, name: &str, lengths: &mut Vec<usize>) -> Result<Vec<i64>> {
+    let mut numbers: Vec<i64> = Vec::new();
+    let Some(column) = table.column(name) else { return Ok(numbers) };
+    each_block(table, column, |block| {
+        for &number in block {
+            match (numbers.last(), lengths.last_mut()) {
+                (Some(&last), Some(length)) if last == number => *length += 1,
+                (Some(&last), _) if last > number => {
+                    return Err(invalid(format!(
+                        "episode {number} follows episode {last}, and should be before it"
+                    )));
+                }
+                _ => {
+                    numbers.push(number);
+                    lengths.push(1);
+                }
+            }
+        }
+        Ok(())
+    })?;
+    Ok(numbers)
+}
+
+/// Whether a column only counts the rows of each episode; true without the column.
+fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
+    let Some(column) = table.column(name) else { return Ok(true) };
+    if !matches!(column.kind, Kind::Int { .. }) {
+        return Ok(false);
+    }
+    let mut expected = lengths.iter().flat_map(|&length| 0..length as i64);
+    let mut is_counted = true;
+    let read = each_block(table, column, |block| {
+        is_counted &= block.iter().all(|&step| expected.next() == Some(step));
+        Ok(())
+    });
+    match read {
+        Err(error) if error.is_unsupported() => Ok(false),
+        read => read.map(|()| is_counted),
+    }
+}
+
+/// Adds the columns of the table of episodes.
+fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
+    let table = Arc::new(place.table()?);
+    let mut theirs = BTreeMap::new();
+    if let Some(column) = table.column(name) {
+        each_block(&table, column, |block| {
+            for &number in block {
+                theirs.entry(number).or_insert(theirs.len());
+            }
+            Ok(())
+        })?;
+    }
+    // An episode without a row there has nothing known of it.
+    let spans: Vec<Span> = numbers
+        .iter()
+        .map(|number| match theirs.get(number) {
+            Some(&first) => Span { array: 0, first, count: 1, tail: None },
+            None => Span { array: 0, first: 0, count: 0, tail: None },
+        })
+        .collect();
+    for column in table.columns().iter().filter(|column| column.name != name) {
+        let array = match &column.kind {
+            Kind::List(_) => lists(&table, column),
+            _ => TableColumn::of(&table, column).and_then(readable),
+        };
+        found.add(&column.name, FieldKind::Episode, array, &spans)?;
+    }
+    Ok(())
+}
+
+/// Lists of one length as vectors in memory.
+fn lists(table: &Arc<Table>, column: &Column) -> Result<Shared> {
+    let Kind::List(item) = &column.kind else { return Err(unsupported("it has no lists")) };
+    let Some(element) = column::element(item) else {
+        return Err(unsupported(format!("its lists are of {item}")));
+    };
+    let rows = usize::try_from(table.rows()).ok().filter(|&rows| rows <= MAX_EPISODES);
+    let rows = rows.ok_or_else(|| invalid("it has too many rows"))?;
+    let lists = table.read(column, 0, rows, &mut Cursor::default())?;
+    let width = if rows == 0 { 0 } else { lists.items(0).len() };
+    if width == 0 || !lists.is_complete() || (0..rows).any(|row| lists.items(row).len() != width) {
+        return Err(unsupported("its lists are of several lengths, empty or missing"));
+    }
+    let mut all = Values::zeros(element.dtype(), rows * width);
+    crate::formats::element::from_bytes(element, lists.numbers(), all.as_slice_mut())?;
+    Ok(Memory::of(all, &[width]))
+}
+
+/// Rows of a table of episodes, at most, whose lists are kept.
+const MAX_EPISODES: usize = 1 << 22;
+
+/// The record in tables of this package: their columns.
+#[derive(Deserialize)]
+struct Record {
+    version: u32,
+    columns: Vec<Field>,
+}
+
+impl Record {
+    fn of(table: &Table) -> Result<Option<Self>> {
+        let Some(text) = table.metadata().get(RECORD) else { return Ok(None) };
+        let record: Self = serde_json::from_str(text).at("its record")?;
+        match record.version {
+            1 => Ok(Some(record)),
+            version => Err(unsupported(format!("its record has the version {version}, and 1 is read"))),
+        }
+    }
+
+    /// The names in the table: without dots, and each once.
+    fn names(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for field in &self.columns {
+            let mut name = field.name.replace('.', "_");
+            while INDICES[0].contains(&name.as_str()) || names.contains(&name) {
+                name.push('_');
+            }
+            names.push(name);
+        }
+        names
+    }
+}
+
+impl From<LanceError> for FormatError {
+    fn from(error: LanceError) -> Self {
+        match error {
+            // The network may be what failed.
+            LanceError::Io(error) => Self::Io(error),
+            LanceError::At { place, source } => Self::from(*source).at(place),
+            LanceError::Unsupported(reason) => unsupported(reason),
+            error => Self::other(error),
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Lance tables, read without the crates of Lance.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use swm_core::{Column, Dtype, FieldKind};
+use swm_data::loader::{ClipOptions, Loader};
+use swm_data::testing::mutations::mutate_for;
+use swm_data::tools::compare::compare;
+use swm_data::tools::verify::verify;
+use swm_data::{DataError, Dataset, OpenOptions, Steps, open};
+
+use crate::field::{check, column_of, lengths, numbers, opened, rows};
+
+fn table(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/lance").join(format!("{name}.lance"))
+}
+
+fn names(dataset: &dyn Dataset) -> Vec<&str> {
+    dataset.schema().fields().iter().map(|field| field.name.as_str()).collect()
+}
+
+/// As stable-worldmodel's own writer made it, in files of version 2.2.
+#[test]
+fn tables_of_the_reference_open_with_those_beside_them() {
+    let same = [("action", "action", 1.0), ("proprio", "proprio", 1.0), ("state", "state", 1.0)];
+    let mut dataset = check("upstream_head.lance", &OpenOptions::default(), &same);
+    assert_eq!(lengths(dataset.as_ref()), [5, 4]);
+    assert_eq!(names(dataset.as_ref()), ["pixels", "action", "proprio", "state", "goal", "scene", "seed"]);
+    let (pixels, action) = (column_of(dataset.as_ref(), "pixels"), column_of(dataset.as_ref(), "action"));
+    assert_eq!(dataset.schema().fields()[pixels].shape, [32, 32, 3]);
+    // The action of a last row is NaN in the table.
+    assert!(numbers(&rows(dataset.as_mut(), action, 1, 3, 1)).iter().all(|value| value.is_nan()));
+    for (name, expected) in [("goal", vec![1.0, 2.0, 3.0]), ("seed", vec![1.0])] {
+        let column = column_of(dataset.as_ref(), name);
+        assert_eq!(dataset.schema().fields()[column].kind, FieldKind::Episode, "{name}");
+        assert_eq!(numbers(&rows(dataset.as_mut(), column, 1, 0, 1)), expected, "{name}");
+    }
+    let scene = column_of(dataset.as_ref(), "scene");
+    assert_eq!(rows(dataset.as_mut(), scene, 0, 0, 1), Column::Str(vec!["<mujoco model='0'/>".to_owned()]));
+    assert!(verify(dataset.as_mut(), &mut |_| {}).problems.is_empty());
+    let loader = Loader::new(dataset, &ClipOptions::default().num_steps(2)).unwrap();
+    assert_eq!(loader.len(), 4 + 3);
+    let mut clip = loader.new_batch();
+    loader.read(&[6], &mut clip).unwrap();
+}
+
+/// The recording of the reference in HDF5 is the same one.
+#[test]
+fn a_table_and_a_file_of_the_reference_are_equal() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets");
+    let mut dataset = open(&golden.join("pusht_up_64_lance.lance")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pusht.h5");
+    let mut file = flate2::read::GzDecoder::new(fs::File::open(golden.join("pusht_up_64.h5.gz")).unwrap());
+    std::io::copy(&mut file, &mut fs::File::create(&path).unwrap()).unwrap();
+    let mut other = open(&path).unwrap();
+    assert_eq!(lengths(dataset.as_ref()), lengths(other.as_ref()));
+    for name in ["action", "state", "proprio", "block_pose", "goal_state"] {
+        let (ours, theirs) = (column_of(dataset.as_ref(), name), column_of(other.as_ref(), name));
+        for episode in 0..dataset.num_episodes() {
+            let count = dataset.episode_len(episode);
+            let ours = numbers(&rows(dataset.as_mut(), ours, episode, 0, count));
+            let theirs = numbers(&rows(other.as_mut(), theirs, episode, 0, count));
+            for (ours, theirs) in ours.iter().zip(&theirs) {
+                // The table has float32.
+                assert!(
+                    (ours - theirs).abs() <= 1e-6 * theirs.abs().max(1.0) || ours.is_nan() && theirs.is_nan(),
+                    "{name} of episode {episode}: {ours} {theirs}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn episodes_follow_their_numbers_and_images_are_decoded() {
+    let mut dataset = opened(&table("plain"), &OpenOptions::default()).unwrap();
+    assert_eq!(lengths(dataset.as_ref()), [3, 2]);
+    assert_eq!(
+        names(dataset.as_ref()),
+        ["pixels", "action", "a_b", "matrix", "words", "task", "count", "seed", "scene", "goal"]
+    );
+    let reasons: Vec<&str> = dataset.info().skipped.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(reasons, ["mixed"]);
+    // Red is the row of the table, green the column, blue the row of the image.
+    let pixels = column_of(dataset.as_ref(), "pixels");
+    assert_eq!(dataset.schema().fields()[pixels].shape, [8, 9, 3]);
+    let Column::U8(bytes) = rows(dataset.as_mut(), pixels, 1, 1, 1) else { panic!() };
+    assert_eq!((&bytes[..6], &bytes[bytes.len() - 3..]), (&[4, 0, 0, 4, 1, 0][..], &[4, 8, 7][..]));
+    // Missing numbers, and a missing row, are NaN.
+    let action = column_of(dataset.as_ref(), "action");
+    let values = numbers(&rows(dataset.as_mut(), action, 0, 0, 3));
+    assert_eq!((&values[..3], &values[4..]), (&[0.0, 0.0, 0.5][..], &[1.0, -2.0][..]));
+    assert!(values[3].is_nan());
+    assert!(numbers(&rows(dataset.as_mut(), action, 1, 1, 1)).iter().all(|value| value.is_nan()));
+    // Rows of the table of episodes are in another order.
+    for (name, expected) in [("seed", [40.0, 70.0]), ("goal", [4.0, 7.0])] {
+        let column = column_of(dataset.as_ref(), name);
+        for (episode, expected) in expected.into_iter().enumerate() {
+            assert_eq!(numbers(&rows(dataset.as_mut(), column, episode, 0, 1))[0], expected, "{name}");
+        }
+    }
+    let scene = column_of(dataset.as_ref(), "scene");
+    assert_eq!(rows(dataset.as_mut(), scene, 0, 0, 1), Column::Str(vec![String::new()]));
+    // Every second row.
+    let field = dataset.schema().fields()[column_of(dataset.as_ref(), "count")].clone();
+    assert_eq!((field.dtype, field.shape), (Dtype::I64, vec![]));
+    let mut out = Column::zeros(Dtype::I64, 2);
+    let count = column_of(dataset.as_ref(), "count");
+    dataset.rows(count, 0, Steps { first: 0, count: 2, stride: 2 }, out.as_slice_mut()).unwrap();
+    assert_eq!(out, Column::I64(vec![1_000_000_000_000, 1_000_000_000_002]));
+}
+
+#[test]
+fn tables_of_this_package_have_the_columns_of_their_record() {
+    let mut dataset = opened(&table("recorded"), &OpenOptions::default()).unwrap();
+    assert_eq!(names(dataset.as_ref()), ["pixels", "action", "a.b", "matrix", "words", "task", "count"]);
+    let field = |name: &str| dataset.schema().fields()[column_of(dataset.as_ref(), name)].clone();
+    assert_eq!((field("a.b").dtype, field("a.b").shape), (Dtype::Bool, vec![]));
+    assert_eq!((field("matrix").shape, field("task").kind), (vec![2, 3], FieldKind::Episode));
+    let mut read = |name: &str, episode, count| {
+        let column = column_of(dataset.as_ref(), name);
+        rows(dataset.as_mut(), column, episode, 0, count)
+    };
+    assert_eq!(read("a.b", 0, 3), Column::Bool(vec![false, true, false]));
+    assert_eq!(read("words", 1, 1), Column::Str(vec!["w3".to_owned(), "x".to_owned()]));
+    assert_eq!(read("task", 1, 1), Column::Str(vec!["task 1".to_owned()]));
+    assert_eq!(numbers(&read("matrix", 0, 2))[6..], [1.5, 1.75, 2.0, 2.25, 2.5, 2.75]);
+}
+
+#[test]
+fn what_is_not_read_is_named_and_no_damage() {
+    for (name, part) in [("deleted", "deletion vectors"), ("narrow_2_1", "without `episode_idx`")] {
+        let error = open(&table(name)).err().unwrap();
+        assert!(matches!(error, DataError::NotADataset { .. } | DataError::Unsupported { .. }), "{error:?}");
+        assert!(error.to_string().contains(part), "{error}");
+    }
+}
+
+#[test]
+fn foreign_bytes_in_tables_are_errors_or_values() {
+    for name in ["plain", "recorded"] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.lance");
+        crate::copied(&table(name), &path);
+        mutate_for(name, &path, &mut |path| {
+            let Ok(mut dataset) = open(path) else { return false };
+            verify(dataset.as_mut(), &mut |_| {}).problems.is_empty()
+        });
+    }
+}
+
+#[test]
+fn two_handles_read_the_same() {
+    let mut first = open(&table("plain")).unwrap();
+    let mut second = first.share();
+    let found = compare(first.as_mut(), second.as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap();
+    assert!(found.equal, "{found:?}");
+}
