@@ -16,7 +16,7 @@ pub enum BatchError {
         name: String,
     },
     /// No field has this name.
-    #[error("unknown field `{name}`{}; there are{}", did_you_mean(.nearest.as_deref()), or_none(known))]
+    #[error("unknown field `{name}`{}; there are{}", did_you_mean(.nearest.as_deref()), or_none(.known))]
     UnknownField {
         /// The name asked for.
         name: String,

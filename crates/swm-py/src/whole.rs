@@ -2,7 +2,6 @@
 
 use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
 
 use crate::errors::SwmError;
 
@@ -29,7 +28,7 @@ macro_rules! whole {
     )*};
 }
 
-whole!(u8 u32 u64 usize);
+whole!(u32 u64 usize);
 
 impl<T: Whole> Whole for Option<T> {
     fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
@@ -40,13 +39,6 @@ impl<T: Whole> Whole for Option<T> {
 impl<T: Whole> Whole for Vec<T> {
     fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
         value.try_iter()?.map(|one| T::read(name, &one?)).collect()
-    }
-}
-
-impl<T: Whole> Whole for (T, T) {
-    fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let (first, second): (Bound<'_, PyAny>, Bound<'_, PyAny>) = value.cast::<PyTuple>()?.extract()?;
-        Ok((T::read(name, &first)?, T::read(name, &second)?))
     }
 }
 
