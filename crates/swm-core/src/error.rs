@@ -16,12 +16,14 @@ pub enum BatchError {
         name: String,
     },
     /// No field has this name.
-    #[error("unknown field `{name}`{}", did_you_mean(.nearest.as_deref()))]
+    #[error("unknown field `{name}`{}; there are{}", did_you_mean(.nearest.as_deref()), or_none(.known))]
     UnknownField {
         /// The name asked for.
         name: String,
         /// The nearest existing one.
         nearest: Option<String>,
+        /// Those that there are.
+        known: String,
     },
     /// Type, shape or range do not fit.
     #[error("`{name}` must be {expected}, found {found}")]
@@ -270,6 +272,11 @@ pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Opti
 /// `; did you mean …?`, or nothing.
 pub fn did_you_mean(nearest: Option<&str>) -> String {
     nearest.map(|name| format!("; did you mean `{name}`?")).unwrap_or_default()
+}
+
+/// Names behind "there are".
+fn or_none(names: &str) -> String {
+    if names.is_empty() { " none".to_owned() } else { format!(": {names}") }
 }
 
 #[cfg(test)]

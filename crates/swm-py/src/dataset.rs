@@ -21,6 +21,7 @@ use crate::arrays::{describe, from_array, into_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::interrupt::interruptible;
+use crate::whole;
 use crate::world::registry;
 use crate::writer::recorded;
 
@@ -151,7 +152,11 @@ impl Reader {
     }
 
     /// Some of its episodes.
-    fn subset(&self, py: Python<'_>, episodes: Vec<usize>) -> PyResult<Self> {
+    fn subset(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = whole::episodes)] episodes: Vec<usize>,
+    ) -> PyResult<Self> {
         self.derive(py, |dataset| Subset::new(dataset, &episodes))
     }
 
@@ -261,10 +266,10 @@ impl Reader {
     fn slice<'py>(
         &self,
         py: Python<'py>,
-        episode: usize,
-        start: usize,
-        stop: usize,
-        frameskip: usize,
+        #[pyo3(from_py_with = whole::episode)] episode: usize,
+        #[pyo3(from_py_with = whole::start)] start: usize,
+        #[pyo3(from_py_with = whole::stop)] stop: usize,
+        #[pyo3(from_py_with = whole::frameskip)] frameskip: usize,
         columns: Vec<usize>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let span = stop.saturating_sub(start);

@@ -32,6 +32,7 @@ mod runs;
 mod solver;
 mod statistics;
 mod sweep;
+mod whole;
 mod words;
 mod world;
 mod writer;

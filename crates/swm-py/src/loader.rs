@@ -15,6 +15,7 @@ use crate::dataset::Reader;
 use crate::errors::OrRaise as _;
 use crate::fork::Process;
 use crate::memory::tables::{AnyTable, ForeignTable, Pool, lend};
+use crate::whole;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -47,13 +48,13 @@ impl ClipReader {
     fn new(
         py: Python<'_>,
         reader: PyRef<'_, Reader>,
-        num_steps: usize,
-        frameskip: usize,
+        #[pyo3(from_py_with = whole::num_steps)] num_steps: usize,
+        #[pyo3(from_py_with = whole::frameskip)] frameskip: usize,
         keys: Option<Vec<String>>,
         channels_first: bool,
         image: Option<(usize, usize)>,
         paper: bool,
-        threads: Option<usize>,
+        #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
         goals: Option<Goals>,
         action_rewards: bool,
         float32: bool,
@@ -90,18 +91,27 @@ impl ClipReader {
     }
 
     /// The episode and the first row of a clip.
-    fn clip(&self, index: usize) -> Option<(usize, usize)> {
+    fn clip(&self, #[pyo3(from_py_with = whole::index)] index: usize) -> Option<(usize, usize)> {
         self.loader.clip(index).map(|clip| (clip.episode, clip.start))
     }
 
     /// The episode and row of the goal of a clip in an epoch.
-    fn goal(&self, index: usize, epoch: u64) -> Option<(usize, usize)> {
+    fn goal(
+        &self,
+        #[pyo3(from_py_with = whole::index)] index: usize,
+        #[pyo3(from_py_with = whole::epoch)] epoch: u64,
+    ) -> Option<(usize, usize)> {
         self.loader.goal(index, epoch)
     }
 
     /// Clips by number, `[len(indices), …]` by column.
     #[pyo3(signature = (indices, epoch=0))]
-    fn read<'py>(&self, py: Python<'py>, indices: Vec<usize>, epoch: u64) -> PyResult<Bound<'py, PyDict>> {
+    fn read<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = whole::indices)] indices: Vec<usize>,
+        #[pyo3(from_py_with = whole::epoch)] epoch: u64,
+    ) -> PyResult<Bound<'py, PyDict>> {
         self.process.check("this open dataset")?;
         let mut batch = self.pool.take().unwrap_or_else(|| self.loader.new_batch());
         py.detach(|| self.loader.read_in(epoch, &indices, &mut batch)).or_raise()?;

@@ -95,10 +95,11 @@ impl VideoFolder {
 impl Recorder for VideoFolder {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         if run.schema.index(PIXELS).is_none() {
-            return Err(
-                "a video needs images, and this World has none; make it with image_shape=(height, width)"
-                    .into(),
-            );
+            return Err(format!(
+                "a video needs images, and {} has none here; make the World with image_shape=(height, width)",
+                run.spec.id
+            )
+            .into());
         }
         let refuse = |error| format!("cannot write {}: {error}", self.folder.display());
         fs::create_dir_all(&self.folder).map_err(refuse)?;

@@ -17,6 +17,7 @@ use crate::infos;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{boxed, from_json, to_json};
 use crate::runs::{Given, foreign};
+use crate::whole;
 use crate::world::registry;
 
 /// A receipt file, or that of a folder, as JSON.
@@ -55,9 +56,9 @@ fn verify_receipt(
     py: Python<'_>,
     receipt: &str,
     policy: Option<(String, Given<'_>)>,
-    plan_steps: Option<u64>,
-    num_envs: usize,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = whole::plan_steps)] plan_steps: Option<u64>,
+    #[pyo3(from_py_with = whole::num_envs)] num_envs: usize,
+    #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
     oracle: bool,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {

@@ -20,6 +20,7 @@ use crate::infos;
 use crate::interrupt::PERIOD;
 use crate::manifest::from_json;
 use crate::policy::{Steps, drive, run_native};
+use crate::whole;
 use crate::words::Arguments;
 use crate::world::{PyWorld, Shared, registry};
 
@@ -134,7 +135,7 @@ fn episodes(
     world: &Bound<'_, PyWorld>,
     act: Option<Bound<'_, PyAny>>,
     episodes: (u64, u64),
-    seed: u64,
+    #[pyo3(from_py_with = whole::seed)] seed: u64,
     options: Option<&Bound<'_, PyAny>>,
     held: Vec<String>,
 ) -> PyResult<Episodes> {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,68 @@ def test_arguments_of_the_wrong_kind_are_named(what: str, dataset: Path) -> None
     call, message = WRONG[what]
     with pytest.raises((TypeError, ValueError), match=message):
         call(dataset)
+
+
+def numbers_of(function: Any) -> list[str]:
+    """The arguments that take one whole number."""
+    parameters = inspect.signature(function, eval_str=False).parameters.values()
+    return [one.name for one in parameters if str(one.annotation).removeprefix("<class '").removesuffix("'>").split(" | ")[0] == "int"]
+
+
+def world_with(_: Path, **options: Any) -> Any:
+    given = {"num_envs": 1, "add_pixels": False, "threads": 1, **options}
+    return swm.World("swm/PushT-v1", **given)
+
+
+def evaluated(_: Path, **options: Any) -> Any:
+    world = world_with(_, max_episode_steps=2)
+    world.set_policy("random")
+    return world.evaluate(**{"episodes": 1, "progress": False, **options})
+
+
+def collected(path: Path, **options: Any) -> Any:
+    world = world_with(path, max_episode_steps=2)
+    world.set_policy("random")
+    return world.collect(path.with_name("more.h5"), **{"episodes": 1, "progress": False, **options})
+
+
+def manifest_of(path: Path, **options: Any) -> Any:
+    return swm.make_manifest(path.with_name("task.toml"), "swm/PushT-v1", **{"episodes": 1, "budget": 2, "overwrite": True, **options})
+
+
+def evaluated_on_a_manifest(path: Path, **options: Any) -> Any:
+    manifest_of(path)
+    return swm.evaluate(path.with_name("task.toml"), "random", **{"references": [], "progress": False, **options})
+
+
+EXTREME: dict[str, tuple[Callable[..., Any], Any]] = {
+    "World": (world_with, swm.World.__init__),
+    "World.evaluate": (evaluated, swm.World.evaluate),
+    "World.collect": (collected, swm.World.collect),
+    "World.reset": (lambda path, **options: world_with(path).reset(**options), swm.World.reset),
+    "make_manifest": (manifest_of, swm.make_manifest),
+    "evaluate": (evaluated_on_a_manifest, swm.evaluate),
+    "load_dataset": (opened, swm.data.dataset.Dataset.__init__),
+    "Loader": (batches, swm.data.Loader.__init__),
+    "CEMSolver": (lambda _, **options: CEMSolver(Cost(), **options), CEMSolver.__init__),
+    "NativePolicy": (lambda _, **options: swm.NativePolicy("random", **options), swm.NativePolicy.__init__),
+}
+
+
+@pytest.mark.parametrize("what", EXTREME)
+def test_whole_numbers_out_of_range_are_named(what: str, dataset: Path) -> None:
+    call, function = EXTREME[what]
+    names = numbers_of(function)
+    assert names or what == "World.reset", function
+    for name in names:
+        # Numbers of environments that a machine could make are not tried.
+        for value in (-1, 1 << 64, 1 << 200):
+            try:
+                call(dataset, **{name: value})
+            except OverflowError as error:
+                pytest.fail(f"{what}({name}={value}): {error}")
+            except Exception as error:
+                assert name.split("_")[-1] in str(error), f"{what}({name}={value}): {error}"
 
 
 def test_whole_numbers_of_numpy_are_whole(dataset: Path) -> None:

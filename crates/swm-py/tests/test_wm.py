@@ -321,6 +321,8 @@ def test_pickles_that_would_harm_do_not(tmp_path: Path) -> None:
         (b"\x80\x02cos\nsystem\n)RQ.", "damaged one"),
         (b"\x80\x02X\x01\x00\x00\x00a)R.", "damaged one"),
         (b"\x80\x02cos\nsystem\n)R}b", "damaged one"),
+        # A dict that contains itself twice.
+        (b"\x80\x02cx\ny\n0}q\x00(X\x01\x00\x00\x00ah\x00X\x01\x00\x00\x00bh\x00u.", "nested more than 64 deep"),
     ]:
         with pytest.raises(ValueError, match=part):
             read_weights(archive(file, pickled))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -326,3 +328,22 @@ def test_a_world_is_a_context_and_closes_twice() -> None:
     world.close()
     with pytest.raises(swm.SwmError, match="closed"):
         world.reset(seed=0)
+
+
+def test_images_that_a_world_lacks_are_named(tmp_path: Path) -> None:
+    world = swm.World("swm/PushT-v1", num_envs=1, add_pixels=False, max_episode_steps=2, threads=1)
+
+    def seeing(infos: dict[str, Any]) -> Any:
+        return infos["pixels"]
+
+    world.set_policy(seeing)
+    with pytest.raises(KeyError, match=r"the infos have no 'pixels'; make the World with image_shape=\(height, width\); they have .*state"):
+        world.evaluate(episodes=1, seed=1, progress=False)
+    world.set_policy("random")
+    with pytest.raises(ValueError, match=r"a video needs images, and swm/PushT-v1 has none here; make .* image_shape=\(height, width\)"):
+        world.evaluate(episodes=1, seed=1, progress=False, video=tmp_path / "videos")
+    with pytest.raises(ValueError, match="a video needs images, and .*CartPole.* has none here"):
+        cart = swm.World("CartPole-v1", num_envs=1, add_pixels=False, max_episode_steps=2)
+        cart.set_policy("random")
+        cart.evaluate(episodes=1, seed=1, progress=False, video=tmp_path / "videos")
+    world.close()

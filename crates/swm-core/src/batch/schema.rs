@@ -99,12 +99,23 @@ impl Schema {
     ///
     /// # Errors
     ///
-    /// [`BatchError::UnknownField`], with the nearest name that there is.
+    /// [`BatchError::UnknownField`], with the nearest name that there is, and all of them.
     pub fn require(&self, name: &str) -> Result<usize, BatchError> {
         self.index(name).ok_or_else(|| BatchError::UnknownField {
             name: name.to_owned(),
             nearest: nearest(name, self.fields.iter().map(|field| field.name.as_str())),
+            known: self.names(),
         })
+    }
+
+    /// The names of the fields, with commas; of many, the first ones.
+    pub fn names(&self) -> String {
+        const MOST: usize = 32;
+        let names: Vec<&str> = self.fields.iter().take(MOST).map(|field| field.name.as_str()).collect();
+        match self.fields.len().saturating_sub(MOST) {
+            0 => names.join(", "),
+            more => format!("{} and {more} more", names.join(", ")),
+        }
     }
 }
 

@@ -45,7 +45,10 @@ impl Joined {
                 (0..fields.len()).filter(|&column| fields[column].name.starts_with(start)).collect();
             matching.sort_by_key(|&column| &fields[column].name);
             if matching.is_empty() {
-                return wrong(format!("no column begins with `{start}`"));
+                return wrong(format!(
+                    "no column begins with `{start}`; there are: {}",
+                    inner.schema().names()
+                ));
             }
             columns.extend(matching);
         }

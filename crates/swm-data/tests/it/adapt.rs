@@ -128,7 +128,7 @@ fn joined_columns_lie_side_by_side() {
     assert_same(&whole(&mut joined, 0), &batch);
     let refused = |parts: &[&str]| Joined::new(boxed(&plain), "x", parts).err().unwrap().to_string();
     assert!(refused(&["state", "action"]).contains("`action` float32"));
-    assert!(refused(&["no*"]).contains("no column begins with `no`"));
+    assert!(refused(&["no*"]).contains("no column begins with `no`; there are: "));
     assert!(refused(&[]).contains("made of nothing"));
     assert!(Joined::new(boxed(&plain), "state", &["state"]).is_err());
 }

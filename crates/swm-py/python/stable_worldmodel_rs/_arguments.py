@@ -11,12 +11,12 @@ from ._arrays import require_torch
 __all__ = ["device_of", "kind_of", "named_list", "path_of", "require_callable", "whole_number"]
 
 
-def whole_number(name: str, value: Any, least: int = 0) -> int:
+def whole_number(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
     """A whole number, also of NumPy.
 
     Raises:
         TypeError: It is something else.
-        ValueError: It is less than ``least``.
+        ValueError: It is less than ``least``, or more than ``most``.
     """
     try:
         number = operator.index(value)
@@ -25,6 +25,8 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
         raise TypeError(f"{name}={value!r}: give a whole number{bound}, such as {name}={max(least, 8)}") from None
     if number < least:
         raise ValueError(f"{name}={number}: give {least} or more")
+    if number > most:
+        raise ValueError(f"{name}={number}: give a whole number from {least} to {most}")
     return number
 
 

@@ -205,7 +205,7 @@ fn wrong_observations_and_settings_are_refused() {
     let mut mpc = Mpc::new(Box::new(cem()), config(), line()).unwrap();
     let mut cost = Homing::default();
     let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
-    assert_eq!(refused, "unknown field `state`");
+    assert_eq!(refused, "unknown field `state`; there are none");
     mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
     let force = Schema::new(vec![Field::step("force", Dtype::F32, &[3])]).unwrap();
     let refused = mpc.next(&mut cost, &Batch::new(force, 1)).unwrap_err().to_string();

@@ -19,7 +19,7 @@ from ._torch import DType, Tensor, torch
 __all__ = ["read_objects"]
 
 _MOST_PICKLE = 100 << 20
-_MOST_TENSORS = 100_000
+_MOST_OBJECTS = 1_000_000
 _DEEPEST = 64
 _LEGACY = 0x1950A86A20F9469CFC6C
 _REBUILT = "torch._utils._rebuild_tensor_v2"
@@ -45,26 +45,24 @@ _USUAL = ("torch.", "collections.", "numpy.", "_codecs.encode", "copyreg.", "cop
 _USUAL_TYPES = frozenset("set frozenset dict list tuple bytearray complex slice range object int float".split())
 
 
-class Record(dict[Any, Any]):
-    """An object of a file: the name of its class, or of the function that would make it, with its arguments and attributes.
-
-    A dict, as what such objects contain is put into them. Nothing else can be done with it.
-    """
+class Record:
+    """An object of a file: the name of its class, or of the function that would make it, with its arguments and attributes, and what is put into
+    it as into a dict. Nothing else can be done with it."""
 
     name: str
     called: list[str]
     args: tuple[Any, ...]
     state: Any
+    content: dict[Any, Any]
 
     def __new__(cls, *args: Any, **_kwargs: Any) -> Record:
         """In the place of an object."""
         record = super().__new__(cls)
-        record.args, record.state = args, None
+        record.args, record.state, record.content = args, None, {}
         return record
 
     def __init__(self, *_args: Any, **_kwargs: Any) -> None:
         """In the place of a call; an object that is made without one does not come here."""
-        super().__init__()
         module, _, last = self.name.rpartition(".")
         usual = self.name.startswith(_USUAL) or (module == "builtins" and last in _USUAL_TYPES)
         if not usual and self.name not in self.called:
@@ -77,13 +75,13 @@ class Record(dict[Any, Any]):
     def __setstate__(self, state: Any) -> None:
         self.state = state
 
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self.content[key] = value
+
     def append(self, _value: Any) -> None:
         """Lists and sets of other classes are not looked at."""
 
     add = extend = append
-    __hash__ = object.__hash__  # pyright: ignore[reportAssignmentType]
-    __eq__ = object.__eq__
-    __ne__ = object.__ne__
 
 
 class _Storage:
@@ -103,7 +101,7 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module_name: str, global_name: str, /) -> type[Record]:
         name = f"{module_name}.{global_name}".replace("__builtin__.", "builtins.")
         if name not in self._classes:
-            self._classes[name] = type("Record", (Record,), {"name": name, "called": self.called})
+            self._classes[name] = cast("type[Record]", type("Record", (Record,), {"name": name, "called": self.called}))
         return self._classes[name]
 
     def persistent_load(self, pid: Any, /) -> Any:
@@ -166,39 +164,47 @@ class _Tensors:
         kind = _TYPES.get(storage.name)
         if kind is None:
             raise ValueError(f"a tensor is of {storage.name}; models take dense tensors of real numbers")
-        self._count += 1
-        if self._count > _MOST_TENSORS:
-            raise ValueError(f"it has more than {_MOST_TENSORS:,} tensors")
         if storage.key not in self._flat:
             data = bytearray(self._read(storage))
             self._flat[storage.key] = torch.frombuffer(data, dtype=kind) if data else torch.empty(0, dtype=kind)
         return torch.as_strided(self._flat[storage.key], tuple(size), tuple(stride), offset)
 
+    def _enter(self, depth: int) -> None:
+        """Objects may contain each other, and themselves."""
+        self._count += 1
+        if depth > _DEEPEST or self._count > _MOST_OBJECTS:
+            raise ValueError(f"its objects are nested more than {_DEEPEST} deep, or more than {_MOST_OBJECTS:,}; no model is so")
+
     def plain(self, value: Any, depth: int = 0) -> Any:
         """Records of modules as what their `state_dict()` gives, of tensors as tensors, and dicts of such; None of all else."""
-        if depth > _DEEPEST:
-            raise ValueError("its objects are nested too deeply; no model is")
+        self._enter(depth)
         if isinstance(value, Record) and (found := self.tensor(value)) is not None:
             return found
         if isinstance(value, Record) and isinstance(value.state, dict) and "_parameters" in value.state:
             return dict(self._module(cast("dict[str, Any]", value.state), "", depth))
-        if isinstance(value, dict):
-            return {key: self.plain(below, depth + 1) for key, below in cast("dict[Any, Any]", value).items() if isinstance(key, str)}
-        return None
+        below = value.content if isinstance(value, Record) else value
+        if not isinstance(below, dict):
+            return None
+        return {key: self.plain(one, depth + 1) for key, one in cast("dict[Any, Any]", below).items() if isinstance(key, str)}
 
     def _module(self, state: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Tensor]]:
-        if depth > _DEEPEST:
-            raise ValueError("its modules are nested too deeply; no model is")
+        self._enter(depth)
         idle: Any = state.get("_non_persistent_buffers_set", ())
         if isinstance(idle, Record):  # Before protocol 4, a set is a call with a list.
             idle = idle.args[0] if idle.args else ()
-        for name, value in [*state["_parameters"].items(), *(state.get("_buffers") or {}).items()]:
+        for name, value in [*_items(state["_parameters"]), *_items(state.get("_buffers"))]:
             if name not in idle and isinstance(value, Record) and (found := self.tensor(value)) is not None:
                 yield prefix + name, found
-        for name, module in (state.get("_modules") or {}).items():
+        for name, module in _items(state.get("_modules")):
             below = module.state if isinstance(module, Record) else None
             if isinstance(below, dict) and "_parameters" in below:
                 yield from self._module(cast("dict[str, Any]", below), f"{prefix}{name}.", depth + 1)
+
+
+def _items(of: Any) -> list[tuple[str, Any]]:
+    """What is in a dict, or in a record of one."""
+    content: Any = of.content if isinstance(of, Record) else of
+    return [(str(name), value) for name, value in cast("dict[Any, Any]", content or {}).items()]
 
 
 def read_objects(file: Path, zipped: bool) -> tuple[Any, list[str]]:

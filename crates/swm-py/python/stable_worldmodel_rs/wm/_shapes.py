@@ -150,7 +150,7 @@ def archive_of(
         raise ValueError(f"{place}: hydra.yaml has num_hist {history}, and its {tokens} positions are not those of as many square images")
     heads = extra.get("predictor.heads", settings.get("predictor.heads", 16 if inner == 1024 else None))
     if not isinstance(heads, int) or heads < 1 or inner % heads:
-        raise ValueError(f"{place}: no file says how many heads its predictor has, whose attention is {inner} wide; give extra_args={{'predictor.heads': N}}")
+        raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, are in no file; give extra_args={{'predictor.heads': N}}")
     depth = _blocks(found, r"predictor\.transformer\.layers\.(\d+)\.")
     sizes: dict[str, int] = {"num_patches": side**2, "num_frames": history, "dim": positions.shape[2], "depth": depth}
     sizes |= {"heads": heads, "dim_head": inner // heads, "mlp_dim": mlp.shape[0]}

@@ -126,7 +126,7 @@ def evaluate(
     def on_step(world: World, *, mask: Mask) -> None:
         if video is not None:
             for row in np.flatnonzero(mask):
-                frames[int(row)].append(_frame(world.infos["pixels"][row]))
+                frames[int(row)].append(_frame(_images(world)[row]))
 
     with Progress("Evaluating", episodes, progress) as bar:
         begin(world, seed, options, on_step)
@@ -179,7 +179,7 @@ def evaluate_from_dataset(
         successes = successes | world.terminateds
         if video is not None:
             for row in range(count):
-                frames[row].append(_frame(world.infos["pixels"][row]))
+                frames[row].append(_frame(_images(world)[row]))
 
     world._run(max_steps=eval_budget, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
     for row, shown in frames.items():
@@ -264,6 +264,12 @@ def save_video(path: Path, frames: Sequence[npt.NDArray[Any]]) -> None:
     if frames:
         path.parent.mkdir(parents=True, exist_ok=True)
         _swm.save_video(str(path), np.ascontiguousarray(np.stack(frames)), float(_FRAMES_PER_SECOND))
+
+
+def _images(world: World) -> Any:
+    if "pixels" not in world.infos:
+        raise ValueError(f"a video needs images, and {world.envs.envs[0].unwrapped} has none here; make the World with image_shape=(height, width)")
+    return world.infos["pixels"]
 
 
 def _frame(pixels: Any) -> npt.NDArray[Any]:

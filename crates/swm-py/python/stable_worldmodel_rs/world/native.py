@@ -47,11 +47,11 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
         raise
 
 
-def whole(what: str, value: Any) -> int:
+def whole(what: str, value: Any, most: int = 2**64 - 1) -> int:
     """A whole number from 0 on, such as a seed.
 
     Raises:
-        SwmError: It is something else.
+        SwmError: It is something else, or more than ``most``.
     """
     try:
         number = operator.index(value)
@@ -59,6 +59,8 @@ def whole(what: str, value: Any) -> int:
         raise _swm.SwmError(f"{what}={value!r}: give a whole number from 0 on, such as {what}=42") from None
     if number < 0:
         raise _swm.SwmError(f"the {what} {number} is negative; use 0 or more")
+    if number > most:
+        raise _swm.SwmError(f"{what}={number}: give a whole number from 0 to {most}")
     return number
 
 
@@ -138,7 +140,7 @@ class NativePool:
             run = self.run_seed(cast("int | None", seed), goes_on=seed is None)
         else:
             run = self.run_seed(None, goes_on=True)
-            seeds = [None if one is None else whole("seed", one) for one in listed]
+            seeds = [None if one is None else whole("seed", one, 2**63 - 1) for one in listed]
             if len(seeds) != count:
                 raise _swm.SwmError(f"seed: {len(seeds)} seeds for {count} environments; give one per environment")
         each = _each(options, count)

@@ -227,6 +227,10 @@ class PolicyInfos(dict[str, Any]):
             self[name] = value = _own(value)
         return value
 
+    def __missing__(self, name: str) -> Any:
+        fix = "; make the World with image_shape=(height, width)" if name in ("pixels", "goal") else ""
+        raise KeyError(f"the infos have no {name!r}{fix}; they have {', '.join(map(str, self))}")
+
     def __setitem__(self, name: str, value: Any) -> None:
         if name in self._shared:
             self._shared.remove(name)
