@@ -238,11 +238,12 @@ impl Array {
                     valid.push(at.is_some());
                     match at {
                         Some(at) => {
+                            let item = entries.block.items.get(at);
                             items.push(
-                                entries.block.items.get(at).ok_or_else(|| {
+                                item.ok_or_else(|| {
                                     damaged(format!("its dictionary has no entry {position}"))
                                 })?,
-                            )
+                            );
                         }
                         None => items.push_zeros(1),
                     }

@@ -18,6 +18,9 @@ use crate::values::Values;
 /// Files that stay open.
 const MAX_OPEN: usize = 64;
 
+/// A data file by its fragment and its position in it.
+type FileIndex = (usize, usize);
+
 /// A table, as it was when it was opened. Readers of several threads share it.
 #[derive(Debug)]
 pub struct Table {
@@ -25,8 +28,8 @@ pub struct Table {
     manifest: Manifest,
     /// The first row of each fragment; the last one is the number of all rows.
     starts: Vec<u64>,
-    /// By fragment and position in it, the newest last.
-    open: Mutex<Vec<((usize, usize), Arc<DataFile>)>>,
+    /// The newest last.
+    open: Mutex<Vec<(FileIndex, Arc<DataFile>)>>,
 }
 
 impl Table {
