@@ -121,13 +121,13 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             check_rows(dataset.as_ref())?;
             Ok(dataset)
         }
-        None if path.join("meta/info.json").is_file() => {
-            Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
-        }
         None if let Some(opened) = foreign::open(path, options) => {
             let dataset = opened?;
             check_rows(dataset.as_ref())?;
             Ok(dataset)
+        }
+        None if path.join("meta/info.json").is_file() => {
+            Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
         }
         None if let Some(reason) = foreign::recognize(path) => Err(DataError::not_a_dataset(path, reason)),
         None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),

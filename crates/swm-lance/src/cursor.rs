@@ -6,9 +6,9 @@ use crate::page::{Chunk, held};
 use crate::values::Values;
 
 /// Decoded chunks, at most.
-const MAX_CHUNKS: usize = 64;
+const MAX_CHUNKS: usize = 32;
 /// Their bytes, at most; the newest is kept in any case.
-const MAX_BYTES: usize = 8 << 20;
+const MAX_BYTES: usize = 2 << 20;
 /// Decoded pages of lists.
 const MAX_PAGES: usize = 4;
 

@@ -35,6 +35,8 @@ pub(crate) use found::{RewardsAt, source_record};
 #[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
+#[cfg(feature = "lerobot")]
+pub(crate) use lance::{NAMES as LEROBOT_NAMES, is_native as is_lerobot_in_lance};
 
 /// Opens a dataset of one layout.
 type Open = fn(&Path, &OpenOptions) -> Result<Box<dyn Dataset>, DataError>;

@@ -158,3 +158,13 @@ fn two_handles_read_the_same() {
     let found = compare(first.as_mut(), second.as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap();
     assert!(found.equal, "{found:?}");
 }
+
+/// The rows of its `frames.lance`; its videos are blobs.
+#[test]
+fn a_dataset_of_lerobot_in_the_storage_of_lance_opens_without_its_videos() {
+    let names_of = [("action", "action", 1.0), ("observation.state", "proprio", 1.0)];
+    let dataset = check("lerobot_native_lance", &OpenOptions::default(), &names_of);
+    assert_eq!((lengths(dataset.as_ref()), dataset.info().rows_per_second), (vec![5, 4], Some(10.0)));
+    let skipped: Vec<&str> = dataset.info().skipped.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(skipped, ["observation.images.top"]);
+}

@@ -4,6 +4,7 @@
 //! Source of the layout: stable-worldmodel addbab4, `data/formats/lance.py`.
 
 mod column;
+mod lerobot;
 mod place;
 
 use std::collections::BTreeMap;
@@ -13,6 +14,9 @@ use std::sync::Arc;
 use serde::Deserialize;
 use swm_core::{Column as Values, Field, FieldKind};
 use swm_lance::{Column, Cursor, Kind, LanceError, Table};
+
+#[cfg(feature = "lerobot")]
+pub(crate) use self::lerobot::{NAMES, is_native};
 
 use self::column::TableColumn;
 use self::place::Place;
@@ -46,7 +50,10 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
         let reason = "it is a Lance table without `episode_idx`, which has the episode of each row in the tables of stable-worldmodel";
         return Err(DataError::not_a_dataset(path, reason));
     };
-    let found = find(&place, &table, indices).map_err(damaged)?;
+    let mut found = find(&place, &table, indices).map_err(damaged)?;
+    if let Some(info) = lerobot::info(path) {
+        lerobot::name(&info, &mut found);
+    }
     found.open(path, NAME, options, &[])
 }
 

@@ -40,6 +40,8 @@ impl Place {
         if let Some(remote::Found::Folder(folder)) = remote::opened(path) {
             return Self::there(folder);
         }
+        let frames = super::lerobot::frames(path);
+        let path = frames.as_deref().unwrap_or(path);
         let names = path.join(VERSIONS).read_dir().into_iter().flatten().flatten();
         let is_manifest = |path: PathBuf| path.extension().is_some_and(|kind| kind == MANIFEST);
         names.map(|entry| entry.path()).any(is_manifest).then(|| Self::Here(path.to_owned()))

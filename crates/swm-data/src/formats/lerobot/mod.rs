@@ -35,7 +35,7 @@ use crate::recording::BackendWriter;
 pub(crate) const FORMAT: Format = Format::new(
     "lerobot",
     "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
-    |path| path.join(info::INFO).is_file(),
+    |path| path.join(info::INFO).is_file() && !crate::foreign::is_lerobot_in_lance(path),
     |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
 )
 .opener(|path, options| {

@@ -14,21 +14,13 @@ use super::rows::{Place, Places};
 use super::table::Table;
 use super::tasks;
 use crate::error::{DataError, Result, invalid, missing};
-use crate::foreign::{REWARDS_NOTE, RewardsAt, source_record};
+use crate::foreign::{LEROBOT_NAMES, REWARDS_NOTE, RewardsAt, source_record};
 use crate::open_options::OpenOptions;
 
 /// Columns that are made up, and what they hold.
 const MADE_UP: [(&str, &str); 2] =
     [("ep_idx", "the number of the episode"), ("step_idx", "the number of the row in its episode")];
 
-/// Features that get another name, where no other feature has it.
-const NAMES: [(&str, &str); 5] = [
-    ("observation.state", "proprio"),
-    ("next.reward", "reward"),
-    ("next.done", "terminated"),
-    ("next.truncated", "truncated"),
-    ("next.success", "success"),
-];
 /// The column of the texts of tasks.
 const TASK: &str = "task";
 /// Names of the main camera, where there are several.
@@ -64,7 +56,7 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
     }
     let features = |name: &str| info.features.contains_key(name);
     for column in &mut listed {
-        let new = NAMES.iter().find(|(old, _)| *old == column.old).map(|(_, new)| *new);
+        let new = LEROBOT_NAMES.iter().find(|(old, _)| *old == column.old).map(|(_, new)| *new);
         if let Some(new) = new.filter(|new| !features(new)) {
             new.clone_into(&mut column.field.name);
         }
