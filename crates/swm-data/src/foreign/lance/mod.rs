@@ -196,7 +196,8 @@ fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) ->
     if let Some(column) = table.column(name) {
         each_block(&table, column, |block| {
             for &number in block {
-                theirs.entry(number).or_insert(theirs.len());
+                let next = theirs.len();
+                theirs.entry(number).or_insert(next);
             }
             Ok(())
         })?;
