@@ -73,7 +73,7 @@ const RULES: &[Rule] = &[
     Rule { name: "descriptions", level: Error, about: "each crate has a description and a license", check: |tree| manifests::undescribed(&tree.metadata) },
     Rule { name: "links", level: Error, about: "links in pages lead to files and headings that exist", check: |tree| links::broken(&tree.files, &tree.sizes) },
     Rule { name: "book", level: Error, about: "docs/SUMMARY.md names every page of the book", check: |tree| links::not_in_the_book(&tree.files) },
-    Rule { name: "size", level: Error, about: "what git tracks is under 39.5 MB", check: |tree| texts::too_large(&tree.sizes, 39_500_000) },
+    Rule { name: "size", level: Error, about: "what git tracks is under 39.9 MB", check: |tree| texts::too_large(&tree.sizes, 39_900_000) },
 ];
 
 /// Checks all rules, prints every offence, and fails if there was one.

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::Cursor;
 
-use ndarray::{Array2, ArrayD, IxDyn, OwnedRepr};
+use ndarray::{Array2, ArrayD, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadableElement};
 use swm_core::env::{PIXELS, ResetOptions};
 use swm_core::{Batch, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, Schema, Value};
@@ -17,6 +17,22 @@ const FLIGHT: f64 = 1e-9;
 const DISTURBED: f64 = 1e-5;
 /// Heights after a contact, whose solvers differ, m.
 const CONTACT_M: f64 = 5e-3;
+
+/// Columns of the physics, and those of the observation that equal them: position, ignition, fins, gimbal, throttle, fuel.
+const OBSERVED: [(usize, usize); 12] = [
+    (0, 10),
+    (1, 11),
+    (2, 12),
+    (17, 16),
+    (21, 20),
+    (22, 21),
+    (23, 22),
+    (24, 23),
+    (25, 27),
+    (26, 28),
+    (27, 26),
+    (28, 25),
+];
 
 struct Recordings {
     npz: NpzReader<File>,
@@ -46,6 +62,17 @@ impl Recordings {
 
     fn table<T: ReadableElement>(&mut self, run: &str, name: &str) -> Array2<T> {
         self.array::<T>(run, name).into_dimensionality().unwrap()
+    }
+
+    /// The state of the physics by rows: what the observation does not have of it is recorded beside.
+    fn physics(&mut self, run: &str) -> Array2<f64> {
+        let (motion, observed) = (self.table::<f64>(run, "motion"), self.table::<f64>(run, "obs"));
+        let mut physics = Array2::zeros((motion.nrows(), 29));
+        physics.slice_mut(s![.., 3..13]).assign(&motion);
+        for (to, from) in OBSERVED {
+            physics.column_mut(to).assign(&observed.slice(s![..motion.nrows(), from]));
+        }
+        physics
     }
 
     /// The factors in force.
@@ -142,7 +169,7 @@ struct Differences {
 
 /// Replays a run from its first row on and checks its flags.
 fn replay(recordings: &mut Recordings, run: &str) -> Differences {
-    let physics: Array2<f64> = recordings.table(run, "physics");
+    let physics = recordings.physics(run);
     let reset: Array2<f64> = recordings.table(run, "physics_reset");
     let actions: Array2<f64> = recordings.table(run, "actions");
     let observations: Array2<f64> = recordings.table(run, "obs");
@@ -251,7 +278,7 @@ fn images_look_like_the_references() {
         let (run, image) = name.split_once('/').unwrap();
         let step: usize = image.trim_start_matches("img_").trim_end_matches("_png").parse().unwrap();
         bench.reset(&recordings.options(run));
-        let physics: Array2<f64> = recordings.table(run, "physics");
+        let physics = recordings.physics(run);
         let row = physics.row(step).to_vec();
         let ours = bench.env.state_mut();
         *ours = state(&row, &row);
