@@ -192,11 +192,12 @@ fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
 /// Adds the columns of the table of episodes.
 fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
     let table = Arc::new(place.table()?);
-    let mut theirs = BTreeMap::new();
+    let (mut theirs, mut row) = (BTreeMap::new(), 0);
     if let Some(column) = table.column(name) {
         each_block(&table, column, |block| {
             for &number in block {
-                theirs.entry(number).or_insert(theirs.len());
+                theirs.entry(number).or_insert(row);
+                row += 1;
             }
             Ok(())
         })?;
