@@ -47,7 +47,7 @@ pub(crate) struct Page {
 pub(crate) enum Encoding {
     /// In files of version 2.0.
     Array(Array),
-    Layout(Layout),
+    Layout(Box<Layout>),
 }
 
 impl DataFile {
@@ -174,7 +174,7 @@ impl DataFile {
         let encoding = encoding.ok_or_else(|| damaged("its encoding is missing"))?;
         let encoding = match self.is_first {
             true => Encoding::Array(Array::parse(encoding, &buffers)?),
-            false => Encoding::Layout(Layout::parse(encoding)?),
+            false => Encoding::Layout(Box::new(Layout::parse(encoding)?)),
         };
         static NEXT: AtomicUsize = AtomicUsize::new(0);
         let key = NEXT.fetch_add(1, Ordering::Relaxed);

@@ -15,6 +15,9 @@ use crate::page;
 use crate::store::{Folder, Store};
 use crate::values::Values;
 
+/// The fragment and the position in it of a file, and the file.
+type OpenFile = ((usize, usize), Arc<DataFile>);
+
 /// Files that stay open.
 const MAX_OPEN: usize = 64;
 
@@ -26,7 +29,7 @@ pub struct Table {
     /// The first row of each fragment; the last one is the number of all rows.
     starts: Vec<u64>,
     /// By fragment and position in it, the newest last.
-    open: Mutex<Vec<((usize, usize), Arc<DataFile>)>>,
+    open: Mutex<Vec<OpenFile>>,
 }
 
 impl Table {

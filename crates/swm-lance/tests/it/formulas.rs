@@ -64,7 +64,7 @@ fn list(count: u64, item: impl Fn(u64) -> Vec<u8>) -> Row {
 }
 
 fn small(row: u64, salt: u64, every: u64) -> bool {
-    h(row, salt) % every == 0
+    h(row, salt).is_multiple_of(every)
 }
 
 /// The row of a column.
