@@ -237,15 +237,12 @@ impl Array {
                     let at = usize::try_from(position).unwrap_or(usize::MAX).checked_sub(1);
                     valid.push(at.is_some());
                     match at {
-                        Some(at) => {
-                            let item = entries.block.items.get(at);
-                            items.push(
-                                item.ok_or_else(|| {
-                                    damaged(format!("its dictionary has no entry {position}"))
-                                })?,
-                            );
-                        }
                         None => items.push_zeros(1),
+                        Some(at) => {
+                            let entry = entries.block.items.get(at);
+                            let missing = || damaged(format!("its dictionary has no entry {position}"));
+                            items.push(entry.ok_or_else(missing)?);
+                        }
                     }
                 }
                 Ok(Part { block: Block::of(items), valid: Some(valid) })

@@ -15,11 +15,11 @@ use crate::page;
 use crate::store::{Folder, Store};
 use crate::values::Values;
 
+/// The fragment and the position in it of a file, and the file.
+type OpenFile = ((usize, usize), Arc<DataFile>);
+
 /// Files that stay open.
 const MAX_OPEN: usize = 64;
-
-/// A data file by its fragment and its position in it.
-type FileIndex = (usize, usize);
 
 /// A table, as it was when it was opened. Readers of several threads share it.
 #[derive(Debug)]
@@ -28,8 +28,8 @@ pub struct Table {
     manifest: Manifest,
     /// The first row of each fragment; the last one is the number of all rows.
     starts: Vec<u64>,
-    /// The newest last.
-    open: Mutex<Vec<(FileIndex, Arc<DataFile>)>>,
+    /// By fragment and position in it, the newest last.
+    open: Mutex<Vec<OpenFile>>,
 }
 
 impl Table {

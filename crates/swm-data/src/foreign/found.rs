@@ -29,6 +29,8 @@ pub(super) struct Found {
     pub(super) fps: Option<f64>,
     /// The environment, where the files leave no doubt.
     pub(super) env: Option<&'static str>,
+    /// Whether `reward` is in the row that an action led to, as in recordings of the reference and of this program.
+    pub(super) has_rewards_of_arrival: bool,
 }
 
 /// The member of a source's record that has the rows of rewards, and its value for [`RewardsAt::Actions`].
@@ -175,7 +177,8 @@ impl Found {
                 reason: "the dataset has no images; leave it out".to_owned(),
             });
         }
-        let rewards = fields.iter().any(|field| field.name == "reward").then_some(RewardsAt::Actions);
+        let has_rewards = !self.has_rewards_of_arrival && fields.iter().any(|field| field.name == "reward");
+        let rewards = has_rewards.then_some(RewardsAt::Actions);
         self.notes.extend(rewards.map(|_| REWARDS_NOTE.to_owned()));
         let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
         let mut info = DatasetInfo::new(path, format, schema, std::mem::take(&mut self.lengths));

@@ -153,7 +153,7 @@ impl TableColumn {
             let values = self.table.read(&self.column, row, 1, &mut cursor)?;
             match values.item(0).filter(|_| values.is_valid(0)) {
                 None => {}
-                Some([0xff, 0xd8, ..]) => return Ok(jpeg::shape(values.item(0).unwrap_or_default())?),
+                Some(file @ [0xff, 0xd8, ..]) => return Ok(jpeg::shape(file)?),
                 Some(file) => {
                     return png_shape(file).ok_or_else(|| {
                         unsupported("its bytes are no images: neither JPEG nor PNG with 1 or 3 colors")

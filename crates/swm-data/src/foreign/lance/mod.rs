@@ -6,6 +6,7 @@
 mod column;
 mod lerobot;
 mod place;
+mod spread;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,6 +21,7 @@ pub(crate) use self::lerobot::{NAMES, is_native};
 
 use self::column::TableColumn;
 use self::place::Place;
+use self::spread::Spread;
 use super::array::{Memory, Scratch, Shared, values};
 use super::dataset::Span;
 use super::found::{Found, Source};
@@ -58,7 +60,8 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
 }
 
 fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
-    let mut found = Found::default();
+    let has_rewards_of_arrival = *episode == INDICES[0][0];
+    let mut found = Found { has_rewards_of_arrival, ..Found::default() };
     let numbers = episodes(table, episode, &mut found.lengths).at(format_args!("column `{episode}`"))?;
     let has_own_steps = is_counted(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
     let record = Record::of(table)?;
@@ -192,29 +195,25 @@ fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
 /// Adds the columns of the table of episodes.
 fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) -> Result<()> {
     let table = Arc::new(place.table()?);
-    let mut theirs = BTreeMap::new();
+    let (mut theirs, mut row) = (BTreeMap::new(), 0);
     if let Some(column) = table.column(name) {
         each_block(&table, column, |block| {
             for &number in block {
-                let next = theirs.len();
-                theirs.entry(number).or_insert(next);
+                theirs.entry(number).or_insert(row);
+                row += 1;
             }
             Ok(())
         })?;
     }
-    // An episode without a row there has nothing known of it.
-    let spans: Vec<Span> = numbers
-        .iter()
-        .map(|number| match theirs.get(number) {
-            Some(&first) => Span { array: 0, first, count: 1, tail: None },
-            None => Span { array: 0, first: 0, count: 0, tail: None },
-        })
-        .collect();
+    let rows: Arc<[Option<usize>]> = numbers.iter().map(|number| theirs.get(number).copied()).collect();
+    let spans = found.end_to_end();
+    let ends: Arc<[usize]> = spans.iter().map(|span| span.first + span.count).collect();
     for column in table.columns().iter().filter(|column| column.name != name) {
         let array = match &column.kind {
             Kind::List(_) => lists(&table, column),
             _ => TableColumn::of(&table, column).and_then(readable),
         };
+        let array = array.map(|values| Spread::of(values, &rows, &ends));
         found.add(&column.name, FieldKind::Episode, array, &spans)?;
     }
     Ok(())
