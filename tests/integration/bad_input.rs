@@ -297,6 +297,9 @@ fn a_place_without_permission_is_a_wrong_request_of_every_command() {
     let (data, toml, receipt) = (data.as_str(), toml.as_str(), receipt.as_str());
     let (out, h5, page) = (folder.path("out"), folder.path("out.h5"), folder.path("out.html"));
     let policy = format!("cem:@{receipt}");
+    let other = record(&folder, "other.h5", "--episodes 2 --max-steps 8 --image-size 16x16 --seed 7");
+    let bundle = folder.path("bundle");
+    swm_ok(&["bundle", &result, "--out", &bundle]);
     let [locked_h5, locked_toml, locked_html, locked_png, locked_parts] =
         [".h5", ".toml", ".html", ".png", "-{}.h5"].map(|ending| format!("{locked}{ending}"));
     let read: &[&[&str]] = &[
@@ -339,22 +342,23 @@ fn a_place_without_permission_is_a_wrong_request_of_every_command() {
         ],
         &["preview", &good, "--out", &locked_png],
         &["convert", &good, &locked_h5],
-        &["merge", &good, &good, "--out", &locked_h5],
-        &["split", &good, "--out", &locked_parts],
+        &["merge", &good, &other, "--out", &locked_h5],
+        &["split", &good, "--parts", "a=0.5,b=0.5", "--out", &locked_parts],
         &["manifest", "make", PUSHT, "--tier", "historic", "--episodes", "1", "--out", &locked_toml],
         &["eval", PUSHT, "--policy", "random", "--episodes", "1", "--budget", "2", "--out", locked],
         &["eval", "--manifest", &task, "--policy", "random", "--reference", "none", "--out", locked],
         &["sweep", "--manifest", &task, "--policy", "random", "--factors", "block.color", "--out", locked],
         &["report", &result, "--videos", "0", "--out", &locked_html],
         &["bundle", &result, "--out", locked],
-        &["board", &result, "--out", locked],
+        &["board", &bundle, "--out", locked],
         &["plan", PUSHT, "--policy", "cem:samples=6,iterations=2,elites=3", "--trace", locked],
         &["render", PUSHT, "--steps", "1", "--out", &locked_png],
         &["new-env", "a", "--out", locked],
         &["man", locked],
     ];
     let mut wrong = Vec::new();
-    for (place, commands) in [("", read), (locked, written)] {
+    // Some write beside the place first.
+    for (place, commands) in [("", read), ("/sys/", written)] {
         for command in commands {
             let output = swm(command).output().unwrap();
             let message = String::from_utf8_lossy(&output.stderr);

@@ -106,6 +106,10 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
     if !metadata.is_file() && !metadata.is_dir() {
         return Err(DataError::not_a_dataset(path, "it is neither a regular file nor a folder"));
     }
+    // A file that may not be read is of no format.
+    let opened =
+        if metadata.is_dir() { fs::read_dir(path).map(drop) } else { fs::File::open(path).map(drop) };
+    opened.map_err(|source| DataError::io(path, "open", source))?;
     if metadata.is_file() && metadata.len() == 0 {
         return Err(DataError::not_a_dataset(path, "the file is empty"));
     }

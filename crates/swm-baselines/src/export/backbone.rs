@@ -72,17 +72,27 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
     let is_published = patch == 14 && positions_for == 518 && hidden == 4 * dim;
     let published = PUBLISHED.iter().find(|(_, sizes)| is_published && *sizes == [dim, depth, heads]);
     let name = published.map_or(FOLDER, |(name, _)| name);
+    let mut notes = Vec::new();
     // A whole number as such: transformers 5 takes no float.
-    if !hidden.is_multiple_of(dim) {
-        let reason = format!(
-            "its encoder's hidden dim of {hidden} (`{place}.hidden`) is no multiple of its dim, {dim}, and a Dinov2Config has their whole \
-             ratio"
-        );
-        return Err(reason.into());
-    }
+    let ratio: Json = match hidden.is_multiple_of(dim.max(1)) {
+        true => (hidden / dim.max(1)).into(),
+        false => {
+            let ratio = hidden as f64 / dim as f64;
+            if (dim as f64 * ratio) as usize != hidden {
+                return Err(
+                    format!("its encoder's hidden dim of {hidden} is no multiple of its dim, {dim}").into()
+                );
+            }
+            notes.push(format!(
+                "its encoder's hidden dim of {hidden} (`{place}.hidden`) is no multiple of its dim, {dim}: transformers 4 loads it, and 5 does \
+                 not"
+            ));
+            ratio.into()
+        }
+    };
     let folder = json!({
         "architectures": ["Dinov2Model"], "model_type": "dinov2", "hidden_size": dim, "num_hidden_layers": depth,
-        "num_attention_heads": heads, "mlp_ratio": hidden / dim.max(1), "patch_size": patch, "image_size": positions_for, "num_channels": 3,
+        "num_attention_heads": heads, "mlp_ratio": ratio, "patch_size": patch, "image_size": positions_for, "num_channels": 3,
         "hidden_act": "gelu", "layer_norm_eps": 1e-6, "layerscale_value": 1.0, "qkv_bias": true, "use_swiglu_ffn": false,
         "use_mask_token": true, "hidden_dropout_prob": 0.0, "attention_probs_dropout_prob": 0.0, "drop_path_rate": 0.0,
     });
@@ -90,9 +100,10 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
         "the encoder is in the folder `{FOLDER}`, which the reference looks for below the current folder: load it from within the \
          checkpoint's folder, or with extra_args={{\"encoder.name\": …}}"
     );
+    notes.extend(published.is_none().then_some(beside));
     Ok(Named {
         config: json!({ "_target_": "stable_worldmodel.wm.prejepa.module.create_backbone", "name": name }),
-        notes: published.is_none().then_some(beside).into_iter().collect(),
+        notes,
         folder: published.is_none().then_some(folder),
         mask_token: (format!("{prefix}embeddings.mask_token"), vec![1, dim], Values::Floats(vec![0.0; dim])),
     })

@@ -65,6 +65,11 @@ pub(super) fn find(from: &str, file: Option<&str>) -> Result<Source, TaskError> 
         let weights = (!is_config).then(|| path.clone());
         return with_config(Some(folder.to_owned()), weights);
     }
+    if let Err(error) = fs::metadata(&path)
+        && error.kind() == std::io::ErrorKind::PermissionDenied
+    {
+        return Err(Message::about("from", from, error.to_string()).into());
+    }
     if !path.is_dir() {
         let message = Message::about("from", from, "there is no such file or folder");
         let is_repository =

@@ -63,12 +63,16 @@ impl RunFolder {
     /// There is no run.
     pub fn open(path: &Path) -> Result<Self, BaselineError> {
         let run = Self { path: path.to_owned() };
-        match run.config_file().is_file() {
-            true => Ok(run),
-            false if path.exists() => {
+        let config = run.config_file();
+        match fs::metadata(&config) {
+            Ok(found) if found.is_file() => Ok(run),
+            Err(source) if source.kind() == io::ErrorKind::PermissionDenied => {
+                Err(run.io("read", &config, source))
+            }
+            _ if path.exists() => {
                 Err(run.wrong("it holds no config.json; `swm train … --out DIR` makes a run"))
             }
-            false => Err(run.wrong(
+            _ => Err(run.wrong(
                 "there is no such folder; `swm train … --out DIR` makes a run, and a relative path counts from the current folder",
             )),
         }

@@ -37,6 +37,11 @@ impl Bundle {
     pub fn open(folder: &Path) -> Result<Self, BoxError> {
         let shown = folder.display();
         let path = folder.join(INFO);
+        if let Err(error) = std::fs::metadata(&path)
+            && error.kind() == std::io::ErrorKind::PermissionDenied
+        {
+            return Err(format!("cannot read {}: {error}", path.display()).into());
+        }
         if !path.is_file() {
             let advice = match folder.join(RECEIPT).is_file() {
                 true => format!("it is a result; `swm bundle {shown} --out FOLDER` makes a bundle of it"),

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from .._access import access_checked
 from .._core import core as _swm
 from . import foreign
-from .native import note_unsampled, plain_options
+from .native import note_unsampled, plain_options, whole
 from .policies import NativePolicy, ask, explains_actions
 from .progress import Progress
 from .results import EvaluationResult
@@ -115,6 +115,7 @@ class Runs:
             raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
         if not isinstance(cast("Any", episodes), (int, np.integer)) or episodes < 1:
             raise ValueError(f"World.evaluate: episodes={episodes}; ask for 1 or more, a whole number")
+        whole("episodes", episodes)
         if self._core is None:
             return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
         _note_options(self._core, options)
@@ -140,6 +141,7 @@ class Runs:
             return foreign.evaluate_from_dataset(
                 cast("World", self), dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, mode
             )
+        whole("eval_budget", eval_budget)
         check_callables(callables)
         check_recording(dataset, self._built["id"], self._built["frame_skip"])
         reader = getattr(dataset, "reader", None)
@@ -233,6 +235,7 @@ class Runs:
         asked = ("episodes", episodes) if total is None else ("total", total)
         if not isinstance(cast("Any", asked[1]), (int, np.integer)) or asked[1] < 1:
             raise ValueError(f"World.collect: {asked[0]}={asked[1]}; ask for 1 or more, a whole number")
+        whole(*asked)
         target = Path(str(path or "")).expanduser()
         if path is not None:
             target.parent.mkdir(parents=True, exist_ok=True)
