@@ -1,6 +1,5 @@
 //! Lance tables, read without the crates of Lance.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::{Column, Dtype, FieldKind};
