@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json, json};
-use swm_core::{BoxError, ImageSize, Registry};
+use swm_core::{BoxError, Registry};
 use swm_data::Dataset;
 use swm_tasks::memory::machine_bytes;
 use swm_tasks::request::{

@@ -1,7 +1,7 @@
 //! Looks of recordings: which visual factors are set or sampled where images are rendered when they are read.
 
 use clap::Args;
-use serde_json::{Map, Value as Json};
+use serde_json::{Map, Value as Json, json};
 
 use super::train::assignments;
 use super::{Failure, usage};
@@ -36,7 +36,7 @@ impl LookArgs {
             [] => Ok(None),
             [_] if recorded => Ok(Some(Map::new())),
             _ if recorded => Err(usage("--canonical recorded stands alone: it is the recorded look")),
-            given => assignments(given, "--canonical", Json::from).map(Some),
+            given => assignments(given, "--canonical", |text| json!(text)).map(Some),
         }
     }
 }

@@ -209,7 +209,7 @@ impl Train {
             norm_batches: self.norm_batches,
             quality_every: self.quality_every,
             patience: self.patience,
-            look: assignments(&looks.look, "--look", Json::from)?,
+            look: assignments(&looks.look, "--look", |text| json!(text))?,
             vary: looks.vary.clone(),
             vary_share: looks.vary_share,
             vary_usual: looks.vary_usual,
