@@ -369,6 +369,7 @@ impl Drop for Steps {
     }
 }
 
-#[cfg(all(test, feature = "baselines"))]
+#[cfg(test)]
+#[cfg(feature = "baselines")]
 #[path = "train_tests.rs"]
 mod tests;
