@@ -69,7 +69,7 @@ fn a_run_on_a_dataset_goes_on_to_the_same_bits_and_acts() {
         let resume =
             |path: Option<&Path>| OnlineTraining::resume(&tests::registry(), &cut, Device::Cpu, path, |_| {});
         let gone = resume(None).err().unwrap().to_string();
-        assert!(gone.contains("name its place with --data"), "{gone}");
+        assert!(gone.contains("name its place as `dataset`"), "{gone}");
         resume(Some(&moved)).unwrap().run(Vec::new(), &Cancel::new()).unwrap();
         let [whole_left, cut_left] = [&whole, &cut].map(|run| tests::left_of_run(run));
         assert_eq!(whole_left, cut_left);
@@ -178,10 +178,7 @@ fn datasets_that_an_agent_cannot_learn_from_are_refused() {
     let message = refused(&in_memory(&[STATE, ACTION, REWARD], 0.5, 3), "tdmpc2", &[]);
     assert!(message.contains("a clip has 4 steps, and the longest episode 3"), "{message}");
     let message = refused(&whole, "sac", &[]);
-    assert!(
-        message.contains("setting `data`: sac learns online alone; name an environment with --env"),
-        "{message}"
-    );
+    assert!(message.contains("setting `data`: sac learns online alone; name an environment"), "{message}");
     let foreign = begin(&run, &in_memory(&images(40), 0.5, 10), "tdmpc2", &["state", "pixels"]).unwrap();
     assert_eq!((foreign.config().env.as_str(), foreign.buffer_size()), ("", [10, 10 * (4_800 + 5 * 4)]));
 }

@@ -209,7 +209,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(weights("whole") == weights("broken"), "the weights differ");
     let error =
         Training::create(built_in(), &path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
-    assert!(error.contains("--resume"), "{error}");
+    assert!(error.contains("resume it"), "{error}");
     let error =
         Training::resume(built_in(), &path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
