@@ -191,7 +191,7 @@ fn a_dataset_that_moved_is_asked_for() {
     let (run, data) = (folder.path().join("run"), folder.path().join("data.h5"));
     let away = folder.path().join("away.h5");
     fs::rename(&data, &away).unwrap();
-    says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "--dataset"]);
+    says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "`dataset`"]);
     let moved = |path: &Path| Training::resume(built_in(), &run, Device::Cpu, Some(path), |_| ());
     assert!(moved(&away).is_ok() && resumed(&run).is_ok(), "its new place is remembered");
     assert!(moved(&data).is_err());
