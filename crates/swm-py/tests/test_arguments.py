@@ -123,7 +123,7 @@ EXTREME: dict[str, tuple[Callable[..., Any], Any]] = {
     "World.reset": (lambda path, **options: world_with(path).reset(**options), swm.World.reset),
     "make_manifest": (manifest_of, swm.make_manifest),
     "evaluate": (evaluated_on_a_manifest, swm.evaluate),
-    "load_dataset": (opened, swm.data.dataset.Dataset.__init__),
+    "load_dataset": (opened, swm.data.Dataset.__init__),
     "Loader": (batches, swm.data.Loader.__init__),
     "CEMSolver": (lambda _, **options: CEMSolver(Cost(), **options), CEMSolver.__init__),
     "NativePolicy": (lambda _, **options: swm.NativePolicy("random", **options), swm.NativePolicy.__init__),
