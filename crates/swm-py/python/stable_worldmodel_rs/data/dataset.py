@@ -22,6 +22,8 @@ __all__ = ["ClipIndices", "ConcatDataset", "Dataset", "GoalDataset", "MergeDatas
 
 Transform = Callable[[dict[str, Any]], dict[str, Any]]
 ACTION = "action"
+# Of a clip, in steps and from one to the next.
+_MOST_ROWS = 2**31 - 1
 
 
 class ClipIndices(Sequence[tuple[int, int]]):
@@ -109,6 +111,8 @@ class Dataset:
         transform: Transform | None = None,
     ) -> None:
         for name, value in (("frameskip", frameskip), ("num_steps", num_steps)):
+            if value > _MOST_ROWS:
+                raise ValueError(f"{name}={value} must be a whole number from 1 to {_MOST_ROWS}")
             if value < 1 or value != int(value):
                 raise ValueError(f"{name}={value} must be a whole number, 1 or more")
         self.lengths = lengths

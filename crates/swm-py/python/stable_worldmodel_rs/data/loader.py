@@ -140,10 +140,13 @@ class Loader:
         if whole_number("batch_size", batch_size, least=-(1 << 62)) < 1:
             raise _swm.DataError(f"Loader: batch_size={batch_size}: use 1 or more clips")
         whole_number("seed", seed)
+        whole_number("ahead", ahead)
         if isinstance(cast("Any", shuffle), str):
             raise TypeError(f"shuffle={shuffle!r} is a text; give True or False")
         if not isinstance(cast("Any", shard), (tuple, list)) or len(shard) != 2:
             raise TypeError(f"shard={shard!r}: give (rank, world size), such as shard=(0, 2), or (0, 1) for all")
+        for part in shard:
+            whole_number("shard", part)
         require_callable("transform", transform, "a batch, {column: (B, T, …)}")
         image = None if image is None else image_sides("image", image)
         self.dataset = dataset

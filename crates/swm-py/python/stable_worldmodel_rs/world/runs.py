@@ -313,7 +313,7 @@ class Runs:
         """A World as this one that saves states and renders nothing."""
         if not isinstance(self.policy, NativePolicy):
             raise TypeError("replayable= runs a World without images, which only policies of the core can do without")
-        built: dict[str, Any] = {**self._built, "image": None, "checkpoints": every}
+        built: dict[str, Any] = {**self._built, "image": None, "checkpoints": whole("replayable", every, 2**32 - 1)}
         core = _swm.World(**built)
         core.set_policy(self.policy.text)
         core.set_policy_seed(self.policy.seed)
