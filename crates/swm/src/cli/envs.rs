@@ -208,7 +208,7 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
         let shared = shared_settings(&policies);
         if !shared.is_empty() {
             text +=
-                &format!("\n{}", table(&["setting of most planners", "default", "what it does"], &shared));
+                &format!("\n{}", table(&["setting of many planners", "default", "what it does"], &shared));
         }
         text + &others + &format!("\n`swm envs {} --full` lists the settings of each policy.\n", entry.id)
     })
@@ -227,7 +227,7 @@ fn setting_row(indent: &str, setting: &Setting, default: &str) -> Vec<String> {
     vec![format!("{indent}{}", setting.name), default.to_owned(), setting.doc.to_owned()]
 }
 
-/// The settings that half of the policies with settings share, once each.
+/// The settings that a third of the policies with settings share, once each: solvers in a build with baselines.
 fn shared_settings(policies: &[&PolicyEntry]) -> Vec<Vec<String>> {
     let with_settings = policies.iter().filter(|policy| !policy.settings.is_empty()).count();
     let mut seen: Vec<(&Setting, Vec<&str>)> = Vec::new();
@@ -238,7 +238,7 @@ fn shared_settings(policies: &[&PolicyEntry]) -> Vec<Vec<String>> {
         }
     }
     let shared =
-        seen.into_iter().filter(|(_, defaults)| defaults.len() > 1 && 2 * defaults.len() >= with_settings);
+        seen.into_iter().filter(|(_, defaults)| defaults.len() > 1 && 3 * defaults.len() >= with_settings);
     shared
         .map(|(setting, defaults)| {
             let agree = defaults.iter().all(|default| *default == setting.default);
