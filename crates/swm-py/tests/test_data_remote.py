@@ -239,15 +239,17 @@ def test_a_dataset_that_is_here_asks_no_server(server: Server) -> None:
 
 @pytest.mark.skipif(not _swm.HAS_TRAINING, reason="this build has no training")
 def test_a_model_is_trained_on_an_address(server: Server, tmp_path: Path) -> None:
-    states = np.random.default_rng(0).normal(size=(60, 4)).astype(np.float32)
-    with swm.data.HDF5Writer(server.folder / "states.h5") as writer:
+    values = np.random.default_rng(0)
+    states = values.normal(size=(60, 4)).astype(np.float32)
+    pixels = values.integers(0, 256, size=(60, 64, 64, 3), dtype=np.uint8)
+    with swm.data.HDF5Writer(server.folder / "images.h5") as writer:
         for first in range(0, 60, 20):
             rows = slice(first, first + 20)
-            writer.write_episode({"state": states[rows], "observation": states[rows], "action": states[rows, :2]})
-    code = f"swm.train('gcbc', 's3://bucket/states.h5', {str(tmp_path / 'run')!r}, preset='small', steps=2, batch=4, progress=False)\n"
+            writer.write_episode({"pixels": pixels[rows], "proprio": states[rows], "action": states[rows, :2]})
+    code = f"swm.train('gcbc', 's3://bucket/images.h5', {str(tmp_path / 'run')!r}, preset='small', steps=2, batch=4, progress=False)\n"
     done = server.python(code)
     assert done.returncode == 0, done.stderr
-    assert "s3://bucket/states.h5" in (tmp_path / "run" / "config.json").read_text()
+    assert "s3://bucket/images.h5" in (tmp_path / "run" / "config.json").read_text()
 
 
 def test_what_is_not_there_is_named(server: Server) -> None:

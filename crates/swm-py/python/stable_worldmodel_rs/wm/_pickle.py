@@ -180,8 +180,9 @@ class _Tensors:
         self._enter(depth)
         if isinstance(value, Record) and (found := self.tensor(value)) is not None:
             return found
-        if isinstance(value, Record) and isinstance(value.state, dict) and "_parameters" in value.state:
-            return dict(self._module(cast("dict[str, Any]", value.state), "", depth))
+        state: Any = value.state if isinstance(value, Record) else None
+        if isinstance(state, dict) and "_parameters" in state:
+            return dict(self._module(cast("dict[str, Any]", state), "", depth))
         below = value.content if isinstance(value, Record) else value
         if not isinstance(below, dict):
             return None
@@ -246,7 +247,7 @@ def _legacy(stream: IO[bytes]) -> tuple[Any, list[str]]:
     found = unpickler.load()
     values: dict[str, bytes] = {}
     for key in _Unpickler(stream).load():
-        kind = _TYPES.get(unpickler.storages[key].name)
+        kind: Any = _TYPES.get(unpickler.storages[key].name)
         if kind is None:
             raise ValueError(f"a tensor is of {unpickler.storages[key].name}; models take dense tensors of real numbers")
         values[key] = stream.read(int.from_bytes(stream.read(8), "little") * kind.itemsize)

@@ -152,7 +152,7 @@ def archive_of(
     if not isinstance(heads, int) or heads < 1 or inner % heads:
         raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, are in no file; give extra_args={{'predictor.heads': N}}")
     depth = _blocks(found, r"predictor\.transformer\.layers\.(\d+)\.")
-    sizes: dict[str, int] = {"num_patches": side**2, "num_frames": history, "dim": positions.shape[2], "depth": depth}
+    sizes: dict[str, Any] = {"num_patches": side**2, "num_frames": history, "dim": positions.shape[2], "depth": depth}
     sizes |= {"heads": heads, "dim_head": inner // heads, "mlp_dim": mlp.shape[0]}
     with torch.device("meta"):
         backbone = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")

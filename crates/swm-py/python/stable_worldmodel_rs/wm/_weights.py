@@ -4,9 +4,9 @@ executed."""
 from __future__ import annotations
 
 import json
+import logging
 import pickle
 import re
-import warnings
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +16,8 @@ from ._pickle import read_objects
 from ._torch import DType, Tensor, torch
 
 __all__ = ["read_weights", "unwrapped"]
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 # What training keeps beside the model: losses, meters, the inverse dynamics of PLDM.
 _BESIDE = ("sigreg.", "idm.", "criterion", "val_", "train_", "_metrics")
@@ -99,7 +101,7 @@ def _torch_file(file: Path, zipped: bool) -> Any:
     except damaged as error:
         raise ValueError(f"{file} is no file of torch.save, or a damaged one: {error}. Fetch it again") from error
     if called:
-        warnings.warn(f"{file} would call {', '.join(called)} if Python loaded it; ignored here. Do not load it with torch.load", stacklevel=2)
+        logger.warning("%s would call %s if Python loaded it; ignored here. Do not load it with torch.load", file, ", ".join(called))
     return found
 
 
