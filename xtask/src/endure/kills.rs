@@ -97,7 +97,7 @@ const ALL: &[Work] = &[
         begin: "task OUT --all",
         again: "task OUT --all",
         finish: Some("task OUT --finish"),
-        result: Outcome::Json(&["result/receipt.json"]),
+        result: Outcome::Json(&["receipt.json"]),
         needs: |_| true,
     },
     Work {
