@@ -165,14 +165,25 @@ fn runs(swm: &Swm, folder: &Path, samples: &mut Vec<Sample>) -> Result<()> {
     Ok(())
 }
 
+/// Published checkpoints that cannot be imported without these options.
+const IMPORTED_WITH: &[(&str, &str)] = &[
+    ("dino_wm", "--encoder IN/backbone.pth --set encoder.heads=2 --set predictor.heads=2"),
+    ("gcivl_policy", "--as gcivl --set model.encoder.heads=2"),
+    ("hilp_policy", "--as hilp --set model.encoder.heads=2"),
+    ("lewm_trainer", "--weights last.ckpt"),
+];
+/// Folders of the fixtures without weights of their own.
+const WITHOUT_WEIGHTS: &[&str] = &["bad", "tdmpc2_pixels"];
+
 /// Published checkpoints, from the fixtures of the tests.
 fn checkpoints(folder: &Path, samples: &mut Vec<Sample>) -> Result<()> {
     let golden = process::root().join("tests/golden/checkpoints");
-    for name in names(&golden)?.into_iter().filter(|name| name != "bad") {
+    for name in names(&golden)?.into_iter().filter(|name| !WITHOUT_WEIGHTS.contains(&name.as_str())) {
         let kind = format!("checkpoint, {name}");
         let made = make(folder, &kind)?;
         copy(&golden.join(&name), &made.join(&name))?;
-        push(samples, &kind, made, &name, &["import IN --check-only -q"]);
+        let options = IMPORTED_WITH.iter().find(|(with, _)| *with == name).map_or("", |(_, options)| options);
+        push(samples, &kind, made, &name, &[&format!("import --check IN {options} -q")]);
     }
     Ok(())
 }
