@@ -30,7 +30,6 @@ mod jobs;
 mod looks;
 mod man;
 mod manifest;
-#[cfg(feature = "baselines")]
 mod new_env;
 mod opening;
 mod output;
