@@ -150,7 +150,7 @@ impl FovSpace {
         Self { factors, constraints: Vec::new() }
     }
 
-    /// Adds constraints.
+    /// Adds constraints to those that the space has.
     ///
     /// # Panics
     /// If a constraint names a factor that does not exist, or reads one that is sampled after its owner.
@@ -171,7 +171,7 @@ impl FovSpace {
                 Some(others) => format!("{others}, and {}", constraint.words),
             });
         }
-        self.constraints = constraints;
+        self.constraints.extend(constraints);
         self
     }
 

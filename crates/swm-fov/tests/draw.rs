@@ -29,6 +29,21 @@ fn sample(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
 }
 
 #[test]
+fn constraints_of_a_second_call_are_added() {
+    let rule = |owner, reads, words, holds| Constraint { owner, reads, words, holds };
+    let number_is_one = rule("door.number", &[], "1", |fov| fov.i64("door.number") == 1);
+    let both = space().with_constraints(vec![number_is_one]).with_constraints(vec![]);
+    let refusal = |options: ResetOptions| {
+        let fov = both.sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(0), &options.vary(["none"])));
+        fov.unwrap_err().to_string()
+    };
+    let first = refusal(ResetOptions::default().set("goal.position", Value::vector(&[1.0, 1.0])));
+    assert!(first.contains("`goal.position` must be on the other side"), "{first}");
+    let second = refusal(ResetOptions::default().set("door.number", Value::scalar(2i64)));
+    assert!(second.contains("`door.number` must be 1"), "{second}");
+}
+
+#[test]
 fn groups_and_all_select_what_lies_below() {
     let fov = sample(3, &ResetOptions::default().vary(["goal", "wall.color"])).unwrap();
     assert!(fov.touched("goal.position") && fov.touched("wall.color"));
