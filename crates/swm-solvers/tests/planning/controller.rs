@@ -202,6 +202,26 @@ fn actions_have_the_bounds_and_types_of_their_space() {
     assert_eq!(mpc.next(&mut chain, None).unwrap(), [best[0] as f32 + 3.0]);
 }
 
+#[test]
+fn no_observation_is_none_of_an_earlier_call() {
+    let config = PlanConfig { history_len: 1, ..config() };
+    let mut mpc = Mpc::new(Box::new(cem()), config, line()).unwrap();
+    let mut cost = Homing::default();
+    mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
+    mpc.next(&mut cost, None).expect("the second action of the plan needs no observation");
+    let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
+    assert!(refused.starts_with("`the observation` must be a row of state float64 [1]"), "{refused}");
+    assert!(refused.ends_with("found none: `next` got no observation"), "{refused}");
+    mpc.next(&mut cost, &row(1.0, 2.0)).expect("it goes on");
+    assert_eq!(cost.plans, 2);
+
+    mpc.reset();
+    let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
+    assert!(refused.contains("`state`") && refused.contains("`next` got no observation"), "{refused}");
+    mpc.next(&mut cost, &row(1.0, 2.0)).expect("the episode has its first observation");
+    mpc.next(&mut cost, None).expect("the second action of the plan needs no observation");
+}
+
 /// Blocks of several actions are asked for by `action_block`; a wider action is another action.
 #[test]
 fn actions_of_another_size_than_the_models_are_refused() {
@@ -231,7 +251,7 @@ fn wrong_observations_and_settings_are_refused() {
     let mut mpc = Mpc::new(Box::new(cem()), config(), line()).unwrap();
     let mut cost = Homing::default();
     let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
-    assert_eq!(refused, "unknown field `state`; there are none");
+    assert!(refused.contains("`state`") && refused.contains("`next` got no observation"), "{refused}");
     mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
     let force = Schema::new(vec![Field::step("force", Dtype::F32, &[3])]).unwrap();
     let refused = mpc.next(&mut cost, &Batch::new(force, 1)).unwrap_err().to_string();
