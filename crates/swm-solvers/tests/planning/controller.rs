@@ -9,9 +9,7 @@ use model::{Body, GOAL, OBSTACLE, RADIUS};
 use serde_json::Map;
 use swm_core::testing::TOY;
 use swm_core::{Batch, Dtype, EnvConfig, Field, Schema, Space};
-use swm_solvers::models::{
-    ControlCost, ControlPenalty, DiscreteChain, Navigation, ShootingCost, Stepwise,
-};
+use swm_solvers::models::{ControlCost, ControlPenalty, DiscreteChain, Navigation, ShootingCost, Stepwise};
 use swm_solvers::{
     Candidates, Cem, Cost, Memory, Mpc, MpcPolicy, PlanConfig, PlanError, PlanningContext, SOLVERS,
     SimulatorCost, SimulatorOptions,

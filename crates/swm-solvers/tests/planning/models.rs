@@ -281,7 +281,10 @@ fn wrong_parts_and_dimensions_are_named() {
     let odd = Candidates { actions: &[0.0; 3], episodes: 1, samples: 1, horizon: 1, dim: 3 };
     let error = ControlCost::new(Navigation::past_one_obstacle()).evaluate(&odd, &mut [0.0]).unwrap_err();
     let error = error.to_string();
-    assert!(error.starts_with("blocks of 3 values of a plan are no whole number of the model's actions, of 2"), "{error}");
+    assert!(
+        error.starts_with("blocks of 3 values of a plan are no whole number of the model's actions, of 2"),
+        "{error}"
+    );
 }
 
 /// The distance of the last state from the goal, and a wall, with no derivatives.
