@@ -124,7 +124,12 @@ impl Mpc {
     fn take_next(&mut self, cost: &mut dyn Cost, deadline: Option<Instant>) -> Result<&[f32], PlanError> {
         let Self { planner, source, rows, action, .. } = self;
         planner.set_deadline(deadline);
-        planner.plan(cost, &source.view(rows)?, &mut |_, _, _| {})?;
+        planner.plan(cost, &source.view(rows)?, &mut |_, _, _| {}).map_err(|error| match error {
+            PlanError::Batch(BatchError::UnknownField { name, .. }) if rows.schema().fields().is_empty() => {
+                not_observed(name, "a column of the observation".to_owned())
+            }
+            error => error,
+        })?;
         planner.take(0, |map, values| map.write(values, &mut action.as_slice_mut()));
         self.source.advance();
         let action = self.action.as_slice();
@@ -171,9 +176,7 @@ impl Mpc {
         if self.planner.config.history_len == 1 && self.planner.has_action(0) {
             return Ok(());
         }
-        let found = "none: `next` got no observation".to_owned();
-        let (name, expected) = ("the observation".to_owned(), names(self.rows.schema()));
-        Err(BatchError::WrongValue { name, expected, found }.into())
+        Err(not_observed("the observation".to_owned(), names(self.rows.schema())))
     }
 
     /// Copies an observation.
@@ -195,6 +198,11 @@ impl Mpc {
         self.has_observed = true;
         Ok(())
     }
+}
+
+/// What a plan needs, and was not given.
+fn not_observed(name: String, expected: String) -> PlanError {
+    BatchError::WrongValue { name, expected, found: "none: `next` got no observation".to_owned() }.into()
 }
 
 /// `a row of state f64 [2], goal f64 [2]`.
