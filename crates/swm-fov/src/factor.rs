@@ -48,15 +48,22 @@ impl Factor {
     }
 
     /// Integers, each in `low..=high`.
+    ///
+    /// # Panics
+    /// If the bounds are reversed or beyond 2⁵³: the table is source code, and the mistake is a bug in it.
     pub fn integers(name: &str, low: i64, high: i64, default: &[i64]) -> Self {
-        let count = default.len();
-        let space = Space::MultiDiscrete { n: vec![high - low + 1; count], start: vec![low; count] };
+        let (n, count) = (values_within(name, low, high), default.len());
+        let space = Space::MultiDiscrete { n: vec![n; count], start: vec![low; count] };
         Self::new(name, space, Value::vector(default))
     }
 
     /// An integer in `low..=high`.
+    ///
+    /// # Panics
+    /// As of [`Factor::integers`].
     pub fn integer(name: &str, low: i64, high: i64, default: i64) -> Self {
-        Self::new(name, Space::Discrete { n: high - low + 1, start: low }, Value::scalar(default))
+        let n = values_within(name, low, high);
+        Self::new(name, Space::Discrete { n, start: low }, Value::scalar(default))
     }
 
     /// Its dotted name.
@@ -100,6 +107,62 @@ impl Factor {
     }
 }
 
+/// Integers are saved as `f64`, which holds them up to here.
+const LARGEST_INTEGER: i64 = 1 << 53;
+
+/// How many integers there are in `low..=high`.
+fn values_within(name: &str, low: i64, high: i64) -> i64 {
+    let most = i128::from(high) - i128::from(low) + 1;
+    check_integers(name, low, most);
+    high - low + 1
+}
+
+/// Panics unless the `n` integers from `low` on are one or more that a factor can hold.
+fn check_integers(name: &str, low: i64, n: i128) {
+    let high = i128::from(low) + n - 1;
+    assert!(n > 0, "factor `{name}` has the bounds low {low} and high {high}: low must not be above high");
+    assert!(
+        low >= -LARGEST_INTEGER && high <= LARGEST_INTEGER.into(),
+        "factor `{name}` has the bounds low {low} and high {high}: integers of a factor lie within ±{LARGEST_INTEGER}"
+    );
+}
+
+/// Panics unless `space` can be sampled.
+fn check_bounds(name: &str, space: &Space) {
+    match space {
+        Space::Box { dtype, shape, low, high } => {
+            let (dim, lengths) = (shape.iter().product::<usize>(), [low.len(), high.len()]);
+            assert!(
+                lengths == [dim; 2],
+                "factor `{name}` has {dim} values and {} lower and {} upper bounds",
+                lengths[0],
+                lengths[1]
+            );
+            let stored = |bound: f64| if *dtype == Dtype::F32 { f64::from(bound as f32) } else { bound };
+            for (&low, &high) in low.iter().zip(high) {
+                assert!(
+                    (stored(high) - stored(low)).is_finite(),
+                    "factor `{name}` has the bounds low {low:e} and high {high:e}: they and their difference must be finite {dtype}"
+                );
+                assert!(
+                    low <= high,
+                    "factor `{name}` has the bounds low {low} and high {high}: low must not be above high"
+                );
+            }
+        }
+        Space::Discrete { n, start } => check_integers(name, *start, (*n).into()),
+        Space::MultiDiscrete { n, start } => {
+            let (counts, starts) = (n.len(), start.len());
+            assert!(counts == starts, "factor `{name}` has {counts} counts and {starts} lower bounds");
+            n.iter().zip(start).for_each(|(&n, &start)| check_integers(name, start, n.into()));
+        }
+        Space::Rgb => {}
+        Space::Dict { spaces } => {
+            spaces.iter().for_each(|(part, space)| check_bounds(&format!("{name}.{part}"), space))
+        }
+    }
+}
+
 /// A rule between factors. It belongs to one of them, its owner: where the owner is sampled, it is sampled until the rule holds, up to
 /// 1,000 times. An owner that is set, or keeps its default, is never changed: a reset whose values break a rule is refused.
 #[derive(Clone, Debug)]
@@ -125,11 +188,12 @@ impl FovSpace {
     /// A space without constraints.
     ///
     /// # Panics
-    /// If two factors share a name or a default lies outside its space: the table is source code, and the
-    /// mistake is a bug in it.
+    /// If two factors share a name, bounds are reversed or not finite, or a default lies outside its space: the table is source
+    /// code, and the mistake is a bug in it.
     pub fn new(factors: Vec<Factor>) -> Self {
         for (index, factor) in factors.iter().enumerate() {
             let name = &factor.spec.name;
+            check_bounds(name, &factor.spec.space);
             assert!(
                 factor.spec.space.contains(&factor.default),
                 "the default of `{name}`, {}, lies outside its space, {:?}",
@@ -150,7 +214,7 @@ impl FovSpace {
         Self { factors, constraints: Vec::new() }
     }
 
-    /// Adds constraints.
+    /// Adds constraints to those that the space has.
     ///
     /// # Panics
     /// If a constraint names a factor that does not exist, or reads one that is sampled after its owner.
@@ -171,7 +235,7 @@ impl FovSpace {
                 Some(others) => format!("{others}, and {}", constraint.words),
             });
         }
-        self.constraints = constraints;
+        self.constraints.extend(constraints);
         self
     }
 

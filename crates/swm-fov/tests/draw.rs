@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use swm_core::env::Episode;
-use swm_core::{EnvError, EpisodeSeed, ResetOptions, Value};
+use swm_core::{Dtype, EnvError, EpisodeSeed, ResetOptions, Space, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 fn space() -> FovSpace {
@@ -26,6 +26,71 @@ fn space() -> FovSpace {
 
 fn sample(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
     space().sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(seed), options)).map_err(|e| e.to_string())
+}
+
+#[test]
+fn constraints_of_a_second_call_are_added() {
+    let rule = |owner, reads, words, holds| Constraint { owner, reads, words, holds };
+    let number_is_one = rule("door.number", &[], "1", |fov| fov.i64("door.number") == 1);
+    let both = space().with_constraints(vec![number_is_one]).with_constraints(vec![]);
+    let refusal = |options: ResetOptions| {
+        let fov = both.sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(0), &options.vary(["none"])));
+        fov.unwrap_err().to_string()
+    };
+    let first = refusal(ResetOptions::default().set("goal.position", Value::vector(&[1.0, 1.0])));
+    assert!(first.contains("`goal.position` must be on the other side"), "{first}");
+    let second = refusal(ResetOptions::default().set("door.number", Value::scalar(2i64)));
+    assert!(second.contains("`door.number` must be 1"), "{second}");
+}
+
+/// What refuses the construction of `make`'s space.
+fn refusal(make: impl FnOnce() -> Factor + std::panic::UnwindSafe) -> String {
+    let refused = std::panic::catch_unwind(|| FovSpace::new(vec![make()])).expect_err("it is no factor");
+    *refused.downcast::<String>().expect("a message with its name")
+}
+
+#[test]
+fn bounds_that_cannot_be_sampled_are_refused_by_name() {
+    let reals = [
+        (f64::MIN, f64::MAX, "low -1.7976931348623157e308 and high 1.7976931348623157e308"),
+        (0.0, f64::INFINITY, "low 0e0 and high inf"),
+        (f64::NEG_INFINITY, 0.0, "low -inf and high 0e0"),
+        (f64::NAN, 1.0, "low NaN and high 1e0"),
+        (2.0, 1.0, "low 2 and high 1: low must not be above high"),
+    ];
+    for (low, high, part) in reals {
+        for refused in [
+            refusal(|| Factor::scalar("a", low, high, 0.5)),
+            refusal(|| Factor::scalar_f32("a", low, high, 0.5)),
+            refusal(|| Factor::vector("a", low, high, &[0.5, 0.5])),
+            refusal(|| Factor::vector_f32("a", low, high, &[0.5])),
+        ] {
+            assert!(refused.contains("factor `a`") && refused.contains(part), "{refused}");
+        }
+    }
+    let refused = refusal(|| Factor::scalar_f32("a", -4e38, 4e38, 0.0));
+    assert!(refused.contains("must be finite float32"), "{refused}");
+    for (low, high) in [(i64::MIN, i64::MAX), (0, i64::MAX), (i64::MIN, 0), (3, 1)] {
+        let part = format!("factor `a` has the bounds low {low} and high {high}");
+        for refused in [
+            refusal(|| Factor::integer("a", low, high, 2)),
+            refusal(|| Factor::integers("a", low, high, &[2, 2])),
+        ] {
+            assert!(refused.starts_with(&part), "{refused}");
+        }
+    }
+    let short = Space::Box { dtype: Dtype::F64, shape: vec![2], low: vec![0.0], high: vec![1.0, 1.0] };
+    let refused = refusal(|| Factor::new("a", short, Value::vector(&[0.0, 0.0])));
+    assert_eq!(refused, "factor `a` has 2 values and 1 lower and 2 upper bounds");
+    let refused =
+        refusal(|| Factor::new("a", Space::Discrete { n: i64::MAX, start: 5 }, Value::scalar(5i64)));
+    assert!(refused.contains("factor `a`"), "{refused}");
+    let wide = FovSpace::new(vec![Factor::integer("a", -(1 << 53), 1 << 53, 2)]);
+    let options = ResetOptions::default().vary(["all"]);
+    for seed in 0..9 {
+        let fov = wide.sample("swm/Test-v0", &Episode::new(EpisodeSeed::new(seed), &options)).unwrap();
+        assert_eq!(wide.recall(&fov.save()).unwrap(), fov);
+    }
 }
 
 #[test]

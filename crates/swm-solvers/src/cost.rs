@@ -59,6 +59,12 @@ pub trait Cost: Send {
         None
     }
 
+    /// A: how many values of a plan are one action of the model behind this cost, where that is fixed: that of
+    /// [`Cost::control`], unless it is implemented. Solvers refuse action spaces of another size.
+    fn action_dim(&self) -> Option<usize> {
+        self.control().map(ControlModel::action_dim)
+    }
+
     /// Single steps of the model behind this cost, if it has them: GRASP needs them.
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {
         None

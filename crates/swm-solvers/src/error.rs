@@ -34,6 +34,28 @@ pub enum PlanError {
         /// How many it holds.
         found: usize,
     },
+    /// Actions of another size than the model's.
+    #[error(
+        "actions of {found} values of a plan, where the model takes actions of {expected} (its `action_dim`); plan in an action space of \
+         {expected}, and ask for several actions per block by `action_block`"
+    )]
+    ActionDim {
+        /// A of the model.
+        expected: usize,
+        /// A of the action space.
+        found: usize,
+    },
+    /// Blocks that are no actions of the model.
+    #[error(
+        "blocks of {block} values of a plan are no whole number of the model's actions, of {action} values each (its `action_dim`); plan \
+         in an action space of {action}"
+    )]
+    BlockSize {
+        /// D: values of a block.
+        block: usize,
+        /// A of the model.
+        action: usize,
+    },
     /// No candidate has a finite cost.
     #[error(
         "episode {episode}, plan {plan}, iteration {iteration}: all {samples} candidates have a cost that is not \

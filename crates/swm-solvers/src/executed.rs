@@ -81,6 +81,10 @@ impl Cost for AsExecuted {
         self.cost.control()
     }
 
+    fn action_dim(&self) -> Option<usize> {
+        self.cost.action_dim()
+    }
+
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {
         self.cost.steps().is_some().then_some(self as &mut dyn StateSteps)
     }

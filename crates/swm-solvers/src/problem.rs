@@ -4,7 +4,7 @@ use swm_core::{EpisodeSeed, LiveEpisode, Space};
 
 use crate::cost::Cost;
 use crate::error::PlanError;
-use crate::ranges::at_least_one;
+use crate::ranges::check_length;
 use crate::sampling::count_non_finite;
 use crate::space::plan_dim;
 
@@ -14,7 +14,7 @@ use crate::space::plan_dim;
 /// (one-hot, or probabilities while a solver relaxes them) if they are integers.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a> {
-    /// `[B]`: the episodes.
+    /// `[B]`: the episodes; without any, the plan is empty.
     pub keys: &'a [PlanKey],
     /// H.
     pub horizon: usize,
@@ -72,11 +72,22 @@ impl Problem<'_> {
     ///
     /// # Errors
     ///
-    /// [`PlanError::Setting`]: a horizon or block of 0; [`PlanError::Size`]: `initial` or `memory` has another
+    /// [`PlanError::Setting`]: a horizon or block of 0, or more of them than can be intended; [`PlanError::Size`]: `initial` or `memory` has another
     /// length.
     pub fn check(&self) -> Result<(), PlanError> {
-        at_least_one("horizon", self.horizon)?;
-        at_least_one("action_block", self.action_block)?;
+        check_length("horizon", self.horizon)?;
+        check_length("action_block", self.action_block)?;
+        let sizes = [self.action_block, plan_dim(self.action), self.keys.len().max(1)];
+        let all = sizes.iter().try_fold(self.horizon, |product, &size| product.checked_mul(size));
+        if all.is_none_or(|all| all > MAX_VALUES) {
+            let reason = format!(
+                "{} plans of {} blocks of {} actions are too many (at most {MAX_VALUES} values); use fewer episodes, or a shorter horizon",
+                self.keys.len(),
+                self.horizon,
+                self.action_block
+            );
+            return Err(PlanError::setting("horizon", reason));
+        }
         let expected = self.keys.len() * self.plan_size();
         if self.initial.len() != expected {
             return Err(PlanError::Size { name: "initial", expected, found: self.initial.len() });

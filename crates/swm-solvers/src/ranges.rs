@@ -5,6 +5,15 @@ use crate::error::PlanError;
 /// More samples or iterations are a typing error (and would not fit the keys of the noise).
 const MAX_COUNT: usize = 10_000_000;
 
+/// Longer horizons, blocks or histories are typing errors.
+const MAX_LENGTH: usize = 100_000;
+
+/// A length of a plan: from 1 to the most that can be intended.
+pub(crate) fn check_length(name: &str, value: usize) -> Result<(), PlanError> {
+    at_least_one(name, value)?;
+    check_at_most(name, value, MAX_LENGTH)
+}
+
 /// 1 or more.
 pub(crate) fn at_least_one(name: &str, value: usize) -> Result<(), PlanError> {
     if value == 0 { Err(PlanError::setting(name, "0 is too small; use 1 or more")) } else { Ok(()) }

@@ -8,6 +8,7 @@ use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
 use crate::settings::Validate;
+use crate::space::plan_dim;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -81,6 +82,15 @@ pub trait SolverConfig: Validate + Send + Sync + 'static {
     ) -> Result<(), PlanError>;
 }
 
+/// Refuses actions of another size than those of the model behind `cost`.
+fn check_actions(problem: &Problem<'_>, cost: &dyn Cost) -> Result<(), PlanError> {
+    let found = plan_dim(problem.action);
+    match cost.action_dim() {
+        Some(expected) if expected != found => Err(PlanError::ActionDim { expected, found }),
+        _ => Ok(()),
+    }
+}
+
 impl<S: SolverConfig> Solver for S {
     fn name(&self) -> &'static str {
         S::NAME
@@ -106,6 +116,7 @@ impl<S: SolverConfig> Solver for S {
         self.validate()?;
         problem.check()?;
         self.check_space(problem.action)?;
+        check_actions(problem, cost)?;
         self.solve_checked(problem, cost, workspace, trace, plan)
     }
 }

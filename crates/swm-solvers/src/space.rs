@@ -7,7 +7,9 @@ use crate::error::PlanError;
 /// A: values of a plan per action of `space`. A real number is one value; an integer is one-hot, a value per category.
 pub fn plan_dim(space: &Space) -> usize {
     match space {
-        Space::Discrete { .. } | Space::MultiDiscrete { .. } => categories(space).sum(),
+        Space::Discrete { .. } | Space::MultiDiscrete { .. } => {
+            categories(space).fold(0, usize::saturating_add)
+        }
         space => space.dim(),
     }
 }

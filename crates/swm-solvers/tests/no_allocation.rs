@@ -17,8 +17,8 @@ use swm_solvers::{
 #[global_allocator]
 static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// A cost that allocates nothing.
-struct Free;
+/// A cost that allocates nothing, on actions of so many values.
+struct Free(usize);
 
 impl Cost for Free {
     fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
@@ -46,7 +46,7 @@ impl ControlModel for Free {
         3
     }
     fn action_dim(&self) -> usize {
-        2
+        self.0
     }
     fn start(&self, _row: usize, state: &mut [f64]) {
         state.copy_from_slice(&[1.0, 2.0, 3.0]);
@@ -111,9 +111,10 @@ fn later_plans_allocate_nothing() {
             memory: &[],
         };
         let (mut workspace, mut plan) = (Workspace::new(), Plan::new());
+        let mut cost = Free(plan_dim(&action));
         pool.install(|| {
             let mut solve =
-                || solver.solve(&problem, &mut Free, &mut workspace, &mut NoTrace, &mut plan).unwrap();
+                || solver.solve(&problem, &mut cost, &mut workspace, &mut NoTrace, &mut plan).unwrap();
             assert!(count(&mut solve) > 0, "the counter counts");
             assert_eq!(fewest(&mut solve), Some(0), "{}", entry.name);
         });

@@ -10,7 +10,8 @@ use crate::error::PlanError;
 use crate::problem::Candidates;
 
 /// The cost of plans for a [`ControlModel`]: the sum of its stages. A plan `[H, D]` is T = H × D / A actions of A
-/// values.
+/// values: blocks of several actions where the problem asks for them
+/// ([`Problem::action_block`](crate::Problem::action_block)). Action spaces of another size than A are refused.
 pub struct ControlCost<M> {
     /// The model.
     pub model: M,
@@ -62,7 +63,7 @@ pub(crate) fn steps_of(
 ) -> Result<usize, PlanError> {
     let (dim, action) = (candidates.dim, model.action_dim());
     if action == 0 || !dim.is_multiple_of(action) || dim == 0 {
-        return Err(PlanError::Size { name: "values per block", expected: action, found: dim });
+        return Err(PlanError::BlockSize { block: dim, action });
     }
     Ok(candidates.horizon * (dim / action))
 }

@@ -57,6 +57,11 @@ pub trait Dynamics: Send + Sync {
         Err(PlanError::NoGradient { solver: "the objective" })
     }
 
+    /// As [`Cost::action_dim`](crate::Cost::action_dim).
+    fn action_dim(&self) -> Option<usize> {
+        None
+    }
+
     /// Single steps from any state, if it has them: GRASP needs them.
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {
         None
@@ -146,6 +151,10 @@ impl<M: ControlModel> Dynamics for Stepwise<M> {
 
     fn has_gradients(&self) -> bool {
         true
+    }
+
+    fn action_dim(&self) -> Option<usize> {
+        Some(self.model.action_dim())
     }
 
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {

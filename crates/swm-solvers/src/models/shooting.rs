@@ -149,6 +149,10 @@ impl<D: Dynamics> Cost for ShootingCost<D> {
         self.run(candidates, None, Outputs { costs, ..Outputs::default() })
     }
 
+    fn action_dim(&self) -> Option<usize> {
+        self.dynamics.action_dim()
+    }
+
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {
         self.dynamics.steps()
     }

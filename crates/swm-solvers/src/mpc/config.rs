@@ -2,7 +2,7 @@
 
 use super::report::Report;
 use crate::error::PlanError;
-use crate::ranges::{at_least_one, check_at_most};
+use crate::ranges::check_length;
 use crate::settings::Validate;
 
 swm_core::settings! {
@@ -35,9 +35,6 @@ swm_core::settings! {
     }
 }
 
-/// Longer horizons, blocks or histories are typing errors.
-const MAX_LENGTH: usize = 100_000;
-
 impl Validate for PlanConfig {
     fn validate(&self) -> Result<(), PlanError> {
         for (name, value) in [
@@ -46,8 +43,7 @@ impl Validate for PlanConfig {
             ("history_len", self.history_len),
             ("action_block", self.action_block),
         ] {
-            at_least_one(name, value)?;
-            check_at_most(name, value, MAX_LENGTH)?;
+            check_length(name, value)?;
         }
         if self.receding_horizon > self.horizon {
             let reason = format!(

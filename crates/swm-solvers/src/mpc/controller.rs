@@ -22,6 +22,8 @@ pub struct Mpc {
     /// The last observation: one row.
     rows: Batch,
     has_begun: bool,
+    /// Whether the episode has an observation.
+    has_observed: bool,
     seed: u64,
     episode: u64,
     deadline: Option<Duration>,
@@ -47,6 +49,7 @@ impl Mpc {
             source: Observations::new(action, 1),
             rows: Batch::new(Arc::default(), 1),
             has_begun: false,
+            has_observed: false,
             seed: 0,
             episode: 0,
             deadline: None,
@@ -97,12 +100,13 @@ impl Mpc {
     /// plans where the last plan is used up, from what is left of it.
     ///
     /// `observation` is one row of the columns that `cost` reads ([`Cost::prepare`]), with the same columns at every call; `None` where
-    /// it reads none, as when the model holds the measured state. A cost that looks back (`history_len` above 1) gets the
+    /// it reads none, as when the model holds the measured state, and at calls that do not plan. A cost that looks back (`history_len` above 1) gets the
     /// observations of earlier calls, so call this once per control step.
     ///
     /// # Errors
     ///
-    /// The observation has other columns than before or lacks one that the cost needs; the solver or the cost fails; the action is not
+    /// The observation has other columns than before or lacks one that the cost needs; there is none where the episode had some and a
+    /// plan is needed; the solver or the cost fails; the action is not
     /// finite. The episode may go on: a plan that was made before is kept.
     pub fn next<'b>(
         &mut self,
@@ -110,12 +114,22 @@ impl Mpc {
         observation: impl Into<Option<&'b Batch>>,
     ) -> Result<&[f32], PlanError> {
         let deadline = self.deadline.and_then(|time| Instant::now().checked_add(time));
-        if let Some(observation) = observation.into() {
-            self.observe(observation)?;
+        match observation.into() {
+            Some(observation) => self.observe(observation)?,
+            None => self.observe_nothing()?,
         }
+        self.take_next(cost, deadline)
+    }
+
+    fn take_next(&mut self, cost: &mut dyn Cost, deadline: Option<Instant>) -> Result<&[f32], PlanError> {
         let Self { planner, source, rows, action, .. } = self;
         planner.set_deadline(deadline);
-        planner.plan(cost, &source.view(rows)?, &mut |_, _, _| {})?;
+        planner.plan(cost, &source.view(rows)?, &mut |_, _, _| {}).map_err(|error| match error {
+            PlanError::Batch(BatchError::UnknownField { name, .. }) if rows.schema().fields().is_empty() => {
+                not_observed(name, "a column of the observation".to_owned())
+            }
+            error => error,
+        })?;
         planner.take(0, |map, values| map.write(values, &mut action.as_slice_mut()));
         self.source.advance();
         let action = self.action.as_slice();
@@ -132,6 +146,7 @@ impl Mpc {
     /// Forgets the plan and what was observed: the next action is the first of a new episode.
     pub fn reset(&mut self) {
         self.episode += 1;
+        self.has_observed = false;
         self.begin();
     }
 
@@ -147,6 +162,21 @@ impl Mpc {
 
     fn begin(&mut self) {
         self.source.begin(0, LiveEpisode::of(self.seed, self.episode));
+    }
+
+    /// Without an observation no plan is made from that of an earlier call.
+    fn observe_nothing(&mut self) -> Result<(), PlanError> {
+        if !self.has_observed {
+            if self.has_begun {
+                self.rows = Batch::new(Arc::default(), 1);
+                self.has_begun = false;
+            }
+            return Ok(());
+        }
+        if self.planner.config.history_len == 1 && self.planner.has_action(0) {
+            return Ok(());
+        }
+        Err(not_observed("the observation".to_owned(), names(self.rows.schema())))
     }
 
     /// Copies an observation.
@@ -165,8 +195,14 @@ impl Mpc {
         for index in 0..columns.fields().len() {
             assert!(self.rows.column_mut(index).copy_from(observation.column(index)), "one schema has both");
         }
+        self.has_observed = true;
         Ok(())
     }
+}
+
+/// What a plan needs, and was not given.
+fn not_observed(name: String, expected: String) -> PlanError {
+    BatchError::WrongValue { name, expected, found: "none: `next` got no observation".to_owned() }.into()
 }
 
 /// `a row of state f64 [2], goal f64 [2]`.

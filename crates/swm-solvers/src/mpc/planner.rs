@@ -189,6 +189,11 @@ impl Planner {
         Ok(())
     }
 
+    /// Whether row `index` has an action left of its plan.
+    pub(super) fn has_action(&self, index: usize) -> bool {
+        self.slots.get(index).is_some_and(|slot| slot.taken < slot.queue.len())
+    }
+
     /// Takes the next action of row `index`: `write` gets its values in the plan, `[A]`.
     pub(super) fn take(&mut self, index: usize, write: impl FnOnce(&ActionMap, &[f32])) {
         let setup = self.setup.as_ref().expect("a plan was made");

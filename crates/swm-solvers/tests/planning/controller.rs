@@ -9,7 +9,7 @@ use model::{Body, GOAL, OBSTACLE, RADIUS};
 use serde_json::Map;
 use swm_core::testing::TOY;
 use swm_core::{Batch, Dtype, EnvConfig, Field, Schema, Space};
-use swm_solvers::models::{ControlCost, DiscreteChain, Navigation};
+use swm_solvers::models::{ControlCost, ControlPenalty, DiscreteChain, Navigation, ShootingCost, Stepwise};
 use swm_solvers::{
     Candidates, Cem, Cost, Memory, Mpc, MpcPolicy, PlanConfig, PlanError, PlanningContext, SOLVERS,
     SimulatorCost, SimulatorOptions,
@@ -201,11 +201,55 @@ fn actions_have_the_bounds_and_types_of_their_space() {
 }
 
 #[test]
+fn no_observation_is_none_of_an_earlier_call() {
+    let config = PlanConfig { history_len: 1, ..config() };
+    let mut mpc = Mpc::new(Box::new(cem()), config, line()).unwrap();
+    let mut cost = Homing::default();
+    mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
+    mpc.next(&mut cost, None).expect("the second action of the plan needs no observation");
+    let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
+    assert!(refused.starts_with("`the observation` must be a row of state float64 [1]"), "{refused}");
+    assert!(refused.ends_with("found none: `next` got no observation"), "{refused}");
+    mpc.next(&mut cost, &row(1.0, 2.0)).expect("it goes on");
+    assert_eq!(cost.plans, 2);
+
+    mpc.reset();
+    let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
+    assert!(refused.contains("`state`") && refused.contains("`next` got no observation"), "{refused}");
+    mpc.next(&mut cost, &row(1.0, 2.0)).expect("the episode has its first observation");
+    mpc.next(&mut cost, None).expect("the second action of the plan needs no observation");
+}
+
+/// Blocks of several actions are asked for by `action_block`; a wider action is another action.
+#[test]
+fn actions_of_another_size_than_the_models_are_refused() {
+    let config =
+        |action_block| PlanConfig { horizon: 4, receding_horizon: 1, action_block, ..PlanConfig::default() };
+    let next = |cost: &mut dyn Cost, width, action_block| {
+        let space = Space::uniform_box(Dtype::F32, &[width], -1.0, 1.0);
+        let mut mpc = Mpc::new(Box::new(cem()), config(action_block), space).unwrap();
+        mpc.next(cost, None).map(<[f32]>::len).map_err(|error| error.to_string())
+    };
+    let mut steps = ControlCost::new(Navigation::past_one_obstacle());
+    let goals = Stepwise::new(Navigation::past_one_obstacle(), vec![vec![1.0; 2]]).unwrap();
+    let mut shooting = ShootingCost::new(goals, Box::new(ControlPenalty), Vec::new()).unwrap();
+    let costs: [&mut dyn Cost; 2] = [&mut steps, &mut shooting];
+    for cost in costs {
+        for width in [1, 3, 4] {
+            let refused = next(cost, width, 2).unwrap_err();
+            let sizes = format!("actions of {width} values of a plan, where the model takes actions of 2");
+            assert!(refused.starts_with(&sizes) && refused.contains("action_block"), "{refused}");
+        }
+        assert_eq!((next(cost, 2, 1), next(cost, 2, 2)), (Ok(2), Ok(2)));
+    }
+}
+
+#[test]
 fn wrong_observations_and_settings_are_refused() {
     let mut mpc = Mpc::new(Box::new(cem()), config(), line()).unwrap();
     let mut cost = Homing::default();
     let refused = mpc.next(&mut cost, None).unwrap_err().to_string();
-    assert_eq!(refused, "unknown field `state`; there are none");
+    assert!(refused.contains("`state`") && refused.contains("`next` got no observation"), "{refused}");
     mpc.next(&mut cost, &row(1.0, 2.0)).unwrap();
     let force = Schema::new(vec![Field::step("force", Dtype::F32, &[3])]).unwrap();
     let refused = mpc.next(&mut cost, &Batch::new(force, 1)).unwrap_err().to_string();

@@ -75,8 +75,8 @@ fn a_flat_cost_and_a_search_that_collapses_leave_finite_plans() {
 
 #[test]
 fn plans_that_are_too_long_for_a_covariance_are_refused() {
-    let (keys, wide) = (keys([0]), Space::uniform_box(Dtype::F32, &[101], -1.0, 1.0));
-    let problem = Problem { ..problem(&keys, &wide, &[0.0; 1010]) };
+    let (keys, space) = (keys([0]), Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0));
+    let problem = Problem { horizon: 505, ..problem(&keys, &space, &[0.0; 1010]) };
     for solver in [&FullCem::default() as &dyn Solver, &CmaEs::default()] {
         let mut cost = Analytic::new(lq, 30);
         let error = solver

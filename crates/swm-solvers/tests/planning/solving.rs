@@ -195,6 +195,27 @@ fn costs_that_are_not_finite_are_worst_counted_and_never_elite() {
 }
 
 #[test]
+fn lengths_that_cannot_be_intended_are_refused() {
+    let (keys, space) = (keys(0..2), space());
+    let refusal = |edit: &dyn Fn(&mut swm_solvers::Problem<'_>)| {
+        let mut given = problem(&keys, &space, &[]);
+        edit(&mut given);
+        given.check().unwrap_err().to_string()
+    };
+    for length in [usize::MAX, 100_001] {
+        let horizon = refusal(&|problem| problem.horizon = length);
+        assert_eq!(horizon, format!("setting `horizon`: {length} is more than 100000"));
+        let block = refusal(&|problem| problem.action_block = length);
+        assert_eq!(block, format!("setting `action_block`: {length} is more than 100000"));
+    }
+    let both = refusal(&|problem| (problem.horizon, problem.action_block) = (100_000, 100_000));
+    assert!(both.starts_with("setting `horizon`: 2 plans of 100000 blocks of 100000 actions"), "{both}");
+    let wide = Space::MultiDiscrete { n: vec![i64::MAX; 3], start: vec![0; 3] };
+    let many = swm_solvers::Problem { action: &wide, ..problem(&keys, &space, &[]) };
+    assert!(many.check().unwrap_err().to_string().contains("too many"));
+}
+
+#[test]
 fn wrong_problems_are_refused() {
     let (keys, space) = (keys(0..2), space());
     let message = |solver: &Cem, edit: &dyn Fn(&mut swm_solvers::Problem<'_>)| {
