@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::bench::{Bench, value_of};
 use super::restarts::{EPISODES, Moment, STARTS, STEPS, difference, goal_of};
-use crate::batch::FieldKind;
+use crate::batch::{Batch, FieldKind};
 use crate::env::{EnvConfig, GOAL_IMAGE, PIXELS, ResetOptions, VARIATION_PREFIX};
 use crate::registry::EnvEntry;
 
@@ -51,6 +51,31 @@ pub(super) fn goals_kept(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMa
         *known = known.max(by);
     }
     Ok(differences)
+}
+
+/// Factors that choose the goal where none is recorded: they move columns `goal_…` at a reset, and no column of a start.
+pub(super) fn factors_of_goals(bench: &mut Bench) -> Result<Vec<String>, String> {
+    let spec = bench.env.spec().clone();
+    let goals: Vec<String> = spec.goal_columns.iter().map(|column| format!("goal_{column}")).collect();
+    let moved = |a: &Batch, b: &Batch, name: &str| {
+        let index = a.schema().index(name);
+        index.is_some_and(|index| difference(a.column(index), b.column(index)) > 0.0)
+    };
+    let mut found = Vec::new();
+    for factor in &spec.factors {
+        let mut options =
+            ResetOptions { variation: Some(vec![factor.name.clone()]), ..ResetOptions::default() };
+        // Values that a constraint refuses under the defaults of all others show nothing.
+        let Ok((seed, _)) = bench.reset_from(7, &options) else { continue };
+        let sampled = bench.row.clone();
+        options.variation = Some(Vec::new());
+        bench.reset(seed, &options)?;
+        let moves = |name: &str| moved(&sampled, &bench.row, name);
+        if goals.iter().any(|name| moves(name)) && !spec.start_columns.iter().any(|name| moves(name)) {
+            found.push(factor.name.clone());
+        }
+    }
+    Ok(found)
 }
 
 /// A value of a goal, in all goals.
