@@ -56,6 +56,8 @@ const FAULTS: &[(&str, &str)] = &[
     ("the reward depends on time", "restarts_continue"),
     ("goals are ignored", "restarts_continue"),
     ("goals lose a value", "restarts_continue"),
+    ("a value of a goal is 0", "restarts_continue"),
+    ("the column of the goal is not written", "restarts_continue"),
     ("goals are starts", "restarts_continue"),
     ("goals are only shown", "restarts_continue"),
     ("goals are not shown", "restarts_continue"),
@@ -308,6 +310,9 @@ impl Env for Cart {
                 if self.has("goals lose a value") {
                     goal[1] = self.state.goal[1];
                 }
+                if self.has("a value of a goal is 0") {
+                    goal[1] = 0.0;
+                }
                 if self.has("goals are starts") {
                     self.start(goal);
                 }
@@ -349,7 +354,9 @@ impl Env for Cart {
     }
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
-        out.write(GOAL_STATE, &self.state.shown_goal);
+        if !self.has("the column of the goal is not written") {
+            out.write(GOAL_STATE, &self.state.shown_goal);
+        }
         out.write(GAIN, &[self.state.gain]);
         out.write(GOAL_POSITION, &[self.state.goal_position]);
         let shown = self.look.unwrap_or(self.state.color);

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::bench::{Bench, value_of};
+use super::goals::NoPart;
 use crate::batch::{Batch, Slice, Value};
 use crate::env::{EnvConfig, EnvSpec, Outcome, ResetOptions, VARIATION_PREFIX};
 use crate::registry::EnvEntry;
@@ -52,7 +53,7 @@ pub(super) struct Moment {
 
 /// Records episodes with a recorded goal, starts again from some of their steps under the same factors and goal and another
 /// seed, and compares all columns, images included, rewards, ends and task costs, of the first observation and of the next ten
-/// steps under the same actions: bit for bit, but for `inexact`. Then it does the same with other values of the factors that choose
+/// steps under the same actions: bit for bit, but for `inexact` and the values of goals in `no_part`. Then it does the same with other values of the factors that choose
 /// the goal where none is recorded: they have no effect on an episode with a recorded goal. Nothing is compared in environments that
 /// cannot start from recorded steps.
 ///
@@ -63,9 +64,10 @@ pub fn restarts_continue(
     entry: &EnvEntry,
     config: &EnvConfig,
     inexact: &[Inexact<'_>],
+    no_part: &[NoPart<'_>],
 ) -> Result<(), String> {
     let mut found = restarts(entry, config)?;
-    for (column, by) in super::goals::goals_kept(entry, config)? {
+    for (column, by) in super::goals::goals_kept(entry, config, no_part)? {
         found.entry(column).or_default()[0] = by;
     }
     let mut wrong = Vec::new();
