@@ -180,7 +180,19 @@ impl Actions<'_> {
 }
 
 /// Writes numbers as an action of any type: rounded to the nearest number that the type holds.
+///
+/// # Panics
+///
+/// If there are more or fewer `values` than the environment's action has. A policy that is also used with other environments compares
+/// with `view.spec.action` first, and returns a [`PolicyError`].
 pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
+    assert!(
+        action.len() == values.len(),
+        "the environment's action has {} value(s), and the policy writes {}: write one for each value of the shape that \
+         `view.spec.action` has, or return a `PolicyError` where the policy is of another environment",
+        action.len(),
+        values.len()
+    );
     match action {
         SliceMut::F32(out) => out.copy_from_slice(values),
         SliceMut::F64(out) => out.iter_mut().zip(values).for_each(|(out, &v)| *out = f64::from(v)),
@@ -319,5 +331,27 @@ where
 {
     fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         (self.0)(view, &mut action)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_action_of_another_size_names_both_sizes() {
+        let mut actions = [Column::F32(vec![0.0; 2]), Column::F64(vec![0.0; 2]), Column::I64(vec![0; 2])];
+        for action in &mut actions {
+            write_action(&mut action.as_slice_mut(), &[1.0, 2.0]);
+            for values in [&[1.0][..], &[1.0, 2.0, 3.0]] {
+                let written =
+                    std::panic::AssertUnwindSafe(|| write_action(&mut action.as_slice_mut(), values));
+                let panic = std::panic::catch_unwind(written).unwrap_err();
+                let message = panic.downcast_ref::<String>().unwrap();
+                let sizes = format!("has 2 value(s), and the policy writes {}", values.len());
+                assert!(message.contains(&sizes) && message.contains("view.spec.action"), "{message}");
+            }
+            assert_eq!(action.as_slice().as_f64(1), Some(2.0));
+        }
     }
 }

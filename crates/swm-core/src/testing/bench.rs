@@ -35,11 +35,15 @@ impl Bench {
 
     /// Resets with the first seed from `first` on whose samples go together: a factor sampled alone may break a
     /// constraint of one that keeps its default, which is a reset's error and no fault of the environment.
-    pub(super) fn reset_from(&mut self, first: u64, options: &ResetOptions) -> Result<u64, String> {
+    pub(super) fn reset_from(
+        &mut self,
+        first: u64,
+        options: &ResetOptions,
+    ) -> Result<(u64, Outcome), String> {
         let mut last = String::new();
         for seed in first..first + TRIES {
             match self.try_reset(seed, options) {
-                Ok(_) => return Ok(seed),
+                Ok(outcome) => return Ok((seed, outcome)),
                 Err(error @ EnvError::Constraint { .. }) => last = error.to_string(),
                 Err(error) => return Err(format!("reset with seed {seed}: {error}")),
             }

@@ -177,7 +177,7 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
     let all = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
     for factor in spec.factors.iter().filter(|factor| factor.constraint.is_none()) {
         let alone = ResetOptions { variation: Some(vec![factor.name.clone()]), ..ResetOptions::default() };
-        let seed = bench.reset_from(7, &alone)?;
+        let seed = bench.reset_from(7, &alone)?.0;
         bench.reset(seed, &all)?;
         let together = bench.row.clone();
         bench.reset(seed, &alone)?;

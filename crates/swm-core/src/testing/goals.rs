@@ -4,17 +4,22 @@ use std::collections::BTreeMap;
 
 use super::bench::{Bench, value_of};
 use super::restarts::{EPISODES, Moment, STARTS, STEPS, difference, goal_of};
-use crate::batch::FieldKind;
+use crate::batch::{Batch, FieldKind};
 use crate::env::{EnvConfig, GOAL_IMAGE, PIXELS, ResetOptions, VARIATION_PREFIX};
 use crate::registry::EnvEntry;
 
-/// How much the columns `goal_…` differ from those of the recorded rows that were set as goals, where they do. A value that is 0 in
-/// all goals is no part of them, such as the velocity of a goal at rest.
-pub(super) fn goals_kept(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMap<String, f64>, String> {
+/// How much the columns `goal_…` differ from those of the recorded rows that were set as goals, where they do. Of the columns
+/// `no_part`, a value that is 0 in all goals is no part of them, such as the velocity of a goal at rest; one without such a value
+/// must not be listed.
+pub(super) fn goals_kept(
+    entry: &EnvEntry,
+    config: &EnvConfig,
+    no_part: &[NoPart<'_>],
+) -> Result<BTreeMap<String, f64>, String> {
     let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
     if spec.goal_columns.is_empty() {
-        return Ok(BTreeMap::new());
+        return unneeded(no_part, &[]).map(|()| BTreeMap::new());
     }
     let (mut values, mut acts) = (BTreeMap::<(String, usize), Compared>::new(), false);
     for episode in EPISODES {
@@ -43,14 +48,61 @@ pub(super) fn goals_kept(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMa
     if !acts {
         return Err("a recorded goal changes neither a column nor what happens".to_owned());
     }
-    let mut differences = BTreeMap::new();
-    for ((name, _), Compared { by, .. }) in
-        values.into_iter().filter(|(_, found)| found.is_set && found.by > 0.0)
-    {
+    let (mut differences, mut absent) = (BTreeMap::new(), Vec::new());
+    for ((name, _), Compared { by, is_set }) in values.into_iter().filter(|(_, found)| found.by > 0.0) {
+        if !is_set && no_part.iter().any(|listed| listed.column == name) {
+            absent.push(name);
+            continue;
+        }
         let known: &mut f64 = differences.entry(name).or_default();
         *known = known.max(by);
     }
+    unneeded(no_part, &absent)?;
     Ok(differences)
+}
+
+/// An error for columns that are listed and not `absent`.
+fn unneeded(no_part: &[NoPart<'_>], absent: &[String]) -> Result<(), String> {
+    match no_part.iter().find(|listed| !absent.iter().any(|name| name == listed.column)) {
+        Some(NoPart { column, .. }) => {
+            Err(format!("`{column}` has all values of a goal, and is listed in `no_part`"))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Factors that choose the goal where none is recorded: they move columns `goal_…` at a reset, and no column of a start.
+pub(super) fn factors_of_goals(bench: &mut Bench) -> Result<Vec<String>, String> {
+    let spec = bench.env.spec().clone();
+    let goals: Vec<String> = spec.goal_columns.iter().map(|column| format!("goal_{column}")).collect();
+    let moved = |a: &Batch, b: &Batch, name: &str| {
+        let index = a.schema().index(name);
+        index.is_some_and(|index| difference(a.column(index), b.column(index)) > 0.0)
+    };
+    let mut found = Vec::new();
+    for factor in &spec.factors {
+        let mut options =
+            ResetOptions { variation: Some(vec![factor.name.clone()]), ..ResetOptions::default() };
+        // Values that a constraint refuses under the defaults of all others show nothing.
+        let Ok((seed, _)) = bench.reset_from(7, &options) else { continue };
+        let sampled = bench.row.clone();
+        options.variation = Some(Vec::new());
+        bench.reset(seed, &options)?;
+        let moves = |name: &str| moved(&sampled, &bench.row, name);
+        if goals.iter().any(|name| moves(name)) && !spec.start_columns.iter().any(|name| moves(name)) {
+            found.push(factor.name.clone());
+        }
+    }
+    Ok(found)
+}
+
+/// A column `goal_…` with values that are no part of a goal, and therefore 0 in all goals.
+#[derive(Clone, Copy, Debug)]
+pub struct NoPart<'a> {
+    /// The column.
+    pub column: &'a str,
+    /// Why. The environment's page tells users.
+    pub reason: &'a str,
 }
 
 /// A value of a goal, in all goals.

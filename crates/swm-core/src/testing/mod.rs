@@ -21,7 +21,7 @@ use crate::settings::Settings;
 pub use checks::{
     deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
 };
-pub use goals::goals_look_as_recorded;
+pub use goals::{NoPart, goals_look_as_recorded};
 pub use looks::looks_change_images_alone;
 pub use restarts::{Inexact, restarts_continue, wrong_rows_are_refused};
 pub use toy::{DISCRETE_TOY, TOY};
@@ -33,13 +33,15 @@ pub struct Exceptions<'a> {
     pub without_effect: &'a [&'a str],
     /// Columns that differ after a recorded start or goal.
     pub inexact: &'a [Inexact<'a>],
+    /// Columns `goal_…` in which values that are 0 in all goals are no part of a goal.
+    pub no_part: &'a [NoPart<'a>],
     /// Most pixels of a recorded goal's image that differ from the recorded frame, and by how much.
     pub goal_image: [usize; 2],
 }
 
 impl<'a> Exceptions<'a> {
     /// None.
-    pub const NONE: Self = Self { without_effect: &[], inexact: &[], goal_image: [0; 2] };
+    pub const NONE: Self = Self { without_effect: &[], inexact: &[], no_part: &[], goal_image: [0; 2] };
 
     /// Those of `id` in a table; none if it is not listed.
     pub fn of(table: &[(&str, Self)], id: &str) -> Self {
@@ -90,7 +92,7 @@ pub fn assert_conforms_with<'a>(entry: &EnvEntry, config: &EnvConfig, exceptions
 /// What [`assert_conforms_with`] panics with: one line a check that fails, which begins with its name. Where the description is not
 /// sound, nothing else is checked.
 pub fn violations(entry: &EnvEntry, config: &EnvConfig, exceptions: Exceptions<'_>) -> Vec<String> {
-    let Exceptions { without_effect, inexact, goal_image } = exceptions;
+    let Exceptions { without_effect, inexact, no_part, goal_image } = exceptions;
     // The others rely on it.
     if let Err(reason) = spec_is_sound(entry, config) {
         return vec![format!("spec_is_sound: {reason}")];
@@ -101,7 +103,7 @@ pub fn violations(entry: &EnvEntry, config: &EnvConfig, exceptions: Exceptions<'
         ("factors_are_independent", factors_are_independent(entry, config)),
         ("every_factor_acts", every_factor_acts(entry, config, without_effect)),
         ("looks_change_images_alone", looks_change_images_alone(entry, config)),
-        ("restarts_continue", restarts_continue(entry, config, inexact)),
+        ("restarts_continue", restarts_continue(entry, config, inexact, no_part)),
         ("goals_look_as_recorded", goals_look_as_recorded(entry, config, goal_image)),
         ("wrong_rows_are_refused", wrong_rows_are_refused(entry, config)),
     ];

@@ -56,10 +56,13 @@ const FAULTS: &[(&str, &str)] = &[
     ("the reward depends on time", "restarts_continue"),
     ("goals are ignored", "restarts_continue"),
     ("goals lose a value", "restarts_continue"),
+    ("a value of a goal is 0", "restarts_continue"),
+    ("the column of the goal is not written", "restarts_continue"),
     ("goals are starts", "restarts_continue"),
     ("goals are only shown", "restarts_continue"),
     ("goals are not shown", "restarts_continue"),
     ("goals are ignored with a start", "restarts_continue"),
+    ("the factor is the goal's position, the recorded one is shown", "restarts_continue"),
     ("the image of a goal is of the sampled one", "goals_look_as_recorded"),
     ("the image of a goal has another color", "goals_look_as_recorded"),
     ("short rows are filled up", "wrong_rows_are_refused"),
@@ -100,6 +103,7 @@ const GAIN: usize = 2;
 const COLOR: usize = 3;
 const PIXELS: usize = 4;
 const GOAL: usize = 5;
+const GOAL_POSITION: usize = 6;
 const BUDGET: f64 = 10.0;
 
 #[derive(Clone, Copy, Default, Serialize, Deserialize)]
@@ -112,6 +116,7 @@ struct State {
     rendered: f64,
     gain: f64,
     color: f64,
+    goal_position: f64,
     energy: f64,
     wind: f64,
     steps: u32,
@@ -151,9 +156,11 @@ impl Cart {
             ),
             image.field("pixels"),
             Field::episode("goal", Dtype::U8, &[image.height, image.width, 3]),
+            Field::episode("variation.goal.position", Dtype::F64, &[]),
         ];
         let gain = Space::uniform_box(Dtype::F64, &[], 0.1, 2.0);
         let color = Space::uniform_box(Dtype::F64, &[], 50.0, 200.0);
+        let goal = Space::uniform_box(Dtype::F64, &[], -9.0, 9.0);
         let default = if has("a default lies outside of its bounds") { 3.0 } else { 1.0 };
         let id = if has("the spec has another id") { "swm/Cart-v1" } else { CART.id };
         let state = |broken: &str| if has(broken) { &["position"] } else { &["state"] };
@@ -161,6 +168,7 @@ impl Cart {
             .factors(vec![
                 FactorSpec::new("cart.gain", gain, default),
                 FactorSpec::new("cart.color", color, 100.0).visual(true),
+                FactorSpec::new("goal.position", goal, 3.0).sampled_by_default(true),
             ])
             .start_columns(state("a start column is not a field"))
             .goal_columns(state("a goal column is not a field"));
@@ -195,10 +203,12 @@ impl Cart {
                 return Ok(number);
             }
         }
-        let is_sampled = variation.iter().flatten().any(|asked| factor.is_selected_by(asked));
+        let is_sampled = variation.iter().flatten().any(|asked| factor.is_selected_by(asked))
+            || (variation.is_none() && factor.sampled_by_default);
         if is_sampled || self.has("factors are always sampled") {
             let shared = self.has("factors share a stream");
-            let mut stream = episode.seed.stream(if shared { "factors" } else { &factor.name });
+            let seed = if self.has("the seed is ignored") { EpisodeSeed::new(0) } else { episode.seed };
+            let mut stream = seed.stream(if shared { "factors" } else { &factor.name });
             // A stream is read in order: with another factor sampled before, the numbers are others.
             let before = &self.spec.factors[..index];
             if shared
@@ -268,13 +278,14 @@ impl Env for Cart {
         let sampled = space.sample(&mut seed.stream("start and goal")).to_f64s("start")?;
         let velocity = if self.has("the velocity survives a reset") { self.state.velocity } else { 0.0 };
         let number = if self.has("episodes are counted") { f64::from(self.resets) } else { 0.0 };
-        let goal = [sampled[1], 0.1 * sampled[2]];
+        let goal = [self.factor(2, episode)?, 0.1 * sampled[2]];
         self.state = State {
             position: sampled[0] + number,
             velocity,
             goal,
             shown_goal: goal,
             rendered: goal[0],
+            goal_position: goal[0],
             gain: self.factor(0, episode)?,
             color: self.factor(1, episode)?,
             wind: if self.has("the seed's wind blows") { sampled[3] } else { 0.0 },
@@ -299,6 +310,9 @@ impl Env for Cart {
                 if self.has("goals lose a value") {
                     goal[1] = self.state.goal[1];
                 }
+                if self.has("a value of a goal is 0") {
+                    goal[1] = 0.0;
+                }
                 if self.has("goals are starts") {
                     self.start(goal);
                 }
@@ -306,6 +320,9 @@ impl Env for Cart {
                     || (self.has("goals are ignored with a start") && start.is_some());
                 if !is_ignored && !self.has("goals are only shown") {
                     self.state.goal = goal;
+                }
+                if self.has("the factor is the goal's position, the recorded one is shown") {
+                    self.state.goal[0] = self.state.goal_position;
                 }
                 if !is_ignored && !self.has("goals are not shown") {
                     self.state.shown_goal = goal;
@@ -337,8 +354,11 @@ impl Env for Cart {
     }
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
-        out.write(GOAL_STATE, &self.state.shown_goal);
+        if !self.has("the column of the goal is not written") {
+            out.write(GOAL_STATE, &self.state.shown_goal);
+        }
         out.write(GAIN, &[self.state.gain]);
+        out.write(GOAL_POSITION, &[self.state.goal_position]);
         let shown = self.look.unwrap_or(self.state.color);
         match self.fault.as_str() {
             "a factor's field has another type" => out.write(COLOR, &[self.state.color as f32]),

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::bench::{Bench, value_of};
+use super::goals::NoPart;
 use crate::batch::{Batch, Slice, Value};
 use crate::env::{EnvConfig, EnvSpec, Outcome, ResetOptions, VARIATION_PREFIX};
 use crate::registry::EnvEntry;
@@ -52,8 +53,9 @@ pub(super) struct Moment {
 
 /// Records episodes with a recorded goal, starts again from some of their steps under the same factors and goal and another
 /// seed, and compares all columns, images included, rewards, ends and task costs, of the first observation and of the next ten
-/// steps under the same actions: bit for bit, but for `inexact`. Nothing is compared in environments that cannot start from
-/// recorded steps.
+/// steps under the same actions: bit for bit, but for `inexact` and the values of goals in `no_part`. Then it does the same with other values of the factors that choose
+/// the goal where none is recorded: they have no effect on an episode with a recorded goal. Nothing is compared in environments that
+/// cannot start from recorded steps.
 ///
 /// # Errors
 ///
@@ -62,9 +64,10 @@ pub fn restarts_continue(
     entry: &EnvEntry,
     config: &EnvConfig,
     inexact: &[Inexact<'_>],
+    no_part: &[NoPart<'_>],
 ) -> Result<(), String> {
     let mut found = restarts(entry, config)?;
-    for (column, by) in super::goals::goals_kept(entry, config)? {
+    for (column, by) in super::goals::goals_kept(entry, config, no_part)? {
         found.entry(column).or_default()[0] = by;
     }
     let mut wrong = Vec::new();
@@ -91,6 +94,7 @@ fn restarts(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMap<String, [f6
     if spec.start_columns.is_empty() {
         return Ok(differences);
     }
+    let choosing = super::goals::factors_of_goals(&mut bench)?;
     for episode in EPISODES {
         let mut goal = None;
         if !spec.goal_columns.is_empty() {
@@ -101,17 +105,15 @@ fn restarts(entry: &EnvEntry, config: &EnvConfig) -> Result<BTreeMap<String, [f6
         for start in STARTS {
             let options = ResetOptions { goal: goal.clone(), ..episode.start_at(&spec, &rows[start].row) };
             let outcome = restarted.reset(episode.seed + 1000, &options)?;
-            let outcome = restarted.outcome(&outcome);
-            // What a step was rewarded with is not known at a reset.
-            compare(&rows[start], &restarted.row, &outcome[3..], 0, &mut differences);
-            for step in start..start + STEPS {
-                let outcome = episode.step(&mut restarted, step)?;
-                let outcome = restarted.outcome(&outcome);
-                // What an episode is rewarded with after its end may depend on how long ago that was.
-                let is_over = rows[..=step].iter().any(|moment| moment.outcome[1].1 > 0.0);
-                let outcome = if is_over { &outcome[3..] } else { &outcome[..] };
-                compare(&rows[step + 1], &restarted.row, outcome, 1, &mut differences);
+            episode.go_on(&mut restarted, &rows, start, &outcome, &[], &mut differences)?;
+            if choosing.is_empty() {
+                continue;
             }
+            let mut others = options;
+            others.variation_values.retain(|name, _| !choosing.contains(name));
+            others.variation = Some(choosing.clone());
+            let outcome = restarted.reset_from(episode.seed + 2000, &others)?.1;
+            episode.go_on(&mut restarted, &rows, start, &outcome, &choosing, &mut differences)?;
         }
     }
     Ok(differences)
@@ -128,7 +130,7 @@ impl Recorded {
         let mut seed = self.seed;
         if self.varies {
             options.variation = Some(vec!["all".to_owned()]);
-            seed = bench.reset_from(seed, &options)?;
+            seed = bench.reset_from(seed, &options)?.0;
         }
         options.goal = goal.cloned();
         let outcome = bench.reset(seed, &options)?;
@@ -138,6 +140,30 @@ impl Recorded {
             rows.push(Moment { row: bench.row.clone(), outcome: bench.outcome(&outcome) });
         }
         Ok(rows)
+    }
+
+    /// Compares an episode that was reset to a recorded row, and the next steps of it. The factors `sampled` have other values.
+    fn go_on(
+        self,
+        bench: &mut Bench,
+        rows: &[Moment],
+        start: usize,
+        outcome: &Outcome,
+        sampled: &[String],
+        differences: &mut BTreeMap<String, [f64; 2]>,
+    ) -> Result<(), String> {
+        let outcome = bench.outcome(outcome);
+        // What a step was rewarded with is not known at a reset.
+        compare(&rows[start], &bench.row, sampled, &outcome[3..], 0, differences);
+        for step in start..start + STEPS {
+            let outcome = self.step(bench, step)?;
+            let outcome = bench.outcome(&outcome);
+            // What an episode is rewarded with after its end may depend on how long ago that was.
+            let is_over = rows[..=step].iter().any(|moment| moment.outcome[1].1 > 0.0);
+            let outcome = if is_over { &outcome[3..] } else { &outcome[..] };
+            compare(&rows[step + 1], &bench.row, sampled, outcome, 1, differences);
+        }
+        Ok(())
     }
 
     fn step(self, bench: &mut Bench, step: usize) -> Result<Outcome, String> {
@@ -174,6 +200,7 @@ fn columns(row: &Batch, names: &[&[&str]]) -> BTreeMap<String, Value> {
 fn compare(
     expected: &Moment,
     row: &Batch,
+    sampled: &[String],
     outcome: &[(&'static str, f64)],
     phase: usize,
     differences: &mut BTreeMap<String, [f64; 2]>,
@@ -185,6 +212,10 @@ fn compare(
         }
     };
     for (index, field) in row.schema().fields().iter().enumerate() {
+        let factor = field.name.strip_prefix(VARIATION_PREFIX);
+        if factor.is_some_and(|factor| sampled.iter().any(|sampled| sampled == factor)) {
+            continue;
+        }
         note(&field.name, difference(expected.row.column(index), row.column(index)));
     }
     for (name, value) in outcome {
