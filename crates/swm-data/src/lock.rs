@@ -22,6 +22,9 @@ const MAX_BYTES: u64 = 4096;
 /// Looks at a lock file that others make and remove.
 const MAX_TRIES: usize = 1000;
 
+/// Looks, a millisecond apart, for the name of an owner who has just taken a lock.
+const MAX_LOOKS: usize = 200;
+
 /// Held while a writer lives; removes the lock file when dropped.
 #[derive(Debug)]
 pub struct WriterLock {
@@ -60,7 +63,7 @@ impl WriterLock {
         let mut tries = 0;
         loop {
             tries += 1;
-            let mut file = match disk::open_own(&path, true) {
+            let file = match disk::open_own(&path, true) {
                 // Another writer made or removed it between two looks at it.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists && tries < MAX_TRIES => continue,
                 // Nothing can be made in a folder that was removed under this process, and in some of the system.
@@ -78,7 +81,7 @@ impl WriterLock {
             };
             match file.try_lock() {
                 Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Err(busy(Holder::read(&file))),
+                Err(TryLockError::WouldBlock) => return Err(busy(Holder::read_soon(&file))),
                 Err(TryLockError::Error(error)) if has_no_locks(&error) => {
                     drop(file);
                     return match by_file(&path).map_err(failed)? {
@@ -91,7 +94,7 @@ impl WriterLock {
             // The former owner may have removed the file between our open and our lock: then take the new one.
             if is_at(&file, &path) {
                 // On a full disk it is a lock without a name.
-                let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
+                let _ = file.set_len(0).and_then(|()| Holder::this().write(&file));
                 return Ok(Self { path, file, heartbeat: None });
             }
         }
@@ -161,7 +164,7 @@ impl Heartbeat {
 /// Writes the file's content again, so that the file server gives it its present time.
 fn renew(mut file: &File) -> io::Result<()> {
     file.seek(SeekFrom::Start(0))?;
-    writeln!(file, "{}", Holder::this())?;
+    Holder::this().write(file)?;
     file.sync_all()
 }
 
@@ -170,8 +173,8 @@ fn by_file(path: &Path) -> io::Result<Result<(File, Heartbeat), Option<Holder>>>
     for _ in 0..MAX_TRIES {
         // The file server's present time is that of a file that is written now.
         let mine = files::draft(path);
-        let mut file = disk::new_file(&mine)?;
-        writeln!(file, "{}", Holder::this())?;
+        let file = disk::new_file(&mine)?;
+        Holder::this().write(&file)?;
         file.sync_all()?;
         // A second name is given to one process alone, also by file servers for which exclusive creation is none.
         let taken = fs::hard_link(&mine, path);
@@ -234,11 +237,28 @@ impl Holder {
         Self { process: std::process::id(), host: host() }
     }
 
+    /// Writes it in one piece, so that nobody reads a part.
+    fn write(&self, mut file: &File) -> io::Result<()> {
+        file.write_all(format!("{self}\n").as_bytes())
+    }
+
+    /// What the file of a lock that is taken says: its owner writes it right after it was taken.
+    fn read_soon(mut file: &File) -> Option<Self> {
+        for _ in 0..MAX_LOOKS {
+            match Self::read(file) {
+                Some(holder) => return Some(holder),
+                None => thread::sleep(Duration::from_millis(1)),
+            }
+            file.seek(SeekFrom::Start(0)).ok()?;
+        }
+        None
+    }
+
     /// What a lock file says; nothing if it is of an older version, or cannot be read while it is locked.
     fn read(file: &File) -> Option<Self> {
         let mut text = String::new();
         file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
-        let (process, host) = text.trim_end().strip_prefix("process ")?.split_once(" on ")?;
+        let (process, host) = text.strip_suffix('\n')?.strip_prefix("process ")?.split_once(" on ")?;
         Some(Self { process: process.parse().ok()?, host: host.to_owned() })
     }
 
@@ -306,6 +326,26 @@ mod tests {
         drop(first);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
         WriterLock::take(&dataset).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_owner_is_named_who_has_not_written_its_name_yet() {
+        let folder = tempfile::tempdir().unwrap();
+        let dataset = folder.path().join("a.h5");
+        let taken = File::create(beside(&dataset, ".lock")).unwrap();
+        taken.lock().unwrap();
+        let message = thread::scope(|scope| {
+            let refused = scope.spawn(|| WriterLock::take(&dataset).unwrap_err().to_string());
+            thread::sleep(Duration::from_millis(5));
+            Holder::this().write(&taken).unwrap();
+            refused.join().unwrap()
+        });
+        assert!(message.contains(&format!("process {} on ", std::process::id())), "{message}");
+        // On a full disk no name is ever written.
+        taken.set_len(0).unwrap();
+        let message = WriterLock::take(&dataset).unwrap_err().to_string();
+        assert!(message.contains("a.h5 is being written by another process;"), "{message}");
     }
 
     #[cfg(target_os = "linux")]
