@@ -4,8 +4,8 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
-use std::process::{Child, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
 
@@ -21,8 +21,12 @@ pub(crate) struct Page {
 
 impl Page {
     pub(crate) fn open(paths: &[&str], save: &str) -> Self {
-        let args = [&["ui", "--no-open", "--save", save], paths].concat();
-        let mut child = swm(&args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        Self::of(swm(&[&["ui", "--no-open", "--save", save], paths].concat()))
+    }
+
+    /// The page of this command `swm ui`.
+    fn of(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let (host, token) = line.trim().split_once("http://").unwrap().1.split_once("/?").unwrap();
@@ -115,6 +119,22 @@ impl Drop for Page {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_owner_is_answered_where_strangers_take_all_files() {
+    let folder = Folder::new();
+    let page = swm(&["ui", "--no-open", "--save", &folder.path("save"), &folder.path("")]);
+    let mut limited = Command::new("sh");
+    limited.args(["-c", r#"ulimit -n 64 && exec "$0" "$@""#]).arg(page.get_program()).args(page.get_args());
+    let page = Page::of(limited);
+    let strangers: Vec<TcpStream> = (0..80).map(|_| TcpStream::connect(&page.host).unwrap()).collect();
+    let asked = Instant::now();
+    assert!(page.json("GET /api/about", "").is_object());
+    let took = asked.elapsed();
+    assert!(took < Duration::from_secs(1), "{took:?}");
+    drop(strangers);
 }
 
 #[test]

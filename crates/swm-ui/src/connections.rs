@@ -25,6 +25,8 @@ const MAX_STRANGERS: usize = 24;
 const GRACE: Duration = Duration::from_secs(1);
 /// So many are open in any case, of whatever age.
 const MOST_STRANGERS: usize = 512;
+/// Until a connection that is closed has given back its file.
+const CLOSING: Duration = Duration::from_millis(10);
 
 /// An open connection.
 #[derive(Debug, Default)]
@@ -72,6 +74,31 @@ impl Door {
     pub(crate) fn new(listener: TcpListener) -> Self {
         Self { listener, strangers: VecDeque::new() }
     }
+
+    fn admit(&mut self, stream: TcpStream) -> Stream {
+        self.forget_the_known();
+        while self.strangers.len() >= MAX_STRANGERS
+            && let Some((begun, _)) = self.strangers.front()
+            && (begun.elapsed() >= GRACE || self.strangers.len() >= MOST_STRANGERS)
+        {
+            self.close_the_oldest();
+        }
+        let connection = Arc::new(Connection::default());
+        self.strangers.push_back((Instant::now(), Arc::downgrade(&connection)));
+        Stream { stream, connection, patience: Box::pin(tokio::time::sleep(PATIENCE)) }
+    }
+
+    /// Of those that are still open, the ones without a request of somebody who may see the page remain.
+    fn forget_the_known(&mut self) {
+        self.strangers
+            .retain(|(_, open)| open.upgrade().is_some_and(|open| !open.is_known.load(Ordering::SeqCst)));
+    }
+
+    fn close_the_oldest(&mut self) {
+        if let Some(oldest) = self.strangers.pop_front().and_then(|(_, oldest)| oldest.upgrade()) {
+            oldest.close();
+        }
+    }
 }
 
 impl Listener for Door {
@@ -79,29 +106,32 @@ impl Listener for Door {
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Stream, SocketAddr) {
-        let (stream, address) = Listener::accept(&mut self.listener).await;
-        let is_stranger = |(_, open): &(Instant, Weak<Connection>)| {
-            open.upgrade().is_some_and(|open| !open.is_known.load(Ordering::SeqCst))
-        };
-        self.strangers.retain(is_stranger);
-        while self.strangers.len() >= MAX_STRANGERS {
-            let Some((begun, oldest)) = self.strangers.front() else { break };
-            if begun.elapsed() < GRACE && self.strangers.len() < MOST_STRANGERS {
-                break;
+        loop {
+            match self.listener.accept().await {
+                Ok((stream, address)) => return (self.admit(stream), address),
+                Err(error) if is_of_the_peer(&error) => {}
+                // The process may open no more files: strangers give theirs back, of whatever age they are.
+                Err(_) => {
+                    self.forget_the_known();
+                    let keep = self.strangers.len().saturating_sub(1).min(MAX_STRANGERS);
+                    while self.strangers.len() > keep {
+                        self.close_the_oldest();
+                    }
+                    tokio::time::sleep(CLOSING).await;
+                }
             }
-            if let Some(oldest) = oldest.upgrade() {
-                oldest.close();
-            }
-            self.strangers.pop_front();
         }
-        let connection = Arc::new(Connection::default());
-        self.strangers.push_back((Instant::now(), Arc::downgrade(&connection)));
-        (Stream { stream, connection, patience: Box::pin(tokio::time::sleep(PATIENCE)) }, address)
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
+}
+
+/// Whether a connection ended before it was accepted.
+fn is_of_the_peer(error: &io::Error) -> bool {
+    use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
+    matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
 }
 
 /// The bytes of a connection.
