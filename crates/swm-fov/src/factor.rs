@@ -158,7 +158,7 @@ fn check_bounds(name: &str, space: &Space) {
         }
         Space::Rgb => {}
         Space::Dict { spaces } => {
-            spaces.iter().for_each(|(part, space)| check_bounds(&format!("{name}.{part}"), space))
+            spaces.iter().for_each(|(part, space)| check_bounds(&format!("{name}.{part}"), space));
         }
     }
 }
