@@ -251,7 +251,7 @@ mod tests {
     use super::*;
 
     /// Rows, each in a chunk of its own, so many that data blocks have pages.
-    const ROWS: usize = 70_000;
+    const ROWS: usize = 140_000;
 
     /// The file of a writer that was killed: a copy of one that is open.
     fn unclean(folder: &Path) -> std::path::PathBuf {
