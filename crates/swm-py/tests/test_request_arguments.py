@@ -72,6 +72,22 @@ def test_what_is_no_text_and_no_number_is_named_with_its_argument(toy: Path, tmp
         assert words in str(caught.value), str(caught.value)
 
 
+def test_evaluations_and_bundles_take_numbers_of_numpy(tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    swm.make_manifest(task, ROOM, episodes=np.int64(2), budget=np.int32(3))  # pyright: ignore[reportArgumentType]
+    more: dict[str, Any] = {"num_envs": np.int64(2), "threads": np.int64(1)}
+    swm.evaluate(task, "random", tmp_path / "result", references=["no_op"], progress=False, **more)
+    swm.sweep(task, "random", factors=["agent.radius"], values="grid", points=np.int64(2), progress=False)  # pyright: ignore[reportArgumentType]
+    reported: Any = np.float32(50)
+    assert swm.bundle(tmp_path / "result", tmp_path / "bundle", reported=reported, source="a paper")["files"]
+    with pytest.raises(ValueError, match="reported=nan"):
+        swm.bundle(tmp_path / "result", tmp_path / "other", reported=float("nan"), source="a paper")
+    with pytest.raises(TypeError, match="result is Receipt; give the folder `out` of evaluate"):
+        swm.bundle(swm.read_receipt(tmp_path / "result"), tmp_path / "other")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match="source is object; give the folder of a model"):
+        swm.hub.save_model(object(), tmp_path / "other", license="mit")  # pyright: ignore[reportArgumentType]
+
+
 def test_numbers_that_are_not_finite_are_named_with_their_argument(toy: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"settings\['optim.lr'\]=nan"):
         swm.train("lewm", toy, tmp_path / "run", settings={"optim": {"lr": np.nan}}, progress=False)

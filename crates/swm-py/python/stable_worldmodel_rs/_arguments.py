@@ -13,7 +13,18 @@ import numpy as np
 
 from ._arrays import require_torch
 
-__all__ = ["as_json", "device_of", "home_path", "kind_of", "named_list", "names_of", "path_of", "require_callable", "whole_number"]
+__all__ = [
+    "as_json",
+    "device_of",
+    "home_path",
+    "kind_of",
+    "named_list",
+    "names_of",
+    "path_of",
+    "request_text",
+    "require_callable",
+    "whole_number",
+]
 
 
 def whole_number(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
@@ -101,6 +112,17 @@ def as_json(name: str, value: Any) -> Any:
         raise ValueError(f"{name}={value!r}: a number is NaN or infinite; give a finite one") from None
 
 
+def request_text(request: Mapping[str, Any], arguments: Mapping[str, str] | None = None) -> str:
+    """A request as JSON; ``arguments`` are those that have another name in the core.
+
+    Raises:
+        TypeError: As `as_json`, of the argument.
+        ValueError: As `as_json`, of the argument.
+    """
+    names = arguments or {}
+    return json.dumps({setting: as_json(names.get(setting, setting), value) for setting, value in request.items()})
+
+
 def _plain(value: Any) -> Any:
     """What JSON does not know as what it knows."""
     if hasattr(value, "detach"):
@@ -108,7 +130,7 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, (np.ndarray, np.generic)):
         return cast("Any", value).tolist()
-    return os.fspath(value) if isinstance(value, os.PathLike) else operator.index(value)
+    return os.fspath(cast("os.PathLike[str]", value)) if isinstance(value, os.PathLike) else operator.index(value)
 
 
 def require_callable(name: str, value: Any, of: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import as_json, names_of
+from .._arguments import names_of, request_text
 from .._core import core as _swm
 from .ids import need, native_id
 from .native import checked_shape
@@ -142,8 +142,7 @@ def make_manifest(
         "set": dict(variation_values or {}),
         "overwrite": overwrite,
     }
-    given = {name: as_json(_ARGUMENTS.get(name, name), value) for name, value in request.items()}
-    text, hash, notes = _swm.make_manifest(json.dumps(given))
+    text, hash, notes = _swm.make_manifest(request_text(request, _ARGUMENTS))
     for note in notes:
         logger.warning("%s", note)
     return Manifest(json.loads(text), hash)

@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Any, cast
 
 from .._access import access_checked
-from .._arguments import as_json, home_path, kind_of
+from .._arguments import home_path, kind_of, request_text
 from .._core import core as _swm
 from .manifests import AnyPath
 from .progress import Progress
@@ -97,7 +97,7 @@ def reproduce(
         "check_only": check_only,
     }
     with Progress("Evaluating", 0, progress, parts=True) as bar:
-        made, notes = _swm.reproduce(json.dumps({setting: as_json(setting, value) for setting, value in request.items()}), bar.begin, bar.tick)
+        made, notes = _swm.reproduce(request_text(request, {"figure": "figures"}), bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
     return dict(json.loads(made))

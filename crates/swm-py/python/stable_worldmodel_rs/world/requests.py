@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import as_json, home_path, names_of
+from .._arguments import home_path, names_of, request_text
 from .._core import core as _swm
 from .ids import native_id
 from .manifests import Manifest, existing
@@ -27,8 +27,8 @@ def asked(
     tick: Callable[[int, int, int], None] | None = None,
 ) -> Any:
     """What the core makes of a request of this name; settings that are None have their defaults. Notes are logged."""
-    given = {setting: as_json(_ARGUMENTS.get((name, setting), setting), value) for setting, value in request.items() if value is not None}
-    made, notes = _swm.run_request(name, json.dumps(given), begin, tick)
+    given = {setting: value for setting, value in request.items() if value is not None}
+    made, notes = _swm.run_request(name, request_text(given, _ARGUMENTS.get(name)), begin, tick)
     for note in notes:
         logger.warning("%s", note)
     return json.loads(made)
@@ -36,15 +36,10 @@ def asked(
 
 # The arguments of settings that have another name in the core.
 _ARGUMENTS = {
-    ("train", "set"): "settings",
-    ("train", "env_option"): "env_options",
-    ("measure", "env_option"): "settings",
-    ("plan", "env_option"): "settings",
-    ("plan", "set"): "variation_values",
-    ("plan", "vary"): "variation",
-    ("render", "env_option"): "settings",
-    ("render", "set"): "variation_values",
-    ("render", "vary"): "variation",
+    "train": {"set": "settings", "env_option": "env_options"},
+    "measure": {"env_option": "settings"},
+    "plan": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
+    "render": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
 }
 
 
