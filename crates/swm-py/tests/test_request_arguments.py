@@ -53,6 +53,8 @@ def test_what_is_no_text_and_no_number_is_named_with_its_argument(toy: Path, tmp
     wrong: list[tuple[Any, tuple[Any, ...], dict[str, Any], str]] = [
         (swm.measure, (ROOM, object()), SMALL, "model is object"),
         (swm.measure, (ROOM,), {**SMALL, "dataset": dataset}, f"dataset is HDF5Dataset; give its path, {str(toy)!r}"),
+        (swm.measure, (solver,), SMALL, "env_name is MpcPolicy; give the id"),
+        (swm.make_manifest, (tmp_path / "task.toml", None), {}, "env_name is NoneType; give the id"),
         (swm.plan, (solver, ROOM), {"progress": False}, "policy is MpcPolicy"),
         (swm.render, (tmp_path / "a.png", ROOM, print), {}, "policy is builtin_function_or_method"),
         (swm.train, ("lewm", dataset, tmp_path / "run"), {"preset": "small"}, "dataset is HDF5Dataset"),
