@@ -224,3 +224,29 @@ fn errors_of_factors_are_errors_of_environments() {
         "{error}"
     );
 }
+
+#[test]
+fn names_that_resets_read_otherwise_are_refused() {
+    for name in ["", "none", "default", "all", "all.color", "a=b", "a,b", "+a", "*.a", "a b", "a."] {
+        let made = std::panic::catch_unwind(|| FovSpace::new(vec![Factor::scalar(name, 0.0, 1.0, 0.5)]));
+        let panic = made.unwrap_err();
+        let message = panic.downcast_ref::<String>().unwrap();
+        assert!(message.starts_with(&format!("the factor name `{name}` ")), "{message}");
+    }
+    for name in ["allowed", "none_left.size", "block.all"] {
+        FovSpace::new(vec![Factor::scalar(name, 0.0, 1.0, 0.5)]);
+    }
+}
+
+#[test]
+fn none_stands_alone() {
+    let space = FovSpace::new(vec![Factor::scalar("a", 0.0, 1.0, 0.5).sampled_by_default()]);
+    let sample = |names: &[&str]| {
+        let variation = Some(names.iter().map(|&name| name.to_owned()).collect());
+        let options = ResetOptions { variation, ..ResetOptions::default() };
+        space.sample("swm/Example-v0", &Episode::new(EpisodeSeed::new(1), &options))
+    };
+    assert_eq!(sample(&["none"]).unwrap(), space.defaults());
+    let message = sample(&["none", "a"]).unwrap_err().to_string();
+    assert!(message.contains("swm/Example-v0") && message.contains("leave out `none`"), "{message}");
+}

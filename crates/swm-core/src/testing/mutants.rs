@@ -28,6 +28,9 @@ const FAULTS: &[(&str, &str)] = &[
     ("the seed is ignored", "deterministic"),
     ("observing moves", "deterministic"),
     ("NaN is observed", "deterministic"),
+    ("a factor has a reserved name", "spec_is_sound"),
+    ("a field of the episode is observed", "episode_fields_are_constant"),
+    ("a field of the episode counts steps", "episode_fields_are_constant"),
     ("snapshots lack the velocity", "snapshots_are_exact"),
     ("snapshots lack the goal", "snapshots_are_exact"),
     ("snapshots lack a factor", "snapshots_are_exact"),
@@ -166,7 +169,11 @@ impl Cart {
         let state = |broken: &str| if has(broken) { &["position"] } else { &["state"] };
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), fields)
             .factors(vec![
-                FactorSpec::new("cart.gain", gain, default),
+                FactorSpec::new(
+                    if has("a factor has a reserved name") { "all.gain" } else { "cart.gain" },
+                    gain,
+                    default,
+                ),
                 FactorSpec::new("cart.color", color, 100.0).visual(true),
                 FactorSpec::new("goal.position", goal, 3.0).sampled_by_default(true),
             ])
@@ -358,7 +365,8 @@ impl Env for Cart {
             out.write(GOAL_STATE, &self.state.shown_goal);
         }
         out.write(GAIN, &[self.state.gain]);
-        out.write(GOAL_POSITION, &[self.state.goal_position]);
+        let steps = if self.has("a field of the episode counts steps") { self.state.steps } else { 0 };
+        out.write(GOAL_POSITION, &[self.state.goal_position + f64::from(steps)]);
         let shown = self.look.unwrap_or(self.state.color);
         match self.fault.as_str() {
             "a factor's field has another type" => out.write(COLOR, &[self.state.color as f32]),
@@ -377,6 +385,9 @@ impl Env for Cart {
         let position = if self.has("NaN is observed") && steps > 30 { f64::NAN } else { position };
         let velocity = if self.has("the velocity is not observed") { 0.0 } else { velocity };
         out.write(STATE, &[shown_start.unwrap_or(position), velocity]);
+        if self.has("a field of the episode is observed") {
+            out.write(GAIN, &[position]);
+        }
         self.draw(position, self.look.unwrap_or(color), out.at::<u8>(PIXELS));
     }
 
