@@ -87,6 +87,17 @@ fn each_fault_is_named() {
     assert!(missed.is_empty(), "not named:\n{}", missed.join("\n"));
 }
 
+#[test]
+fn worlds_refuse_columns_of_datasets() {
+    let made = |fault: &str| {
+        let options = crate::WorldOptions::new(1).setting("fault", fault);
+        crate::World::new(&CART, options).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(made(""), Ok(()));
+    let message = made("a column is one of datasets").unwrap_err();
+    assert!(message.contains("`ep_idx` has the name of a column"), "{message}");
+}
+
 fn found(fault: &str) -> Vec<String> {
     let settings = serde_json::Map::from_iter([("fault".to_owned(), fault.into())]);
     let image = Some(ImageSize { height: 4, width: 40 });
@@ -150,7 +161,11 @@ impl Cart {
         let color = if step { Field::step } else { Field::episode };
         let fields = vec![
             Field::step("state", Dtype::F64, &[2]),
-            Field::episode("goal_state", Dtype::F64, &[2]),
+            Field::episode(
+                if has("a column is one of datasets") { "ep_idx" } else { "goal_state" },
+                Dtype::F64,
+                &[2],
+            ),
             Field::episode("variation.cart.gain", Dtype::F64, &[]),
             color(
                 if has("a factor has no field") { "variation.color" } else { name },
