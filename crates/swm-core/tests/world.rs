@@ -224,6 +224,10 @@ fn a_policy_cannot_take_the_name_of_another_field() {
     assert!(message.contains("talks") && message.contains("`state`"), "{message}");
     world.reset(1, &ResetOptions::default()).unwrap();
     assert!(matches!(world.step(), Err(WorldError::NoPolicy)), "it was not attached");
+    for field in ["ep_idx", "episode_idx", "reward"] {
+        let message = world.set_policy(Talks { field }).unwrap_err().to_string();
+        assert!(message.contains(&format!("`{field}` has the name of a column")), "{message}");
+    }
     world.set_policy(policies::random()).unwrap();
     world.set_policy(Talks { field: "state" }).unwrap_err();
     world.step().expect("the policy before it stays");
