@@ -64,24 +64,24 @@ struct Span {
 }
 
 impl Hdf5Dataset {
-    /// Opens a file for reading. One whose writer was killed amid a write is mended, if it may be written.
+    /// Opens a file for reading. One whose writer was killed amid a write is repaired, if it may be written.
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        Self::open_mended(path, || WriterLock::take(&recording::resolve(path)?).map(Some))
+        Self::open_repaired(path, || WriterLock::take(&recording::resolve(path)?).map(Some))
     }
 
     /// As [`Hdf5Dataset::open`], where the caller holds the writer's lock.
     pub(super) fn open_locked(path: &Path) -> Result<Self, DataError> {
-        Self::open_mended(path, || Ok(None))
+        Self::open_repaired(path, || Ok(None))
     }
 
-    fn open_mended(
+    fn open_repaired(
         path: &Path,
         lock: impl FnOnce() -> Result<Option<WriterLock>, DataError>,
     ) -> Result<Self, DataError> {
         let superblock = superblock::ensure_readable(path)?;
         let is_unclean = superblock.is_unclean();
         let opened = Self::open_as(path, is_unclean).or_else(|error| match (is_unclean, lock()) {
-            (true, Ok(_lock)) if torn::mend(path).unwrap_or(false) => Self::open_as(path, true),
+            (true, Ok(_lock)) if torn::repair(path).unwrap_or(false) => Self::open_as(path, true),
             _ => Err(error),
         });
         // The library's words for a file without its end depend on what it meets first.

@@ -1,4 +1,4 @@
-//! Mending what a kill cut in two. A write that crosses a page of memory is not one step for the system: a process that is killed amid
+//! Repair of what a kill cut in two. A write that crosses a page of memory is not one step for the system: a process that is killed amid
 //! it leaves the new bytes of the first page before the old ones of the second, and the library refuses the block, as its checksum fits
 //! neither. In SWMR mode blocks of a dataset only grow: what belongs to finished episodes is the same in both halves, so that a
 //! new checksum makes the block valid again, and rows behind the last finished episode are cut by whoever continues the file.
@@ -23,9 +23,9 @@ const UNDEFINED: u64 = u64::MAX;
 
 /// Gives blocks of a file's datasets that have wrong checksums right ones; returns whether there were any.
 ///
-/// The caller must know that no writer lives. Killed at any moment, this leaves a file that can be mended again.
-pub(super) fn mend(path: &Path) -> Result<bool, DataError> {
-    // What cannot be opened at all is not mended here: links and attributes are not changed while a file is recorded.
+/// The caller must know that no writer lives. Killed at any moment, this leaves a file that can be repaired again.
+pub(super) fn repair(path: &Path) -> Result<bool, DataError> {
+    // What cannot be opened at all is not repaired here: links and attributes are not changed while a file is recorded.
     let headers = ffi::addresses_of_members(&open_library(path, true)?);
     let failed = |source| DataError::io(path, "repair", source);
     let headers = headers.map_err(|error| failed(io::Error::other(error)))?;
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn every_block_with_a_wrong_checksum_is_mended() {
+    fn every_block_with_a_wrong_checksum_is_repaired() {
         let folder = tempfile::tempdir().unwrap();
         let path = unclean(folder.path());
         let bytes = fs::read(&path).unwrap();
@@ -293,7 +293,7 @@ mod tests {
         }
         let pages = found.iter().filter(|block| !begins(block, b"EA") && !begins(block, b"O")).count();
         assert!(pages > 4, "{pages} pages");
-        assert!(!mend(&path).unwrap());
+        assert!(!repair(&path).unwrap());
 
         let mut torn = bytes.clone();
         for block in &found {
@@ -302,7 +302,7 @@ mod tests {
         fs::write(&path, &torn).unwrap();
         let read = |path: &Path| open_library(path, true).unwrap().dataset("plain")?.read_raw::<u8>();
         read(&path).unwrap_err();
-        assert!(mend(&path).unwrap());
+        assert!(repair(&path).unwrap());
         assert!(fs::read(&path).unwrap() == bytes);
         assert_eq!(read(&path).unwrap().len(), ROWS);
     }
