@@ -77,12 +77,12 @@ fn kills_amid_a_write_lose_nothing_that_was_committed() {
     let Some(preload) = Preload::new() else { return };
     let folder = Folder::new();
     let whole = folder.path("whole.h5");
-    swm_ok(&collect(&whole, &["--total", "6", "--quiet"]));
+    swm_ok(&collect(&whole, &["--total", "14", "--quiet"]));
     let expected = content(&whole);
     let (mut kept, mut kills) = (0, 0);
     for count in 0..200 {
         let out = folder.path(&format!("torn{count}.h5"));
-        let output = preload.torn(swm(&collect(&out, &["--total", "6"])), count).output().unwrap();
+        let output = preload.torn(swm(&collect(&out, &["--total", "14"])), count).output().unwrap();
         if output.status.success() {
             break;
         }
@@ -98,7 +98,7 @@ fn kills_amid_a_write_lose_nothing_that_was_committed() {
             assert!(held >= committed, "kill {count}: {committed} episodes committed, {held} left");
             kept += usize::from(held > 0);
         }
-        swm_ok(&collect(&out, &["--total", "6", "--mode", "append", "--quiet"]));
+        swm_ok(&collect(&out, &["--total", "14", "--mode", "append", "--quiet"]));
         assert_eq!(content(&out), expected, "kill {count}");
     }
     assert!(
