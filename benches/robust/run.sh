@@ -51,8 +51,8 @@ case $TIER in
   *) echo "TIER=$TIER: use slow or weak" >&2; exit 2 ;;
 esac
 collect=(collect swm/PushT-v1 --policy "$policy" --max-steps "$length" --env-option render=fast --threads "$CORES" --num-envs "$((2 * CORES))" --mode overwrite)
-stage record 90 "$swm" "${collect[@]}" --replayable --without goal --episodes "$EPISODES" --seed 101 --out data.h5 || exit 1
-stage pairs 60 "$swm" "${collect[@]}" --image-size 64x64 --without goal --episodes "$((2 * PAIRS))" --seed 103 --out pairs.h5 || exit 1
+stage record "$BUDGET" "$swm" "${collect[@]}" --replayable --without goal --episodes "$EPISODES" --seed 101 --out data.h5 || exit 1
+stage pairs "$BUDGET" "$swm" "${collect[@]}" --image-size 64x64 --without goal --episodes "$((2 * PAIRS))" --seed 103 --out pairs.h5 || exit 1
 stage manifest 30 "$swm" manifest make swm/PushT-v1 --dataset pairs.h5 --tier historic --episodes "$PAIRS" --goal-offset 25 --budget 50 \
   --image-size 64x64 --env-option render=fast --out historic.toml || exit 1
 

@@ -4,8 +4,8 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm::tasks::request::{
-    Convert, Evaluate, MakeManifest, Measure, Merge, Plan, Record, Render, Request as _, Split, Sweep,
-    Verify, value_text,
+    Convert, Evaluate, MakeManifest, Measure, Merge, Plan, Record, Render, Request as _, Split, Sweep, Train,
+    TrainerEntry, Verify, value_text,
 };
 
 use crate::support::{Folder, swm_fails, swm_json, swm_ok};
@@ -79,8 +79,10 @@ fn to(request: &Map<String, Json>, out: &str) -> Map<String, Json> {
 }
 
 #[test]
-fn a_recording_is_the_same_from_the_request_the_command_and_a_job() {
+fn a_recording_is_the_same_from_the_request_the_command_the_page_and_a_job() {
     let (folder, registry) = (Folder::new(), swm::registry());
+    let save = folder.path("save");
+    let page = Page::open(&[], &save);
     for (index, request) in table(include_str!("../requests/record.json"), "").into_iter().enumerate() {
         let [task, command] = ["task", "command"].map(|name| folder.path(&format!("{name}-{index}.h5")));
         let job = folder.path(&format!("job-{index}"));
@@ -88,9 +90,16 @@ fn a_recording_is_the_same_from_the_request_the_command_and_a_job() {
         assert_eq!(Some(made.total_episodes), request["episodes"].as_u64());
         run(&["collect", "--quiet"], &to(&request, &command));
         run_job("collect", &request, &job);
-        for path in [command, format!("{job}/result.h5")] {
+        let ran = page.run(&json!({ "record": request }), &format!("page-{index}.h5"));
+        assert_eq!((&ran["done"], &ran["total"]), (&request["episodes"], &request["episodes"]));
+        for path in [command, format!("{job}/result.h5"), format!("{save}/page-{index}.h5")] {
             assert!(std::fs::read(&path).unwrap() == std::fs::read(&task).unwrap(), "{path}: {request:?}");
         }
+        // The command that the page shows makes the same.
+        let shown: Vec<&str> = ran["words"].as_array().unwrap().iter().filter_map(Json::as_str).collect();
+        std::fs::remove_file(format!("{save}/page-{index}.h5")).unwrap();
+        swm_ok(&shown);
+        assert!(std::fs::read(format!("{save}/page-{index}.h5")).unwrap() == std::fs::read(&task).unwrap());
     }
 }
 
@@ -124,9 +133,9 @@ fn a_manifest_is_the_same_from_the_request_the_command_and_the_page() {
 }
 
 #[test]
-fn a_receipt_is_the_same_from_the_request_the_command_and_a_job() {
+fn a_receipt_is_the_same_from_the_request_the_command_the_page_and_a_job() {
     let folder = Folder::new();
-    let (task, registry) = (folder.path("task.toml"), swm::registry());
+    let (task, save, registry) = (folder.path("task.toml"), folder.path("save"), swm::registry());
     let request = json!({ "env": "swm/PushT-v1", "episodes": 3, "budget": 6, "out": task });
     let Json::Object(request) = request else { panic!("it is an object") };
     MakeManifest::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
@@ -148,13 +157,20 @@ fn a_receipt_is_the_same_from_the_request_the_command_and_a_job() {
         divided.remove("out");
         run_job("eval", &divided, &job);
         assert_eq!(receipt(&job), receipt(&value), "{request:?}");
+        let page = Page::open(&[&task], &save);
+        let ran = page.run(&json!({ "evaluate": divided }), &format!("page-{index}"));
+        assert_eq!(receipt(&format!("{save}/page-{index}")), receipt(&value), "{request:?}");
+        let shown: Vec<&str> = ran["words"].as_array().unwrap().iter().filter_map(Json::as_str).collect();
+        std::fs::remove_dir_all(format!("{save}/page-{index}")).unwrap();
+        swm_ok(&shown);
+        assert_eq!(receipt(&format!("{save}/page-{index}")), receipt(&value), "{shown:?}");
     }
 }
 
 #[test]
-fn a_sweep_is_the_same_from_the_request_the_command_and_a_job() {
+fn a_sweep_is_the_same_from_the_request_the_command_the_page_and_a_job() {
     let folder = Folder::new();
-    let (task, registry) = (folder.path("task.toml"), swm::registry());
+    let (task, save, registry) = (folder.path("task.toml"), folder.path("save"), swm::registry());
     swm_ok(&[
         "manifest",
         "make",
@@ -180,11 +196,46 @@ fn a_sweep_is_the_same_from_the_request_the_command_and_a_job() {
         let mut divided = on(&job);
         divided.remove("out");
         run_job("sweep", &divided, &job);
+        let page = Page::open(&[&task], &save);
+        page.run(&json!({ "sweep": divided }), &format!("page-{index}"));
+        let of_page = format!("{save}/page-{index}");
         for file in ["sweep.json", "sweep.csv", "sweep.svg"] {
             let bytes = |dir: &str| std::fs::read(format!("{dir}/{file}")).unwrap();
             assert!(bytes(&command) == bytes(&value), "{file}: {request:?}");
             assert!(bytes(&job) == bytes(&value), "{file} of the job: {request:?}");
+            assert!(bytes(&of_page) == bytes(&value), "{file} of the page: {request:?}");
         }
+    }
+}
+
+#[test]
+fn a_run_is_the_same_from_the_request_and_the_page() {
+    let (folder, registry) = (Folder::new(), swm::registry());
+    // A build without baselines trains nothing.
+    if TrainerEntry::all(&registry).is_err() {
+        return;
+    }
+    let (data, save) = (folder.path("a.h5"), folder.path("save"));
+    let collect = "collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 --image-size 64x64 --seed 3 --quiet --out";
+    swm_ok(&collect.split(' ').chain([data.as_str()]).collect::<Vec<_>>());
+    let page = Page::open(&[&data], &save);
+    for (index, request) in table(include_str!("../requests/train.json"), &data).into_iter().enumerate() {
+        let value = folder.path(&format!("value-{index}"));
+        Train::from_json(&to(&request, &value)).unwrap().run(&registry, &mut ()).unwrap();
+        page.run(&json!({ "train": request }), &format!("page-{index}"));
+        let weights = |run: &str| {
+            let files =
+                std::fs::read_dir(format!("{run}/checkpoints")).unwrap().map(|file| file.unwrap().path());
+            let mut files: Vec<_> =
+                files.filter(|file| file.extension().is_some_and(|end| end == "safetensors")).collect();
+            files.sort();
+            files
+                .iter()
+                .map(|file| (file.file_name().unwrap().to_owned(), std::fs::read(file).unwrap()))
+                .collect::<Vec<_>>()
+        };
+        let of_page = weights(&format!("{save}/page-{index}"));
+        assert!(!of_page.is_empty() && of_page == weights(&value), "{request:?}");
     }
 }
 

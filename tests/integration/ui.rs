@@ -58,6 +58,25 @@ impl Page {
         serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap_or_else(|_| panic!("{answer}"))
     }
 
+    /// Runs a request whose result has this name; how it was at its end.
+    pub(crate) fn run(&self, request: &Json, name: &str) -> Json {
+        let asked = json!({ "request": request, "name": name }).to_string();
+        let begun = self.json("POST /api/requests", &asked);
+        let begin = Instant::now();
+        loop {
+            let found = self.json("GET /api/requests", "");
+            let all = found["requests"].as_array().unwrap();
+            let one = all.iter().find(|one| one["number"] == begun["number"]);
+            let one = one.unwrap_or_else(|| panic!("{begun}: {request}"));
+            if one["state"] != "running" {
+                assert_eq!(one["state"], "done", "{one}");
+                return one.clone();
+            }
+            assert!(begin.elapsed() < Duration::from_secs(120), "{one}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// The id of the file of this kind.
     pub(crate) fn id(&self, kind: &str) -> String {
         let files = self.json("GET /api/files", "");

@@ -21,6 +21,7 @@
 //! | `roots` | which files may be read and written |
 //! | `play` | a WebSocket per live environment, and the thread that steps it |
 //! | `data` | datasets: episodes, images, values, samples |
+//! | `requests` | recordings, evaluations, sweeps and trainings that the page begins |
 //! | `results` | receipts, manifests, sweeps, training curves, jobs |
 //! | `connections` | closes those of strangers |
 //! | `commands` | what is handed in: jobs as the command line has them |
@@ -37,6 +38,7 @@ mod data;
 mod error;
 mod guard;
 mod play;
+mod requests;
 mod results;
 mod roots;
 mod server;

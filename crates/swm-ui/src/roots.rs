@@ -189,6 +189,23 @@ impl Roots {
         }
     }
 
+    /// Refuses a file or folder elsewhere, whatever leads to it.
+    ///
+    /// # Errors
+    ///
+    /// It is outside of the roots, or not there.
+    pub(crate) fn check_path(&self, path: &Path) -> Result<(), Refusal> {
+        let real =
+            fs::canonicalize(path).map_err(|error| Refusal::bad(format!("{}: {error}", path.display())))?;
+        match self.holds(&real) {
+            true => self.check_links(&real),
+            false => Err(Refusal::forbidden(format!(
+                "{} is outside of the paths that `swm ui` was given; give that path to `swm ui` as well",
+                path.display()
+            ))),
+        }
+    }
+
     /// As [`Roots::check_text`], for every text of a policy's arguments.
     pub(crate) fn check_policy(&self, args: &PolicyArgs) -> Result<(), Refusal> {
         args.named.values().chain(&args.positional).try_for_each(|value| self.check_json(value))

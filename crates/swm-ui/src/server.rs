@@ -21,8 +21,9 @@ use crate::connections::{Caller, Door};
 use crate::data::Store;
 use crate::error::{Refusal, UiError};
 use crate::guard::{Guard, Pass};
+use crate::requests::Requests;
 use crate::roots::Roots;
-use crate::{assets, data, play, results};
+use crate::{assets, data, play, requests, results};
 
 /// What is served, and where.
 #[derive(Clone, Debug)]
@@ -34,7 +35,7 @@ pub struct Options {
     pub commands: Option<Arc<dyn Commands>>,
     /// What may be looked at: datasets, folders of results, training runs, or folders that hold them.
     pub paths: Vec<PathBuf>,
-    /// The only folder that is written to: recordings and manifests. `None`: nothing is written.
+    /// The only folder that is written to: recordings, manifests, and results of requests. `None`: nothing is written.
     pub save: Option<PathBuf>,
     /// The name or address by which browsers reach the server.
     pub host: String,
@@ -76,6 +77,7 @@ pub(crate) struct App {
     commands: Option<Arc<dyn Commands>>,
     pub roots: Roots,
     pub store: Store,
+    pub requests: Requests,
     guard: Guard,
     max_sessions: usize,
     sessions: AtomicUsize,
@@ -164,6 +166,7 @@ impl Server {
             registry,
             commands,
             roots,
+            requests: Requests::default(),
             guard: Guard::new(&names, address.port(), frame_from.as_deref())?,
             max_sessions,
             sessions: AtomicUsize::new(0),
@@ -215,6 +218,7 @@ impl Server {
         });
         // Sessions see their connections close, and commit what they hold.
         app.stop.cancel();
+        app.requests.stop_all();
         runtime.shutdown_timeout(Duration::from_millis(500));
         let threads = std::mem::take(&mut *app.threads.lock().unwrap_or_else(PoisonError::into_inner));
         let started = Instant::now();
@@ -253,8 +257,8 @@ fn address_of(host: &str) -> Result<IpAddr, UiError> {
 async fn ended(app: &App, idle: Option<Duration>) {
     loop {
         tokio::time::sleep(Duration::from_millis(25)).await;
-        let is_idle =
-            idle.is_some_and(|idle| app.sessions.load(Ordering::SeqCst) == 0 && app.unseen_for() >= idle);
+        let works = || app.sessions.load(Ordering::SeqCst) > 0 || app.requests.any_running();
+        let is_idle = idle.is_some_and(|idle| app.unseen_for() >= idle && !works());
         if is_idle || app.stop.is_cancelled() {
             return;
         }
@@ -275,6 +279,10 @@ fn router(app: Arc<App>) -> Router {
         .route("/api/result", get(results::result))
         .route("/api/training", get(results::training))
         .route("/api/job", get(results::job))
+        .route("/api/requests", get(requests::list).post(requests::begin))
+        .route("/api/requests/kinds", get(requests::kinds))
+        .route("/api/requests/check", post(requests::check))
+        .route("/api/requests/stop", post(requests::stop))
         .route("/api/manifest", post(data::make_manifest))
         .route("/api/data", get(data::about))
         .route("/api/data/episodes", get(data::episodes))

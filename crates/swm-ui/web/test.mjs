@@ -351,6 +351,38 @@ const parts = {
     quiet("pair");
   },
 
+  /** A recording and an evaluation that the page begins; the command that it shows makes the same. */
+  async run() {
+    await page.goto(`${origin}/#run`);
+    await page.getByRole("button", { name: "Record", exact: true }).click();
+    for (const [label, value] of [["env", "swm/PushT-v1"], ["policy", "weak"], ["episodes", "3"], ["seed", "5"], ["image size", "none"], ["Result", "ran.h5"]]) await page.getByLabel(label, { exact: true }).fill(value);
+    await page.getByLabel("More settings").selectOption("max_steps");
+    await page.getByLabel("max steps", { exact: true }).fill("12");
+    await page.getByRole("button", { name: "Check, and show the command" }).click();
+    await page.waitForSelector(".panel .command");
+    const command = await text(".panel .command code");
+    check(command.startsWith("swm collect swm/PushT-v1 --policy weak --episodes 3 ") && command.includes("--max-steps 12"), command);
+    await page.getByRole("button", { name: "Run", exact: true }).click();
+    await page.waitForSelector("text=Record: ran.h5");
+    await until("the end", async () => (await page.locator(".facts .good", { hasText: "done" }).count()) === 1, 60);
+    await shot("run");
+    const made = spawnSync(program, [...command.split(" ").slice(1, -1), join(profile, "ran.h5"), "--quiet"], { encoding: "utf8" });
+    check(made.status === 0, made.stderr);
+    check(readFileSync(join(save, "ran.h5")).equals(readFileSync(join(profile, "ran.h5"))), "the command makes another recording");
+    await page.click("text=look at it");
+    await page.waitForSelector(".thumb");
+    await page.goto(`${origin}/#run`);
+    said.length = 0;
+    await page.getByRole("button", { name: "Evaluate", exact: true }).click();
+    await page.getByLabel("policy", { exact: true }).fill("wek");
+    await page.getByRole("button", { name: "Run", exact: true }).click();
+    await page.waitForSelector(".notice");
+    // The browser says of itself that the answer was a refusal.
+    check(said.every((line) => line.includes("status of 4")), said.join("\n"));
+    said.length = 0;
+    quiet("run");
+  },
+
   /** The shards of a job, while one of them is done. */
   async jobs() {
     await page.goto(`${origin}/#results`);
@@ -407,10 +439,10 @@ const parts = {
     for (const [name, width, height, scheme] of [["dark", 1440, 900, "dark"], ["narrow", 380, 800, "light"], ["narrow-dark", 380, 800, "dark"], ["wide", 2560, 1300, "light"]]) {
       await page.emulateMedia({ colorScheme: scheme });
       await page.setViewportSize({ width, height });
-      for (const view of ["play", "data", "results", "pair", "job", "player"]) {
+      for (const view of ["play", "data", "run", "results", "pair", "job", "player"]) {
         await page.goto("about:blank");
         await page.goto(`${origin}/#${{ pair: "results", job: "results", player: `data?id=${encodeURIComponent(demoId)}` }[view] ?? view}`);
-        await page.waitForSelector({ play: "canvas", data: ".thumb img", player: ".thumb img" }[view] ?? ".strip a");
+        await page.waitForSelector({ play: "canvas", data: ".thumb img", run: ".filters input", player: ".thumb img" }[view] ?? ".strip a");
         if (view === "pair") await page.locator(".strip a").nth(1).click();
         if (view === "job") await page.locator(".files a", { hasText: "job" }).last().click();
         if (view === "player") {

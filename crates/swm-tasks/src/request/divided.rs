@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
-use swm_core::settings::Settings as _;
+use swm_core::settings::{Setting, Settings as _};
 
 use super::{Evaluate, Fix, Message, Record, Report, Request, Shard, Sweep, TaskError, Train, wrong};
 
@@ -34,10 +34,39 @@ pub struct Needs {
     pub inputs: Vec<PathBuf>,
 }
 
-/// Settings that belong to the parts of an evaluation.
-const OF_PARTS: &[&str] = &["shard", "join", "again", "out"];
+/// A kind of request that can be divided.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct DividedKind {
+    /// The name of the request.
+    pub name: &'static str,
+    /// All of its settings.
+    pub settings: &'static [Setting],
+    /// Those that whoever divides or places the request gives.
+    pub placed: &'static [&'static str],
+}
 
 impl Divided {
+    /// The kinds of requests.
+    pub const KINDS: &[DividedKind] = &[
+        DividedKind {
+            name: Record::NAME,
+            settings: Record::SETTINGS,
+            placed: &["shard", "mode", "mix", "out"],
+        },
+        DividedKind {
+            name: Evaluate::NAME,
+            settings: Evaluate::SETTINGS,
+            placed: &["shard", "join", "again", "out"],
+        },
+        DividedKind {
+            name: Sweep::NAME,
+            settings: Sweep::SETTINGS,
+            placed: &["shard", "join", "again", "out"],
+        },
+        DividedKind { name: Train::NAME, settings: Train::SETTINGS, placed: &["resume", "out"] },
+    ];
+
     /// The name of the request.
     pub fn name(&self) -> &'static str {
         match self {
@@ -49,7 +78,7 @@ impl Divided {
     }
 
     /// The settings that differ from their defaults; of trainings, those of each.
-    fn changed(&self) -> Vec<Map<String, Json>> {
+    pub fn changed(&self) -> Vec<Map<String, Json>> {
         match self {
             Self::Record(request) => vec![request.changed()],
             Self::Evaluate(request) => vec![request.changed()],
@@ -79,14 +108,11 @@ impl Divided {
     ///
     /// [`TaskError::Request`], which names the setting.
     pub fn check_undivided(&self) -> Result<(), TaskError> {
-        let own: &[&'static str] = match self {
-            Self::Record(_) => &["shard", "mode", "mix", "out"],
-            Self::Evaluate(_) | Self::Sweep(_) => OF_PARTS,
-            Self::Train(_) => &["resume", "out"],
-        };
+        let mut placed =
+            Self::KINDS.iter().filter(|kind| kind.name == self.name()).flat_map(|kind| kind.placed);
         let changed = self.changed();
         let is_given = |name: &&&str| changed.iter().any(|changed| changed.contains_key(**name));
-        own.iter().find(is_given).map_or(Ok(()), |&name| {
+        placed.find(is_given).map_or(Ok(()), |&name| {
             let text = "the job's folder fixes where results go, and each task which part of them it makes";
             Err(Message::about_setting(name, text).fix(Fix::Leave(name)).into())
         })
@@ -130,6 +156,34 @@ impl Divided {
             }
         }
         part
+    }
+
+    /// The whole request, undivided, with its result at `out`: a dataset, a run's folder, or the folder of a result. A run that is there
+    /// is resumed. Only the first of several trainings.
+    #[must_use]
+    pub fn at(&self, out: PathBuf) -> Self {
+        let mut whole = self.clone();
+        match &mut whole {
+            Self::Record(request) => request.out = out,
+            Self::Evaluate(request) => request.out = Some(out),
+            Self::Sweep(request) => request.out = Some(out),
+            Self::Train(runs) => *runs = runs.first().map(|run| run.in_folder(out)).into_iter().collect(),
+        }
+        whole
+    }
+
+    /// Does what is asked for. What comes out lies in files.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Request::run`].
+    pub fn run(&self, registry: &Registry, report: &mut dyn Report) -> Result<(), TaskError> {
+        match self {
+            Self::Record(request) => request.run(registry, report).map(drop),
+            Self::Evaluate(request) => request.run(registry, report).map(drop),
+            Self::Sweep(request) => request.run(registry, report).map(drop),
+            Self::Train(runs) => runs.iter().try_for_each(|run| run.run(registry, report).map(drop)),
+        }
     }
 
     /// The request that joins the parts in the folder `out`; `None` of recordings, which are merged, and of trainings.

@@ -39,7 +39,7 @@ pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
 pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};
 pub use defaults::{MAX_STEPS, NUM_ENVS, envs_at_most};
-pub use divided::{Divided, Needs};
+pub use divided::{Divided, DividedKind, Needs};
 pub use entrant::{Foreign, RunOn, verify_foreign};
 pub use evaluate::{Evaluate, Evaluated};
 pub use image_choice::ImageChoice;

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use axum::body::Bytes;
 use axum::extract::State;
 use serde::Deserialize;
-use serde_json::{Value as Json, json};
+use serde_json::json;
 use swm_core::evaluate::{ChosenPair, Tier};
 use swm_core::settings::Settings as _;
-use swm_tasks::request::{MakeManifest, Message, Request as _, value_text};
+use swm_tasks::request::{MakeManifest, Message, Request as _};
 
 use super::{blocking, opening_of};
 use crate::error::{Answer, Refusal, json};
+use crate::requests::option_words;
 use crate::server::App;
 
 /// What the page sends.
@@ -63,7 +64,7 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
             out,
             ..MakeManifest::default()
         };
-        let words = command_line(&request);
+        let words = option_words(request.changed(), "env");
         let mut notes: Vec<Message> = Vec::new();
         let manifest = request.run(&app.registry, &mut notes)?;
         json(&json!({
@@ -76,29 +77,4 @@ pub(crate) async fn make_manifest(State(app): State<Arc<App>>, body: Bytes) -> A
         }))
     })
     .await
-}
-
-/// The words of the command for what the page can ask for.
-fn command_line(request: &MakeManifest) -> Vec<String> {
-    let mut changed = request.changed();
-    let [env, out] = ["env", "out"].map(|name| changed.shift_remove(name));
-    let mut words: Vec<String> = env.iter().map(value_text).collect();
-    if let Some(Json::Object(opening)) = changed.shift_remove("opening") {
-        for (name, value) in opening {
-            let option = format!("--{}", name.replace('_', "-"));
-            match value {
-                Json::Object(each) => {
-                    words.extend(
-                        each.iter()
-                            .flat_map(|(new, old)| [option.clone(), format!("{new}={}", value_text(old))]),
-                    );
-                }
-                value => words.extend([option, value_text(&value)]),
-            }
-        }
-    }
-    for (name, value) in changed.into_iter().chain(out.map(|out| ("out".to_owned(), out))) {
-        words.extend([format!("--{}", name.replace('_', "-")), value_text(&value)]);
-    }
-    words
 }

@@ -76,10 +76,11 @@ fn policy(entry: &PolicyEntry) -> Json {
     })
 }
 
-fn settings(settings: &[Setting]) -> Vec<Json> {
+/// Settings of a table, for a form.
+pub(crate) fn settings<'a>(settings: impl IntoIterator<Item = &'a Setting>) -> Vec<Json> {
     let one =
         |setting: &Setting| json!({ "name": setting.name, "doc": setting.doc, "default": setting.default });
-    settings.iter().map(one).collect()
+    settings.into_iter().map(one).collect()
 }
 
 fn factor(factor: &FactorSpec) -> Json {

@@ -5,6 +5,7 @@
 
 mod commands;
 mod links;
+mod requests;
 mod server;
 
 use std::fs;

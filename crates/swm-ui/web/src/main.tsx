@@ -7,8 +7,9 @@ import { Notice, useGet } from "./kit";
 import { Data } from "./data";
 import { Play } from "./play";
 import { Results } from "./results";
+import { Run } from "./run";
 
-const VIEWS = ["play", "data", "results"] as const;
+const VIEWS = ["play", "data", "run", "results"] as const;
 type View = (typeof VIEWS)[number];
 
 /** `#data?id=0` is a view with its state, so that pages can be bookmarked and the back key works. */
@@ -60,6 +61,7 @@ function App() {
         <Notice text={about.error} />
         {about.value && at.view === "play" && <Play about={about.value} query={at.query} />}
         {about.value && at.view === "data" && <Data about={about.value} query={at.query} />}
+        {about.value && at.view === "run" && <Run about={about.value} />}
         {about.value && at.view === "results" && <Results query={at.query} />}
       </main>
     </>
