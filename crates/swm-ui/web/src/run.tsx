@@ -88,9 +88,9 @@ export function Run({ about }: { about: About }) {
   };
   if (!about.save) return <Panel title="Run"><p class="muted">Start <code>swm ui --save FOLDER</code> to record, evaluate, sweep and train from here: results go into that folder.</p></Panel>;
   return (
-    <>
+    <div class="result">
       <Notice text={kinds.error ?? running.error} />
-      <Panel title="Run" aside={<div class="row" role="group" aria-label="What to run">{kinds.value?.kinds.map(({ name }) => <Button key={name} on={name === chosen} onClick={() => setChosen(name)}>{TITLES[name] ?? name}</Button>)}</div>}>
+      <Panel title="Task" aside={<div class="row" role="group" aria-label="Task">{kinds.value?.kinds.map(({ name }) => <Button key={name} on={name === chosen} onClick={() => setChosen(name)}>{TITLES[name] ?? name}</Button>)}</div>}>
         <datalist id="environments">{about.envs.map(({ id }) => <option key={id} value={id} />)}</datalist>
         {kind && (
           <div class="filters">
@@ -126,6 +126,6 @@ export function Run({ about }: { about: About }) {
           <CommandLine text={["swm", ...one.words.map(quoted)].join(" ")} />
         </Panel>
       ))}
-    </>
+    </div>
   );
 }
