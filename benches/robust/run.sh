@@ -108,6 +108,7 @@ fi
 # What it takes to repeat and to use it.
 cp historic.toml results/
 for run in runs/*; do
+  ls "$run"/checkpoints/*.safetensors > /dev/null 2>&1 || continue
   to=results/$run; mkdir -p "$to/checkpoints"
   cp "$run/config.json" "$run/metrics.jsonl" "$to/" 2> /dev/null
   last=$(ls "$run/checkpoints" | grep -v training | sed -n 's/^\(step-.*\)\.safetensors$/\1/p' | sort | tail -1)
