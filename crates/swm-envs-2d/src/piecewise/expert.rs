@@ -19,7 +19,7 @@ pub(super) struct Expert {
 
 impl NoisyExpert<2> for Expert {
     const SUMMARY: &'static str = "walks straight to the target, against the push of its zone";
-    const STD: &'static str = "1.0";
+    const STD: &'static str = "1";
     type Shared = (FovSpace, usize);
 
     fn shared(context: &PolicyContext<'_>) -> Result<Self::Shared, PolicyError> {
