@@ -115,7 +115,7 @@ mod tests {
     use crate::batch::Slice;
     use crate::registry::Registry;
     use crate::testing::TOY;
-    use crate::world::{World, WorldOptions};
+    use crate::{World, WorldOptions};
 
     /// Chooses 0.9.
     struct Near;
