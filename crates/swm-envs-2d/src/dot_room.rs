@@ -1,13 +1,9 @@
 //! What the environments have in common whose agent walks to a target in a square room that is seen from above: description,
 //! positions, saved states, targets that are far enough, images.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
-use swm_core::{
-    Dtype, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, RowsMut, Slice, Space, Value,
-};
-use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_core::{Dtype, EnvSpec, Episode, EpisodeSeed, Field, ImageSize, Slice, Space};
+use swm_fov::{Fov, SceneError};
 
 use crate::artist::{Artist, Scenery, Sprite};
 use crate::settings::Render;
@@ -18,65 +14,49 @@ pub(crate) const STATE: usize = 1;
 pub(crate) const PROPRIO: usize = 2;
 pub(crate) const DISTANCE: usize = 3;
 pub(crate) const GOAL_STATE: usize = 4;
-pub(crate) const FACTORS: usize = 5;
 
 /// The factor that places the target, and the one that asks for a far one.
 const TARGET: &str = "target.position";
-const LEAST: &str = "task.min_steps";
+pub(crate) const LEAST: &str = "task.min_steps";
 /// Samples of a target that is far enough, before the farthest of them is taken.
 const MAX_TARGETS: usize = 1000;
 
 /// The description of an environment whose observation has `observation_dim` values, and whose actions have two within
 /// `bound`.
-pub(crate) fn spec(
-    id: &str,
-    observation_dim: usize,
-    bound: f64,
-    image: Option<ImageSize>,
-    space: &FovSpace,
-) -> EnvSpec {
-    let mut fields = vec![
+pub(crate) fn spec(id: &str, observation_dim: usize, bound: f64) -> EnvSpec {
+    let fields = vec![
         Field::step("observation", Dtype::F32, &[observation_dim]),
         Field::step("state", Dtype::F32, &[2]),
         Field::step("proprio", Dtype::F32, &[2]),
         Field::step("distance_to_target", Dtype::F64, &[]),
         Field::episode("goal_state", Dtype::F32, &[2]),
     ];
-    fields.extend(space.fields());
-    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
     EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -bound, bound), fields)
-        .factors(space.specs())
         .time_step_s(0.1)
         .start_columns(&["state", "proprio"])
         .goal_columns(&["state", "proprio"])
 }
 
-/// Why a reset of the environment `id` is refused.
-pub(crate) fn reset_error(id: &str, reason: impl Into<String>) -> EnvError {
-    EnvError::Reset { env: id.to_owned(), reason: reason.into() }
-}
-
-/// The position of a recorded row, if there is one: `[x, y]` in a room of this side.
-pub(crate) fn recorded(
-    id: &str,
-    side: f32,
-    row: &Option<BTreeMap<String, Value>>,
-) -> Result<Option<[f32; 2]>, EnvError> {
-    let Some(row) = row else { return Ok(None) };
-    let column = ["state", "proprio"].into_iter().find(|column| row.contains_key(*column));
-    let column =
-        column.ok_or_else(|| reset_error(id, "start and goal need the column `state` or `proprio`"))?;
-    let value = row[column].cast(column, Dtype::F32, &[2])?;
-    let Slice::F32(&[x, y]) = value.data.as_slice() else { unreachable!("cast to two f32") };
-    check_position([x, y], side).map_err(|reason| reset_error(id, format!("`{column}`: {reason}")))?;
-    Ok(Some([x, y]))
+/// The positions of the recorded start and goal, where there are any: `[x, y]` in a room of this side.
+pub(crate) fn recorded(side: f32, episode: &Episode<'_>) -> Result<[Option<[f32; 2]>; 2], SceneError> {
+    let mut positions = [None; 2];
+    for (position, row) in positions.iter_mut().zip([&episode.options.start, &episode.options.goal]) {
+        let Some(row) = row else { continue };
+        let column = ["state", "proprio"].into_iter().find(|column| row.contains_key(*column));
+        let column = column.ok_or("start and goal need the column `state` or `proprio`")?;
+        let value = row[column].cast(column, Dtype::F32, &[2])?;
+        let Slice::F32(&[x, y]) = value.data.as_slice() else { unreachable!("cast to two f32") };
+        check_position([x, y], side).map_err(|reason| format!("`{column}`: {reason}"))?;
+        *position = Some([x, y]);
+    }
+    Ok(positions)
 }
 
 /// The values of an action, if they are two and finite.
-pub(crate) fn finite_action(id: &str, action: Slice<'_>) -> Result<[f32; 2], EnvError> {
+pub(crate) fn finite_action(action: Slice<'_>) -> Result<[f32; 2], SceneError> {
     match action {
         Slice::F32(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
-        _ => Err(EnvError::Diverged { env: id.to_owned(), reason: format!("{action:?} is no action") }),
+        _ => Err(format!("{action:?} is no action").into()),
     }
 }
 
@@ -86,44 +66,33 @@ fn check_position(position: [f32; 2], side: f32) -> Result<(), String> {
     if is_inside { Ok(()) } else { Err(format!("the position {position:?} is not between 0 and {side}")) }
 }
 
-/// A saved state.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Saved {
-    pub(crate) fov: SavedFov,
+/// Where agent and target are.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+pub(crate) struct Dots {
     pub(crate) agent: [f32; 2],
     pub(crate) target: [f32; 2],
 }
 
-impl Saved {
-    /// The state of the environment `id` that was stored, with its factors.
-    pub(crate) fn load(
-        id: &str,
-        side: f32,
-        space: &FovSpace,
-        state: &EnvState,
-    ) -> Result<(Self, Fov), EnvError> {
-        let saved: Self = state.load(id)?;
-        let foreign = |reason: String| EnvError::State { env: id.to_owned(), reason };
-        for position in [saved.agent, saved.target] {
-            check_position(position, side).map_err(foreign)?;
-        }
-        let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-        Ok((saved, fov))
+impl Dots {
+    /// Refuses positions that are not in a room of this side.
+    pub(crate) fn check(&self, side: f32) -> Result<(), SceneError> {
+        check_position(self.agent, side)?;
+        Ok(check_position(self.target, side)?)
     }
 }
 
-/// The target of an episode: that of the factor, unless `task.min_steps` asks for a farther one. `defaults` may ask for it,
-/// too; `least_px` is what so many steps cover, `way_to` measures the way from the agent, px.
+/// The target of an episode: that of the factor, unless `task.min_steps` asks for a farther one, as its default does
+/// where `is_far`; `least_px` is what so many steps cover, `way_to` measures the way from the agent, px.
 pub(crate) fn target(
     spec: &EnvSpec,
     fov: &Fov,
-    defaults: &serde_json::Map<String, serde_json::Value>,
+    is_far: bool,
     episode: &Episode<'_>,
     least_px: impl FnOnce(i64) -> f64,
     way_to: impl Fn([f32; 2]) -> f64,
 ) -> [f32; 2] {
     let target: [f32; 2] = fov.vector(TARGET);
-    let is_asked = fov.touched(LEAST) || defaults.contains_key(LEAST);
+    let is_asked = is_far || fov.touched(LEAST);
     if !is_asked || episode.options.variation_values.contains_key(TARGET) {
         return target;
     }
@@ -156,28 +125,23 @@ fn far_target(
     farthest
 }
 
-/// What rendering needs.
-pub(crate) struct Image<L, S> {
+/// What renders images.
+pub(crate) struct Canvas<L, S> {
     artist: Artist<L>,
     /// The agent of the episode; `None` before the first.
     agent: Option<S>,
-    goal: Vec<u8>,
-    /// The goal image belongs to an earlier episode.
-    goal_is_stale: bool,
 }
 
-impl<L: Scenery, S: Sprite> Image<L, S> {
-    pub(crate) fn new(size: ImageSize, style: Render) -> Result<Self, String> {
+impl<L: Scenery, S: Sprite> Canvas<L, S> {
+    pub(crate) fn new(size: ImageSize, style: Render) -> Result<Self, SceneError> {
         let artist = Artist::new(size, style).map_err(|error| error.to_string())?;
-        let bytes = size.shape().iter().product();
-        Ok(Self { artist, agent: None, goal: vec![0; bytes], goal_is_stale: true })
+        Ok(Self { artist, agent: None })
     }
 
     /// Takes the look of an episode, or of another state of one.
-    pub(crate) fn set_look(&mut self, id: &str, agent: S, look: L) -> Result<(), EnvError> {
+    pub(crate) fn set_look(&mut self, agent: S, look: L) -> Result<(), SceneError> {
         self.agent = Some(agent);
-        self.goal_is_stale = true;
-        self.artist.set_look(look).map_err(|error| reset_error(id, error.to_string()))
+        Ok(self.artist.set_look(look).map_err(|error| error.to_string())?)
     }
 
     /// Renders the agent at a position.
@@ -185,15 +149,5 @@ impl<L: Scenery, S: Sprite> Image<L, S> {
         let agent = self.agent.expect("environments set the look when they are made").at(agent);
         let rendered = self.artist.render(&agent, out);
         rendered.expect("the pixel field has the artist's size");
-    }
-
-    /// Writes the image of the agent at the target into the last field.
-    pub(crate) fn write_goal(&mut self, target: [f32; 2], spec: &EnvSpec, out: &mut RowsMut<'_>) {
-        if self.goal_is_stale {
-            let mut goal = std::mem::take(&mut self.goal);
-            self.render(target, &mut goal);
-            (self.goal, self.goal_is_stale) = (goal, false);
-        }
-        out.write(spec.fields.len() - 1, &self.goal);
     }
 }

@@ -103,8 +103,23 @@ impl FovSpace {
     ///
     /// An unknown factor, a value out of bounds, or a constraint that 1,000 samples did not meet.
     pub fn sample(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
+        self.sample_where(env, episode, |_| true)
+    }
+
+    /// As [`FovSpace::sample`], under those constraints alone that `applies` chooses: recorded rows take the place of factors, of
+    /// which rules then need not hold.
+    ///
+    /// # Errors
+    ///
+    /// As of [`FovSpace::sample`].
+    pub fn sample_where(
+        &self,
+        env: &str,
+        episode: &Episode<'_>,
+        applies: impl Fn(&Constraint) -> bool,
+    ) -> Result<Fov, EnvError> {
         episode.options.check_none(env)?;
-        self.try_sample(episode).map_err(|error| {
+        self.try_sample(episode, applies).map_err(|error| {
             let (env, reason) = (env.to_owned(), error.to_string());
             match error {
                 FovError::Unsatisfied { .. } => EnvError::Constraint { env, reason },
@@ -127,17 +142,20 @@ impl FovSpace {
         in_use: &[(&str, Value)],
     ) -> Result<Fov, EnvError> {
         let is_in_use = |name: &str| in_use.iter().any(|(factor, _)| *factor == name);
-        let mut space = self.clone();
-        space
-            .constraints
-            .retain(|rule| !(is_in_use(rule.owner) && rule.reads.iter().any(|read| is_in_use(read))));
         let mut options = episode.options.clone();
         let values = in_use.iter().map(|(name, value)| ((*name).to_owned(), value.clone()));
         options.variation_values.extend(values);
-        space.sample(env, &Episode::new(episode.seed, &options))
+        self.sample_where(env, &Episode::new(episode.seed, &options), |rule| {
+            !(is_in_use(rule.owner) && rule.reads.iter().any(|read| is_in_use(read)))
+        })
     }
 
-    fn try_sample(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
+    fn try_sample(
+        &self,
+        episode: &Episode<'_>,
+        applies: impl Fn(&Constraint) -> bool,
+    ) -> Result<Fov, FovError> {
+        let constraints = || self.constraints.iter().filter(|rule| applies(rule));
         let sampled = self.selection(episode.options.variation.as_deref())?;
         let mut fov = self.defaults();
         let mut set = vec![false; self.factors.len()];
@@ -153,7 +171,7 @@ impl FovSpace {
             }
             let mut stream = episode.seed.stream(&factor.spec.name);
             let rules: Vec<&Constraint> =
-                self.constraints.iter().filter(|rule| rule.owner == factor.spec.name).collect();
+                constraints().filter(|rule| rule.owner == factor.spec.name).collect();
             let mut tries = 0;
             loop {
                 fov.values[index] = factor.spec.space.sample(&mut stream);
@@ -165,7 +183,7 @@ impl FovSpace {
             }
         }
         // Values that were set or left at their defaults must agree with what was sampled.
-        match self.constraints.iter().find(|rule| !(rule.holds)(&fov)) {
+        match constraints().find(|rule| !(rule.holds)(&fov)) {
             Some(broken) if fov.touched(broken.owner) => {
                 Err(unsatisfied(broken, &fov, "its value does not meet".to_owned()))
             }

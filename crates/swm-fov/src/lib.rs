@@ -4,6 +4,8 @@
 //! [`Fov`]: the scenario of that episode. Every factor has a random stream of its own, so that varying one more
 //! factor does not move the others.
 //!
+//! [`FactorEnv`] makes an environment of a table of factors and a [`Scene`]: what is simulated, rendered and observed.
+//!
 //! ```
 //! use swm_core::{EpisodeSeed, ResetOptions, env::Episode};
 //! use swm_fov::{Factor, FovSpace};
@@ -23,8 +25,12 @@ mod assignment;
 mod colors;
 mod describe;
 mod factor;
+mod factor_env;
+mod scene;
 
 pub use assignment::{Fov, FovError, SavedFov};
 pub use colors::{ColorValues, color_values};
 pub use describe::markdown;
 pub use factor::{Constraint, Factor, FovSpace};
+pub use factor_env::FactorEnv;
+pub use scene::{Scene, SceneError};

@@ -74,14 +74,7 @@ pub trait Env: Send + Sync {
     /// [`EnvError::Reset`]: the environment has no looks, a factor is unknown or not visual, or a value is outside of its space.
     /// The look stays as it was.
     fn dress(&mut self, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        match look.is_empty() {
-            true => Ok(()),
-            false => Err(EnvError::Reset {
-                env: self.spec().id.clone(),
-                reason: "it declares no visual factors: its images cannot be rendered in other looks"
-                    .to_owned(),
-            }),
-        }
+        refuse_look(self.spec(), look)
     }
 
     /// Whether the episode is cut off now, without the task having ended it: a budget that is the environment's own, such
@@ -107,6 +100,19 @@ pub trait Env: Send + Sync {
     fn places(&self) -> Vec<Place> {
         Vec::new()
     }
+}
+
+/// What [`Env::dress`] of an environment without visual factors returns: an error, unless the look is empty.
+///
+/// # Errors
+///
+/// [`EnvError::Reset`]: the look names a factor.
+pub fn refuse_look(spec: &EnvSpec, look: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+    if look.is_empty() {
+        return Ok(());
+    }
+    let reason = "it declares no visual factors: its images cannot be rendered in other looks".to_owned();
+    Err(EnvError::Reset { env: spec.id.clone(), reason })
 }
 
 /// Where something is in the image.

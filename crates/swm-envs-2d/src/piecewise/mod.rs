@@ -19,18 +19,21 @@ mod settings;
 mod tests;
 mod zones;
 
-use swm_core::EnvEntry;
+use swm_core::policies::{expert, noisy_expert};
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::Piecewise;
+use self::env::Piecewise;
+use self::expert::Expert;
 
 /// `swm/Piecewise-v0`.
 pub const PIECEWISE: EnvEntry = EnvEntry::new(
-    "swm/Piecewise-v0",
+    Piecewise::ID,
     "walk to a target over zones that push the agent, each its own way",
-    |config| Ok(Box::new(Piecewise::new(config)?)),
+    FactorEnv::<Piecewise>::boxed,
 )
 .family(crate::FAMILY)
 .success("less than 16 px from the target")
-.settings(settings::SETTINGS)
-.policies(&[expert::EXPERT, expert::NOISY_EXPERT])
+.settings(settings::Settings::SETTINGS)
+.policies(&[expert::<Expert, 2>(), noisy_expert::<Expert, 2>()])
 .planner(expert::PLANNER);

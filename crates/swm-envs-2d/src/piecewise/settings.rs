@@ -1,7 +1,6 @@
 //! Constructor settings of Piecewise.
 
 use serde_json::{Map, Value as Json};
-use swm_core::{Setting, Settings as _};
 
 use crate::settings::Render;
 
@@ -26,9 +25,6 @@ impl Settings {
         }
     }
 }
-
-/// The settings for help and docs.
-pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;
 
 #[cfg(test)]
 mod tests {

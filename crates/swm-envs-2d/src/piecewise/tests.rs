@@ -6,6 +6,7 @@ use swm_core::{
     Env as _, EnvConfig, Episode, EpisodeSeed, Registry, ResetOptions, Rollout, Slice, Value, World,
     WorldOptions,
 };
+use swm_fov::FactorEnv;
 
 use super::{PIECEWISE, Piecewise};
 
@@ -45,7 +46,7 @@ fn other_grids_conform() {
 fn wrong_settings_and_starts_are_refused() {
     let message = PIECEWISE.make(&config(&json!({"grid_n": 20}))).err().unwrap().to_string();
     assert!(message.contains("grid_n 20"), "{message}");
-    let mut env = Piecewise::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<Piecewise>::new(&EnvConfig::default()).unwrap();
     let row = [("state".to_owned(), Value::vector(&[300.0_f32, 20.0]))];
     let options = ResetOptions { start: Some(row.into()), ..ResetOptions::default() };
     let message = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap_err().to_string();
@@ -55,7 +56,7 @@ fn wrong_settings_and_starts_are_refused() {
 
 #[test]
 fn a_target_is_as_far_as_the_task_asks() {
-    let mut env = Piecewise::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<Piecewise>::new(&EnvConfig::default()).unwrap();
     for seed in 0..20 {
         let options = ResetOptions::default()
             .vary(["agent.position", "target.position"])

@@ -3,11 +3,8 @@
 //! Both steer by the velocity that they want: along the way, as fast as the next bend allows.
 
 use rand_distr::{Distribution as _, StandardUniform};
-use swm_core::policy::{add_noise, write_action};
-use swm_core::{
-    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, Settings as _, SliceMut,
-    SlotView,
-};
+use swm_core::policies::{NoisyExpert, expert, noisy, noisy_expert};
+use swm_core::{EpisodeSeed, PolicyContext, PolicyEntry, PolicyError, SlotView};
 
 use super::factors::layout_at;
 use super::layout::{Layout, center};
@@ -17,58 +14,17 @@ use crate::ways::{Ways, distance};
 
 /// The policies of the maze.
 pub(super) const POLICIES: &[PolicyEntry] = &[
-    PolicyEntry::new("expert", "takes the shortest way to the goal", |_, args| {
-        args.parse_as::<swm_core::registry::NoArgs>()?;
-        Ok(navigator("expert".to_owned(), 0.0, Errand::Goal))
-    }),
-    PolicyEntry::new(
-        "noisy-expert",
-        "the expert with normal noise on its actions (`noisy-expert:STD`)",
-        |_, args| noisy(args, Errand::Goal),
-    )
-    .settings(Noise::SETTINGS),
-    PolicyEntry::new(
+    expert::<Navigator<false>, 2>(),
+    noisy_expert::<Navigator<false>, 2>(),
+    noisy::<Navigator<true>, 2>(
         "explorer",
         "wanders from one random cell to the next, whatever the goal, with noise on its actions \
                   (`explorer:STD`): diverse data, best with terminate_at_goal=false",
-        |_, args| noisy(args, Errand::Cells),
-    )
-    .settings(Noise::SETTINGS),
+    ),
 ];
 
-swm_core::settings! {
-    /// Arguments of the noisy policies.
-    struct Noise {
-        /// Standard deviation of the noise on each component.
-        std: f64 = 0.5,
-    }
-}
-
-/// Where to go.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Errand {
-    /// To the goal.
-    Goal,
-    /// To random cells, one after the other.
-    Cells,
-}
-
-fn noisy(args: &PolicyArgs, errand: Errand) -> Result<Box<dyn Policy>, PolicyError> {
-    let Noise { std } = args.parse_with("std")?;
-    args.check_not_negative("std", std)?;
-    Ok(navigator(format!("{}:std={std}", args.name), std, errand))
-}
-
-fn navigator(description: String, std: f64, errand: Errand) -> Box<dyn Policy> {
-    Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
-        Ok(Box::new(Navigator::new(std, errand, view)?) as Box<dyn Actor>)
-    }))
-}
-
-/// One episode's navigation.
-struct Navigator {
-    std: f64,
-    errand: Errand,
+/// One episode's navigation: to the goal, or to random cells, one after the other.
+struct Navigator<const EXPLORES: bool> {
     layout: &'static Layout,
     disc: Disc,
     /// A way ends within this distance of its goal.
@@ -88,34 +44,7 @@ const BRAKE: f64 = 0.6;
 /// How far a bend may be overshot.
 const BEND: f64 = 0.8;
 
-impl Navigator {
-    fn new(std: f64, errand: Errand, view: &SlotView<'_>) -> Result<Self, PolicyError> {
-        let number = |factor: &str| -> Result<f64, PolicyError> {
-            let values: &[f64] = view.row.get(&format!("variation.{factor}"))?;
-            Ok(values[0])
-        };
-        let index: &[i64] = view.row.get("variation.maze.layout")?;
-        let layout = layout_at(index[0]).ok_or_else(|| PolicyError::Unsupported {
-            policy: "expert".to_owned(),
-            reason: format!("there is no layout {}", index[0]),
-        })?;
-        let disc = Disc {
-            radius: number("agent.radius")?,
-            mass: number("agent.mass")?,
-            damping: number("agent.damping")?,
-            gain: number("agent.gain")?,
-        };
-        let (target, goal_radius) = match errand {
-            Errand::Goal => {
-                let goal: &[f64] = view.row.get("goal_state")?;
-                ([goal[0], goal[1]], number("goal.radius")?)
-            }
-            Errand::Cells => (random_cell(layout, view.episode.seed, 0), VISITED),
-        };
-        let ways = ways(layout, disc.radius, target);
-        Ok(Self { std, errand, layout, disc, goal_radius, ways, target, errands: 0 })
-    }
-
+impl<const EXPLORES: bool> Navigator<EXPLORES> {
     /// The force, in units of actions, that follows the way from here.
     fn steer(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
         let Disc { mass, damping, gain, .. } = self.disc;
@@ -141,22 +70,52 @@ impl Navigator {
     }
 }
 
-impl Actor for Navigator {
-    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+impl<const EXPLORES: bool> NoisyExpert<2> for Navigator<EXPLORES> {
+    const SUMMARY: &'static str = "takes the shortest way to the goal";
+    const STD: &'static str = "0.5";
+    const STREAM: &'static str = "policy maze noise";
+    type Shared = ();
+
+    fn shared(_: &PolicyContext<'_>) -> Result<(), PolicyError> {
+        Ok(())
+    }
+
+    fn new((): &(), view: &SlotView<'_>) -> Result<Self, PolicyError> {
+        let number = |factor: &str| -> Result<f64, PolicyError> {
+            let values: &[f64] = view.row.get(&format!("variation.{factor}"))?;
+            Ok(values[0])
+        };
+        let index: &[i64] = view.row.get("variation.maze.layout")?;
+        let layout = layout_at(index[0]).ok_or_else(|| PolicyError::Unsupported {
+            policy: "expert".to_owned(),
+            reason: format!("there is no layout {}", index[0]),
+        })?;
+        let disc = Disc {
+            radius: number("agent.radius")?,
+            mass: number("agent.mass")?,
+            damping: number("agent.damping")?,
+            gain: number("agent.gain")?,
+        };
+        let (target, goal_radius) = match EXPLORES {
+            true => (random_cell(layout, view.episode.seed, 0), VISITED),
+            false => {
+                let goal: &[f64] = view.row.get("goal_state")?;
+                ([goal[0], goal[1]], number("goal.radius")?)
+            }
+        };
+        let ways = ways(layout, disc.radius, target);
+        Ok(Self { layout, disc, goal_radius, ways, target, errands: 0 })
+    }
+
+    fn choose(&mut self, view: &SlotView<'_>) -> Result<[f64; 2], PolicyError> {
         let state: &[f64] = view.row.get("state")?;
         let (position, velocity) = ([state[0], state[1]], [state[2], state[3]]);
-        if self.errand == Errand::Cells && distance(position, self.target) < VISITED {
+        if EXPLORES && distance(position, self.target) < VISITED {
             self.errands += 1;
             self.target = random_cell(self.layout, view.episode.seed, self.errands);
             self.ways = ways(self.layout, self.disc.radius, self.target);
         }
-        let mut force = self.steer(position, velocity);
-        if self.std > 0.0 {
-            add_noise(view, "policy maze noise", self.std, &mut force);
-            force = force.map(|component| component.clamp(-1.0, 1.0));
-        }
-        write_action(&mut action, &force.map(|component| component as f32));
-        Ok(())
+        Ok(self.steer(position, velocity))
     }
 }
 

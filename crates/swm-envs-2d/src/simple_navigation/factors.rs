@@ -5,9 +5,7 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 use super::maze::{Cell, Maze, SIDE};
 
 /// The factor table, in sampling order. Cells are column and row, directions 0 right, 1 down, 2 left, 3 up.
-///
-/// `recorded` says whether rows of a dataset give agent and goal: rules about their factors do not hold then.
-pub(super) fn factors(recorded: [bool; 2]) -> FovSpace {
+pub(super) fn factors() -> FovSpace {
     let cell =
         |name: &str, default: Cell| Factor::integers(name, 1, SIDE as i64 - 2, &default).sampled_by_default();
     let direction = |name: &str| Factor::integer(name, 0, 3, 0).sampled_by_default();
@@ -26,7 +24,6 @@ pub(super) fn factors(recorded: [bool; 2]) -> FovSpace {
     ]);
     const MAZE: &[&str] = &["maze.seed", "maze.p_horizontal", "maze.p_vertical"];
     const FREE: &str = "no wall (cells of odd column and row never are)";
-    let [agent, goal] = recorded.map(|is_recorded| !is_recorded);
     let agent_is_free = Constraint {
         owner: "agent.position",
         reads: MAZE,
@@ -45,8 +42,7 @@ pub(super) fn factors(recorded: [bool; 2]) -> FovSpace {
         words: "another cell than agent.position",
         holds: |fov| fov.vector::<i64, 2>("goal.position") != fov.vector::<i64, 2>("agent.position"),
     };
-    let rules = [(agent, agent_is_free), (goal, goal_is_free), (agent && goal, they_differ)];
-    space.with_constraints(rules.into_iter().filter_map(|(applies, rule)| applies.then_some(rule)).collect())
+    space.with_constraints(vec![agent_is_free, goal_is_free, they_differ])
 }
 
 /// The maze of an assignment.

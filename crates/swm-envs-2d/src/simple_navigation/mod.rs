@@ -22,17 +22,19 @@ mod tiles;
 mod view;
 
 use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
 use crate::settings::FactorDefaults;
-pub use env::SimpleNavigation;
+use env::SimpleNavigation;
 
 /// `swm/SimpleNavigation-v0`.
-pub const SIMPLE_NAVIGATION: EnvEntry =
-    EnvEntry::new("swm/SimpleNavigation-v0", "turn and walk through a maze on a grid to a goal", |config| {
-        Ok(Box::new(SimpleNavigation::new(config)?))
-    })
-    .family(crate::FAMILY)
-    .success("the agent stands on the goal")
-    .settings(FactorDefaults::SETTINGS)
-    .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
-    .planner(policies::PLANNER);
+pub const SIMPLE_NAVIGATION: EnvEntry = EnvEntry::new(
+    SimpleNavigation::ID,
+    "turn and walk through a maze on a grid to a goal",
+    FactorEnv::<SimpleNavigation>::boxed,
+)
+.family(crate::FAMILY)
+.success("the agent stands on the goal")
+.settings(FactorDefaults::SETTINGS)
+.policies(&[policies::EXPERT, policies::NOISY_EXPERT])
+.planner(policies::PLANNER);

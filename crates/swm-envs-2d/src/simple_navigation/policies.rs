@@ -1,9 +1,9 @@
 //! The expert of SimpleNavigation: takes the shortest way through the maze, with random actions in between if asked.
 
-use swm_core::{Actor, EnvState, PerEpisode, Policy, PolicyEntry, PolicyError, SliceMut, SlotView};
+use swm_core::{Actor, PerEpisode, Policy, PolicyEntry, PolicyError, SliceMut, SlotView};
 
-use super::env::{FORWARD, LEFT, RIGHT, saved_distances};
-use super::maze::Distances;
+use super::env::{FORWARD, LEFT, RIGHT};
+use super::maze::{Distances, Maze};
 use crate::random_actions::{acts_at_random, description_and_share, noisy_expert};
 
 /// A planner on the true dynamics that finds the goal.
@@ -25,9 +25,10 @@ pub(super) const NOISY_EXPERT: PolicyEntry = noisy_expert(|_, args| {
 
 fn make(description: String, share: f64) -> Box<dyn Policy> {
     Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
-        let mut state = EnvState::new();
-        view.snapshot(&mut state)?;
-        Ok(Box::new(Expert { distances: saved_distances(&state)?, share }) as Box<dyn Actor>)
+        let (walls, goal): (&[u8], &[i64]) = (view.row.get("walls")?, view.row.get("goal_state")?);
+        let maze = Maze::from_walls(walls);
+        let maze = maze.map_err(|reason| PolicyError::Unsupported { policy: "expert".to_owned(), reason })?;
+        Ok(Box::new(Expert { distances: maze.distances([goal[0], goal[1]]), share }) as Box<dyn Actor>)
     }))
 }
 

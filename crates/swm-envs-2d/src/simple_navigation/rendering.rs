@@ -12,14 +12,14 @@ const SIDE_PX: usize = SIDE * TILE_PX;
 
 /// What an image shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Scene {
+pub(super) struct Shown {
     pub(super) maze: Maze,
     pub(super) goal: Cell,
     pub(super) agent: Cell,
     pub(super) direction: i64,
 }
 
-impl Scene {
+impl Shown {
     /// The tile of every cell, row by row.
     fn tiles(&self) -> [&'static Tile; SIDE * SIDE] {
         let seen = seen(&self.maze, self.agent, self.direction);
@@ -56,11 +56,11 @@ impl Artist {
         })
     }
 
-    /// Renders a scene and writes the frame, `[H, W, 3]`.
-    pub(super) fn render(&mut self, scene: &Scene, out: &mut [u8]) -> Result<(), RenderError> {
+    /// Renders it and writes the frame, `[H, W, 3]`.
+    pub(super) fn render(&mut self, shown: &Shown, out: &mut [u8]) -> Result<(), RenderError> {
         let mut changed = Rect::default();
         let is_first = self.shown[0].is_none();
-        for (index, tile) in scene.tiles().into_iter().enumerate() {
+        for (index, tile) in shown.tiles().into_iter().enumerate() {
             if self.shown[index].is_some_and(|shown| std::ptr::eq(shown, tile)) {
                 continue;
             }

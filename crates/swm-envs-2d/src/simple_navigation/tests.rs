@@ -9,6 +9,7 @@ use swm_core::{
     Env as _, EnvConfig, Episode, EpisodeSeed, Registry, ResetOptions, Rollout, Slice, Value, World,
     WorldOptions,
 };
+use swm_fov::FactorEnv;
 
 use super::env::{FORWARD, LEFT, RIGHT};
 use super::maze::{Maze, SIDE};
@@ -60,7 +61,7 @@ fn every_maze_has_one_way_between_any_two_cells() {
 
 #[test]
 fn actions_turn_and_walk_and_walls_stop() {
-    let mut env = SimpleNavigation::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<SimpleNavigation>::new(&EnvConfig::default()).unwrap();
     let mut walls = [1_u8; SIDE * SIDE];
     for x in 1..8 {
         walls[SIDE + x] = 0;
@@ -87,7 +88,7 @@ fn actions_turn_and_walk_and_walls_stop() {
 
 #[test]
 fn the_last_row_of_an_episode_is_a_start_too() {
-    let mut env = SimpleNavigation::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<SimpleNavigation>::new(&EnvConfig::default()).unwrap();
     let start = [("state".to_owned(), Value::vector(&[7_i64, 7, 2, 7, 7]))];
     let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() }.vary(["none"]);
     let outcome = env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
@@ -96,7 +97,7 @@ fn the_last_row_of_an_episode_is_a_start_too() {
 
 #[test]
 fn wrong_starts_mazes_and_actions_are_refused() {
-    let mut env = SimpleNavigation::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<SimpleNavigation>::new(&EnvConfig::default()).unwrap();
     let mut refused = |start: Vec<(&str, Value)>| {
         let start = start.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         let options = ResetOptions { start: Some(start), ..ResetOptions::default() };

@@ -1,6 +1,5 @@
 //! The factors of SimplePointMaze, their constraints, and how the walls of an episode are placed.
 
-use serde_json::{Map, Value as Json};
 use swm_core::{Dtype, EnvError, Episode, Space, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
@@ -38,8 +37,8 @@ const POSITIONS: [f32; 2 * MAX_WALLS] = [
 /// Samples of a wall's position before an episode is refused.
 const MAX_TRIES: usize = 10_000;
 
-/// The factor table, in sampling order, without constraints.
-fn unconstrained() -> FovSpace {
+/// The factor table, in sampling order. Lengths are in units of which the room is 5 wide.
+pub(super) fn factors() -> FovSpace {
     let position =
         |name: &str, default: f32| Factor::vector_f32(name, 0.0, f64::from(SIDE), &[default, default]);
     let per_wall = |name: &str, [low, high]: [f64; 2], default: &[f32]| {
@@ -47,7 +46,7 @@ fn unconstrained() -> FovSpace {
         let default = Value { shape: shape.to_vec(), ..Value::vector(default) };
         Factor::new(name, Space::uniform_box(Dtype::F32, &shape, low, high), default)
     };
-    FovSpace::new(vec![
+    let space = FovSpace::new(vec![
         Factor::integer("walls.number", 4, MAX_WALLS as i64, 5).doc("how many of the walls there are"),
         Factor::rgb("walls.color", [0, 0, 0]).doc("color of the walls"),
         per_wall("walls.shape", [0.5, 1.5], &SHAPES).doc("width and height of each wall"),
@@ -61,36 +60,28 @@ fn unconstrained() -> FovSpace {
         Factor::scalar_f32("goal.radius", 0.05, 0.5, 0.2).doc("the goal is reached within this distance"),
         position("goal.position", 4.5).doc("x, y of the goal"),
         Factor::rgb("background.color", [255, 255, 255]).doc("color of the floor"),
-    ])
-}
-
-/// The factor table, in sampling order. Lengths are in units of which the room is 5 wide.
-///
-/// `recorded` says whether rows of a dataset give agent and goal: rules about their factors do not hold then.
-fn factors(recorded: [bool; 2]) -> FovSpace {
+    ]);
     const WALLS: &[&str] = &["walls.number", "walls.shape", "walls.positions"];
-    let [agent, goal] = recorded.map(|is_recorded| !is_recorded);
-    let walls_are_inside = Constraint {
-        owner: "walls.positions",
-        reads: &["walls.number", "walls.shape"],
-        words: "every wall lies in the room",
-        holds: |fov| walls(fov).iter().all(Wall::is_inside),
-    };
-    let agent_is_clear = Constraint {
-        owner: "agent.position",
-        reads: &["walls.number", "walls.shape", "walls.positions", "agent.radius"],
-        words: "clear of the walls",
-        holds: |fov| is_clear(fov, "agent"),
-    };
-    let goal_is_clear = Constraint {
-        owner: "goal.position",
-        reads: WALLS,
-        words: "clear of the walls by goal.radius",
-        holds: |fov| is_clear(fov, "goal"),
-    };
-    let rules = [(true, walls_are_inside), (agent, agent_is_clear), (goal, goal_is_clear)];
-    let rules = rules.into_iter().filter_map(|(applies, rule)| applies.then_some(rule));
-    unconstrained().with_constraints(rules.collect())
+    space.with_constraints(vec![
+        Constraint {
+            owner: "walls.positions",
+            reads: &["walls.number", "walls.shape"],
+            words: "every wall lies in the room",
+            holds: |fov| walls(fov).iter().all(Wall::is_inside),
+        },
+        Constraint {
+            owner: "agent.position",
+            reads: &["walls.number", "walls.shape", "walls.positions", "agent.radius"],
+            words: "clear of the walls",
+            holds: |fov| is_clear(fov, "agent"),
+        },
+        Constraint {
+            owner: "goal.position",
+            reads: WALLS,
+            words: "clear of the walls by goal.radius",
+            holds: |fov| is_clear(fov, "goal"),
+        },
+    ])
 }
 
 /// Whether the disc of an agent or a goal overlaps no wall.
@@ -99,52 +90,36 @@ fn is_clear(fov: &Fov, thing: &str) -> bool {
     !is_blocked(&walls(fov), fov.vector(&position), fov.f32(&radius))
 }
 
-/// The factor table with and without its constraints.
-pub(super) struct Factors {
-    pub(super) space: FovSpace,
-    unconstrained: FovSpace,
-    defaults: Map<String, Json>,
-}
-
-impl Factors {
-    /// The table with other defaults.
-    pub(super) fn new(env: &str, defaults: &Map<String, Json>) -> Result<Self, EnvError> {
-        let [space, unconstrained] =
-            [factors([false; 2]), unconstrained()].map(|space| space.with_defaults(env, defaults));
-        Ok(Self { space: space?, unconstrained: unconstrained?, defaults: defaults.clone() })
+/// The factors of an episode. Positions of a recorded start and goal are used in place of those of the factors.
+///
+/// Walls that are sampled are placed one by one: six that are sampled together rarely lie in the room all of them.
+pub(super) fn sample(
+    env: &str,
+    space: &FovSpace,
+    episode: &Episode<'_>,
+    [start, goal]: [Option<[f32; 2]>; 2],
+) -> Result<Fov, EnvError> {
+    let recorded = [("agent", start), ("goal", goal)];
+    let mut options = episode.options.clone();
+    let is_set = |name: &str| episode.options.variation_values.contains_key(name);
+    let fov = space.sample_where(env, episode, |_| false)?;
+    if fov.touched("walls.positions") && !is_set("walls.positions") {
+        // Things that stand still already; what is sampled later is sampled clear of the walls.
+        let still = recorded.iter().filter_map(|&(thing, at)| {
+            let name = format!("{thing}.position");
+            let is_sampled = at.is_none() && fov.touched(&name) && !is_set(&name);
+            let at = at.unwrap_or_else(|| fov.vector(&name));
+            (!is_sampled).then(|| (at, fov.f32(&format!("{thing}.radius"))))
+        });
+        let placed = place(env, &fov, episode, &still.collect::<Vec<_>>())?;
+        options = options.set("walls.positions", placed);
     }
-
-    /// The factors of an episode. `start` and `goal` are recorded positions, which are used in place of those of the factors.
-    ///
-    /// Walls that are sampled are placed one by one: six that are sampled together rarely lie in the room all of them.
-    pub(super) fn sample(
-        &self,
-        env: &str,
-        episode: &Episode<'_>,
-        start: Option<[f32; 2]>,
-        goal: Option<[f32; 2]>,
-    ) -> Result<Fov, EnvError> {
-        let recorded = [("agent", start), ("goal", goal)];
-        let mut options = episode.options.clone();
-        let is_set = |name: &str| episode.options.variation_values.contains_key(name);
-        let fov = self.unconstrained.sample(env, episode)?;
-        if fov.touched("walls.positions") && !is_set("walls.positions") {
-            // Things that stand still already; what is sampled later is sampled clear of the walls.
-            let still = recorded.iter().filter_map(|&(thing, at)| {
-                let name = format!("{thing}.position");
-                let is_sampled = at.is_none() && fov.touched(&name) && !is_set(&name);
-                let at = at.unwrap_or_else(|| fov.vector(&name));
-                (!is_sampled).then(|| (at, fov.f32(&format!("{thing}.radius"))))
-            });
-            let placed = place(env, &fov, episode, &still.collect::<Vec<_>>())?;
-            options = options.set("walls.positions", placed);
-        }
-        let episode = Episode::new(episode.seed, &options);
-        match [start.is_some(), goal.is_some()] {
-            [false, false] => self.space.sample(env, &episode),
-            recorded => factors(recorded).with_defaults(env, &self.defaults)?.sample(env, &episode),
-        }
-    }
+    let applies = |rule: &Constraint| match rule.owner {
+        "agent.position" => start.is_none(),
+        "goal.position" => goal.is_none(),
+        _ => true,
+    };
+    space.sample_where(env, &Episode::new(episode.seed, &options), applies)
 }
 
 /// Positions of walls in the room and clear of the discs `still`.

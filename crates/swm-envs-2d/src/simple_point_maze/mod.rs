@@ -19,17 +19,21 @@ mod settings;
 mod tests;
 mod walls;
 
-use swm_core::EnvEntry;
+use swm_core::policies::{expert, noisy_expert};
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::SimplePointMaze;
+use env::SimplePointMaze;
+use policies::Expert;
 
 /// `swm/SimplePointMaze-v0`.
-pub const SIMPLE_POINT_MAZE: EnvEntry =
-    EnvEntry::new("swm/SimplePointMaze-v0", "move a disc past rectangular walls to a goal", |config| {
-        Ok(Box::new(SimplePointMaze::new(config)?))
-    })
-    .family(crate::FAMILY)
-    .success("within `goal.radius` of the goal")
-    .settings(settings::SETTINGS)
-    .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
-    .planner(policies::PLANNER);
+pub const SIMPLE_POINT_MAZE: EnvEntry = EnvEntry::new(
+    SimplePointMaze::ID,
+    "move a disc past rectangular walls to a goal",
+    FactorEnv::<SimplePointMaze>::boxed,
+)
+.family(crate::FAMILY)
+.success("within `goal.radius` of the goal")
+.settings(settings::Settings::SETTINGS)
+.policies(&[expert::<Expert, 2>(), noisy_expert::<Expert, 2>()])
+.planner(policies::PLANNER);

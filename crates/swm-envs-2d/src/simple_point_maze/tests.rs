@@ -6,12 +6,13 @@ use swm_core::{
     Env as _, EnvConfig, EnvError, Episode, EpisodeSeed, Registry, ResetOptions, Rollout, Slice, Value,
     World, WorldOptions,
 };
+use swm_fov::FactorEnv;
 
 use super::walls::{Room, Wall};
 use super::{SIMPLE_POINT_MAZE, SimplePointMaze};
 
-fn env() -> SimplePointMaze {
-    SimplePointMaze::new(&EnvConfig::default()).unwrap()
+fn env() -> FactorEnv<SimplePointMaze> {
+    FactorEnv::<SimplePointMaze>::new(&EnvConfig::default()).unwrap()
 }
 
 fn success(policy: &str, vary: &[&str]) -> f64 {

@@ -5,14 +5,14 @@ use rand_distr::{Distribution as _, StandardUniform};
 use swm_core::policy::{add_noise, write_action};
 use swm_core::settings::Table;
 use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
-    SliceMut, SlotView,
+    Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _, SliceMut,
+    SlotView,
 };
+use swm_fov::FactorEnv;
 
-use super::env::{factors_with, saved_room};
+use super::env::TwoRoom;
 use super::room::{Room, distance};
 use super::route;
-use super::settings::Settings;
 
 /// `expert`.
 pub(super) const EXPERT: PolicyEntry =
@@ -61,13 +61,12 @@ fn make(
     if !(0.0..=1.0).contains(&action_repeat_prob) {
         return Err(args.wrong(format!("action_repeat_prob {action_repeat_prob} must be 0 to 1")));
     }
-    let space = factors_with(&context.config.parse_settings::<Settings>(context.env.id)?)?;
+    let space = FactorEnv::<TwoRoom>::factors(context.config)?;
     let frame_skip = f64::from(context.frame_skip);
     let description = describe(&args.name, arguments);
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
-        let mut state = EnvState::new();
-        view.snapshot(&mut state)?;
-        let room = saved_room(&space, &state)?;
+        let (fov, _) = FactorEnv::<TwoRoom>::episode(&space, view)?;
+        let room = Room::new(&fov);
         let reach_px = f64::from(room.speed) * frame_skip;
         Ok(Box::new(Expert { room, reach_px, arguments, last: None }) as Box<dyn Actor>)
     })))

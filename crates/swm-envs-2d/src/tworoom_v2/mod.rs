@@ -23,18 +23,19 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use swm_core::EnvEntry;
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::TwoRoom;
+use env::TwoRoom;
 pub use factors::factors;
 
 /// `swm/TwoRoom-v2`.
 pub const TWO_ROOM_V2: EnvEntry = EnvEntry::new(
-    "swm/TwoRoom-v2",
+    TwoRoom::ID,
     "walk to a target in one of two rooms, through a door if need be",
-    |config| Ok(Box::new(TwoRoom::new(config)?)),
+    FactorEnv::<TwoRoom>::boxed,
 )
 .family(crate::FAMILY)
 .success("less than 16 px from the target")
-.settings(settings::SETTINGS)
+.settings(settings::Settings::SETTINGS)
 .policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

@@ -8,6 +8,7 @@ use swm_core::{
     Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyContext, Registry,
     ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
+use swm_fov::FactorEnv;
 
 use super::dot::Dot;
 use super::room::{IMAGE_PX, Room, distance};
@@ -16,14 +17,14 @@ use crate::artist::Sprite as _;
 
 /// An environment with a row to look at.
 struct Bench {
-    env: TwoRoom,
+    env: FactorEnv<TwoRoom>,
     row: Batch,
 }
 
 impl Bench {
     fn new(image: Option<ImageSize>, settings: &serde_json::Value) -> Self {
         let config = EnvConfig { image, settings: settings.as_object().unwrap().clone() };
-        let env = TwoRoom::new(&config).unwrap();
+        let env = FactorEnv::<TwoRoom>::new(&config).unwrap();
         let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
         Self { env, row }
     }

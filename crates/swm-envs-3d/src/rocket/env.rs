@@ -1,21 +1,15 @@
-//! `swm/PFRocketLanding-v0` as an environment: reset, step, observation, saved states.
-
-use std::collections::BTreeMap;
+//! `swm/PFRocketLanding-v0` as a scene: reset, step, observation, images.
 
 use nalgebra::Vector3;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use serde::{Deserialize, Serialize};
 use swm_core::seed::Stream;
-use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
-    RowsMut, Slice, Space, Value,
-};
-use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_core::{Dtype, EnvSpec, Episode, EpisodeSeed, Field, ImageSize, Outcome, RowsMut, Slice, Space};
+use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
-use super::ROCKET_LANDING;
 use super::aerodynamics::Load;
 use super::contact::Stage;
-use super::factors::{conditions, factors_with};
+use super::factors::{conditions, factors};
 use super::flight::{Conditions, PHYSICS_STEP_S, fly};
 use super::guidance;
 use super::rendering::Image;
@@ -47,68 +41,31 @@ const STATE: usize = 1;
 const OUT_OF_BOUNDS: usize = 2;
 const FATAL_COLLISION: usize = 3;
 const ENV_COMPLETE: usize = 4;
-const FACTORS: usize = 5;
 
 /// Land a rocket. See the module's documentation.
-pub struct RocketLanding {
-    spec: EnvSpec,
+pub(super) struct RocketLanding {
     settings: Settings,
-    space: FovSpace,
-    fov: Fov,
     conditions: Conditions,
-    moving: Moving,
     stage: Stage,
-    image: Option<Image>,
+    fuel: f64,
 }
 
 /// What changes in an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Moving {
-    state: State,
+pub(super) struct Moving {
+    pub(super) state: State,
     end: End,
     steps: u64,
     /// Of the episode: the key of the throttle's noise.
     seed: u64,
 }
 
-/// A saved state.
-#[derive(Serialize, Deserialize)]
-struct Saved {
-    fov: SavedFov,
-    moving: Moving,
-}
-
 impl RocketLanding {
-    /// Makes the environment.
-    ///
-    /// # Errors
-    ///
-    /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, or an image size that cannot be
-    /// drawn.
-    pub fn new(config: &EnvConfig) -> Result<Self, EnvError> {
-        let id = ROCKET_LANDING.id;
-        let settings: Settings = config.parse_settings(id)?;
-        let space = factors_with(id, &settings.init_value)?;
-        let fov = space.defaults();
-        let image = config.image.map(|size| Image::new(size, &fov)).transpose();
-        let image = image.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
-        Ok(Self {
-            spec: spec(config.image, &space),
-            conditions: conditions(&fov),
-            moving: Moving { state: State::landed(0.0), end: End::default(), steps: 0, seed: 0 },
-            stage: Stage::new(),
-            settings,
-            space,
-            fov,
-            image,
-        })
-    }
-
     /// The start of an episode by its factors: falling, after the steps without a command.
-    fn start(&mut self, seed: EpisodeSeed) -> State {
-        let ratio = self.fov.f64("environment.start_height_ratio");
-        let [x, y] = self.fov.vector::<f32, 2>("environment.start_horizontal_offset").map(f64::from);
-        let [roll, pitch] = self.fov.vector::<f32, 2>("environment.start_tilt").map(f64::from);
+    fn falling(&mut self, fov: &Fov, seed: EpisodeSeed) -> State {
+        let ratio = fov.f64("environment.start_height_ratio");
+        let [x, y] = fov.vector::<f32, 2>("environment.start_horizontal_offset").map(f64::from);
+        let [roll, pitch] = fov.vector::<f32, 2>("environment.start_tilt").map(f64::from);
         let (mut position, mut angles) = ([x, y, MAX_HEIGHT * ratio], [roll, pitch, 0.0]);
         if self.settings.randomize_drop {
             let stream = &mut seed.stream("rocket drop");
@@ -123,7 +80,7 @@ impl RocketLanding {
                 *coordinate += uniform(stream, -2.0, 2.0);
             }
         }
-        let mut state = State::at_rest(position, from_euler(angles), self.fov.f64("rocket.fuel"));
+        let mut state = State::at_rest(position, from_euler(angles), self.fuel);
         if self.settings.accelerate_drop {
             state.velocity[2] = -DROP_SPEED;
         }
@@ -135,28 +92,14 @@ impl RocketLanding {
         state
     }
 
-    /// The state of a recorded row.
-    fn recorded(&self, row: &BTreeMap<String, Value>) -> Result<State, EnvError> {
-        let wrong = |reason: String| EnvError::Reset { env: self.spec.id.clone(), reason };
-        let value =
-            row.get("state").ok_or_else(|| wrong("a recorded start needs the column `state`".to_owned()))?;
-        let values = value.cast("state", Dtype::F64, &[STATE_DIM])?.to_f64s("state")?;
-        let state = State::from_row(values.first_chunk().expect("cast to so many values"));
-        if !state.is_sound() {
-            let reason = "the recorded `state` has values that are not finite, attitudes that are no unit quaternions, \
-                          or fuel outside of 0 to 1";
-            return Err(wrong(reason.to_owned()));
-        }
-        Ok(state)
-    }
-
     /// One step with the throttle's noise, a sample per physics step. Returns the reward.
     pub(super) fn step_with(
         &mut self,
+        moving: &mut Moving,
         action: &[f64; ACTION_DIM],
         noise: &[f64; CONTROL_STEPS * PHYSICS_STEPS],
     ) -> f64 {
-        let Moving { state, end, steps, .. } = &mut self.moving;
+        let Moving { state, end, steps, .. } = moving;
         for (value, (given, low)) in state.action.iter_mut().zip(action.iter().zip(ACTION_LOW)) {
             *value = given.clamp(low, 1.0);
         }
@@ -173,19 +116,20 @@ impl RocketLanding {
         *steps += 1;
         total
     }
+}
 
-    /// The state of the simulation.
-    #[cfg(test)]
-    pub(super) fn state_mut(&mut self) -> &mut State {
-        &mut self.moving.state
+/// The state of the recorded start.
+fn recorded(episode: &Episode<'_>) -> Result<Option<State>, SceneError> {
+    let Some(row) = &episode.options.start else { return Ok(None) };
+    let value = row.get("state").ok_or("a recorded start needs the column `state`")?;
+    let values = value.cast("state", Dtype::F64, &[STATE_DIM])?.to_f64s("state")?;
+    let state = State::from_row(values.first_chunk().expect("cast to so many values"));
+    if !state.is_sound() {
+        let reason = "the recorded `state` has values that are not finite, attitudes that are no unit quaternions, \
+                      or fuel outside of 0 to 1";
+        return Err(reason.into());
     }
-
-    fn refresh(&mut self) {
-        self.conditions = conditions(&self.fov);
-        if let Some(image) = &mut self.image {
-            image.dress(&self.fov);
-        }
-    }
+    Ok(Some(state))
 }
 
 /// A value drawn uniformly from `low..high`.
@@ -241,121 +185,112 @@ fn observation(state: &State) -> [f64; OBSERVATION_DIM] {
     ]
 }
 
-impl Env for RocketLanding {
-    fn spec(&self) -> &EnvSpec {
-        &self.spec
+impl Scene for RocketLanding {
+    const ID: &'static str = "swm/PFRocketLanding-v0";
+    type Settings = Settings;
+    type State = Moving;
+    type Canvas = Image;
+
+    fn factors(settings: &Settings) -> Result<FovSpace, SceneError> {
+        Ok(factors().with_defaults(Self::ID, &settings.init_value)?)
     }
 
-    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+    fn spec() -> EnvSpec {
+        let fields = vec![
+            Field::step("observation", Dtype::F64, &[OBSERVATION_DIM]),
+            Field::step("state", Dtype::F64, &[STATE_DIM]),
+            Field::step("out_of_bounds", Dtype::Bool, &[]),
+            Field::step("fatal_collision", Dtype::Bool, &[]),
+            Field::step("env_complete", Dtype::Bool, &[]),
+        ];
+        let (shape, low, high) = (vec![ACTION_DIM], ACTION_LOW.to_vec(), vec![1.0; ACTION_DIM]);
+        EnvSpec::new(Self::ID, Space::Box { dtype: Dtype::F64, shape, low, high }, fields)
+            .time_step_s(STEP_S)
+            .start_columns(&["state"])
+    }
+
+    fn canvas(_: &Settings, size: ImageSize) -> Result<Image, SceneError> {
+        Ok(Image::new(size)?)
+    }
+
+    fn sample(space: &FovSpace, episode: &Episode<'_>) -> Result<Fov, SceneError> {
         if episode.options.goal.as_ref().is_some_and(|row| !row.is_empty()) {
-            let reason = "it takes no goals from recorded rows: the goal is to land".to_owned();
-            return Err(EnvError::Reset { env: ROCKET_LANDING.id.to_owned(), reason });
+            return Err("it takes no goals from recorded rows: the goal is to land".into());
         }
-        self.fov = self.space.sample(&self.spec.id, episode)?;
-        self.refresh();
-        let state = match &episode.options.start {
-            Some(row) => self.recorded(row)?,
-            None => self.start(episode.seed),
-        };
-        let seed = episode.seed.value().unsigned_abs();
-        self.moving = Moving { state, end: End::default(), steps: 0, seed };
-        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(false) })
+        Ok(space.sample(Self::ID, episode)?)
     }
 
-    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let diverged = |reason: String| EnvError::Diverged { env: ROCKET_LANDING.id.to_owned(), reason };
+    fn new(settings: &Settings, fov: &Fov) -> Result<Self, SceneError> {
+        let (conditions, fuel) = (conditions(fov), fov.f64("rocket.fuel"));
+        Ok(Self { settings: settings.clone(), conditions, stage: Stage::new(), fuel })
+    }
+
+    fn start(&mut self, _: &EnvSpec, fov: &Fov, episode: &Episode<'_>) -> Result<Moving, SceneError> {
+        let state = recorded(episode)?.unwrap_or_else(|| self.falling(fov, episode.seed));
+        let seed = episode.seed.value().unsigned_abs();
+        Ok(Moving { state, end: End::default(), steps: 0, seed })
+    }
+
+    fn restore(&mut self, moving: &Moving) -> Result<(), SceneError> {
+        match moving.state.is_sound() {
+            true => Ok(()),
+            false => Err("it holds values that are no state of a rocket".into()),
+        }
+    }
+
+    fn step(&mut self, moving: &mut Moving, action: Slice<'_>) -> Result<Outcome, SceneError> {
         let values = match action {
             Slice::F64(values) => values.try_into().ok(),
             _ => None,
         };
         let Some(action) = values else {
-            return Err(diverged(format!("{} values of {} are no action", action.len(), action.dtype())));
+            return Err(format!("{} values of {} are no action", action.len(), action.dtype()).into());
         };
-        let Moving { seed, steps, .. } = self.moving;
-        let mut stream = EpisodeSeed::new(seed).indexed("rocket throttle noise", [steps, 0]);
+        let mut stream = EpisodeSeed::new(moving.seed).indexed("rocket throttle noise", [moving.steps, 0]);
         let noise = std::array::from_fn(|_| {
             let sample: f64 = StandardNormal.sample(&mut stream);
             NOISE_MEAN + sample
         });
-        let reward = self.step_with(action, &noise);
-        let Moving { state, end, .. } = &self.moving;
-        if !(state.is_sound() && reward.is_finite()) {
-            return Err(diverged(format!("the state is not finite after the action {action:?}")));
+        let reward = self.step_with(moving, action, &noise);
+        if !(moving.state.is_sound() && reward.is_finite()) {
+            return Err(format!("the state is not finite after the action {action:?}").into());
         }
+        Ok(Outcome { reward, ..self.outcome(moving) })
+    }
+
+    fn outcome(&self, Moving { end, .. }: &Moving) -> Outcome {
         let terminated = end.fatal_collision || end.out_of_bounds;
-        Ok(Outcome { reward, terminated, success: Some(end.env_complete && !terminated) })
+        Outcome { reward: f64::NAN, terminated, success: Some(end.env_complete && !terminated) }
     }
 
-    fn is_truncated(&self) -> bool {
+    fn is_truncated(&self, moving: &Moving) -> bool {
         let limit = self.settings.time_limit;
-        self.moving.end.env_complete || (limit != 0 && self.moving.steps >= limit)
+        moving.end.env_complete || (limit != 0 && moving.steps >= limit)
     }
 
-    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
-        self.fov.write(FACTORS, out);
-        if let Some(image) = &mut self.image {
-            let landed = State::landed(self.fov.f64("rocket.fuel"));
-            image.render(&landed, out.at(self.spec.fields.len() - 1));
-        }
-    }
-
-    fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Moving { state, end, .. } = &self.moving;
+    fn observe(&self, Moving { state, end, .. }: &Moving, out: &mut RowsMut<'_>) {
         out.write(OBSERVATION, &observation(state));
         out.write(STATE, &state.to_row());
         out.write(OUT_OF_BOUNDS, &[end.out_of_bounds]);
         out.write(FATAL_COLLISION, &[end.fatal_collision]);
         out.write(ENV_COMPLETE, &[end.env_complete]);
-        if let Some(image) = &mut self.image {
-            image.render(state, out.at(self.spec.fields.len() - 2));
-        }
     }
 
-    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
-        state.store(ROCKET_LANDING.id, &Saved { fov: self.fov.save(), moving: self.moving })
-    }
-
-    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let foreign = |reason: String| EnvError::State { env: ROCKET_LANDING.id.to_owned(), reason };
-        let Saved { fov, moving } = state.load(ROCKET_LANDING.id)?;
-        let fov = self.space.recall(&fov).map_err(|error| foreign(error.to_string()))?;
-        if !moving.state.is_sound() {
-            return Err(foreign("it holds values that are no state of a rocket".to_owned()));
-        }
-        // Planners return to states of one episode again and again: what does not change in it stays.
-        if fov != self.fov {
-            self.fov = fov;
-            self.refresh();
-        }
-        self.moving = moving;
+    fn dress(&self, _: &Moving, look: &Fov, image: &mut Image) -> Result<(), SceneError> {
+        image.dress(look);
         Ok(())
     }
 
-    /// How far the flight is from the descent that the expert flies, and how far it leans and turns.
-    fn task_cost(&self) -> Option<f64> {
-        let Moving { state, end, .. } = &self.moving;
-        Some(guidance::cost(&self.conditions, state, *end))
+    fn render(&self, moving: &Moving, image: &mut Image, pixels: &mut [u8]) {
+        image.render(&moving.state, pixels);
     }
-}
 
-fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
-    let mut fields = vec![
-        Field::step("observation", Dtype::F64, &[OBSERVATION_DIM]),
-        Field::step("state", Dtype::F64, &[STATE_DIM]),
-        Field::step("out_of_bounds", Dtype::Bool, &[]),
-        Field::step("fatal_collision", Dtype::Bool, &[]),
-        Field::step("env_complete", Dtype::Bool, &[]),
-    ];
-    fields.extend(space.fields());
-    fields.extend(image.into_iter().flat_map(ImageSize::fields_with_goal));
-    let action = Space::Box {
-        dtype: Dtype::F64,
-        shape: vec![ACTION_DIM],
-        low: ACTION_LOW.to_vec(),
-        high: vec![1.0; ACTION_DIM],
-    };
-    EnvSpec::new(ROCKET_LANDING.id, action, fields)
-        .factors(space.specs())
-        .time_step_s(STEP_S)
-        .start_columns(&["state"])
+    fn render_goal(&self, _: &Moving, image: &mut Image, pixels: &mut [u8]) {
+        image.render(&State::landed(self.fuel), pixels);
+    }
+
+    /// How far the flight is from the descent that the expert flies, and how far it leans and turns.
+    fn task_cost(&self, moving: &Moving) -> Option<f64> {
+        Some(guidance::cost(&self.conditions, &moving.state, moving.end))
+    }
 }

@@ -1,14 +1,12 @@
 //! The factors of rocket landing, and what an assignment means.
 
-use serde_json::{Map, Value as Json};
-use swm_core::EnvError;
 use swm_fov::{Factor, Fov, FovSpace};
 
 use super::body::{DRY_MASS, Kind};
 use super::flight::Conditions;
 
 /// The factor table, in sampling order: the reference's, then fuel, dry mass and wind.
-pub fn factors() -> FovSpace {
+pub(super) fn factors() -> FovSpace {
     FovSpace::new(vec![
         Factor::rgb("environment.sky_color", [255, 255, 255])
             .doc("color of the sky; the reference lists (135, 206, 235) and renders white"),
@@ -31,11 +29,6 @@ pub fn factors() -> FovSpace {
         Factor::vector("environment.wind", -8.0, 8.0, &[0.0, 0.0])
             .doc("velocity of the air along x and y, m/s"),
     ])
-}
-
-/// The factor table of the environment `env` with other defaults, by name.
-pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    factors().with_defaults(env, defaults)
 }
 
 /// The conditions of an assignment.

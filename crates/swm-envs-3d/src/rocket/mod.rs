@@ -19,19 +19,22 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-use swm_core::EnvEntry;
+use swm_core::policies::{expert, noisy_expert};
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::RocketLanding;
-pub use factors::factors;
+use self::env::RocketLanding;
+use self::policies::Expert;
+use self::state::ACTION_DIM;
 
 /// `swm/PFRocketLanding-v0`.
 pub const ROCKET_LANDING: EnvEntry = EnvEntry::new(
-    "swm/PFRocketLanding-v0",
+    RocketLanding::ID,
     "land a falling rocket on a pad by throttle, gimbal and fins",
-    |config| Ok(Box::new(RocketLanding::new(config)?)),
+    FactorEnv::<RocketLanding>::boxed,
 )
 .family(crate::FAMILY)
 .success("upright with its legs on the pad, slower than 4 m/s")
-.settings(settings::SETTINGS)
-.policies(policies::POLICIES)
+.settings(settings::Settings::SETTINGS)
+.policies(&[expert::<Expert, ACTION_DIM>(), noisy_expert::<Expert, ACTION_DIM>()])
 .planner(policies::PLANNER);

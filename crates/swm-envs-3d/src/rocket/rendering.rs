@@ -47,14 +47,12 @@ pub(super) struct Image {
 
 impl Image {
     /// For images of this size.
-    pub(super) fn new(size: ImageSize, fov: &Fov) -> Result<Self, String> {
+    pub(super) fn new(size: ImageSize) -> Result<Self, String> {
         let renderer = scene::renderer(size)?;
         let floor = scene::squares(SQUARES, SQUARE_TEXELS)?;
         let assets = Assets { textures: vec![Arc::new(floor)], ..Assets::default() };
         let (scene, ground) = parts();
-        let mut image = Self { renderer, scene, ground, assets };
-        image.dress(fov);
-        Ok(image)
+        Ok(Self { renderer, scene, ground, assets })
     }
 
     /// Takes the colors of an assignment.

@@ -1,7 +1,5 @@
 //! The factors of TablePush3D and their constraints.
 
-use serde_json::{Map, Value as Json};
-use swm_core::EnvError;
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::body::Object;
@@ -11,33 +9,12 @@ const CLEARANCE: f64 = 0.01;
 /// A goal is at least so far from the start of the object, m.
 const LEAST_WAY: f64 = 0.1;
 
-/// The factor table, in sampling order.
-pub fn factors() -> FovSpace {
-    unconstrained().with_constraints(vec![
-        Constraint {
-            owner: "goal.position",
-            reads: &["object.position"],
-            words: "at least 0.1 m from object.position",
-            holds: |fov| way(fov, "object.position", "goal.position") >= LEAST_WAY,
-        },
-        Constraint {
-            owner: "pusher.position",
-            reads: &["object.shape", "object.size", "object.mass", "object.position", "pusher.radius"],
-            words: "clear of the object",
-            holds: |fov| {
-                let room = way(fov, "object.position", "pusher.position");
-                room >= Object::new(fov).reach() + fov.f64("pusher.radius") + CLEARANCE
-            },
-        },
-    ])
-}
-
-/// The factor table without constraints, which recorded starts and goals need not meet.
-fn unconstrained() -> FovSpace {
+/// The factor table, in sampling order. Recorded starts and goals need not meet the constraints.
+pub(super) fn factors() -> FovSpace {
     let position = |name: &str, reach: f64, default: [f64; 2]| {
         Factor::vector(name, -reach, reach, &default).sampled_by_default()
     };
-    FovSpace::new(vec![
+    let space = FovSpace::new(vec![
         Factor::integer("object.shape", 0, 2, 0)
             .choices(&["box", "cylinder", "cross"])
             .doc("0 a box, 1 a cylinder, 2 a cross"),
@@ -74,6 +51,23 @@ fn unconstrained() -> FovSpace {
         Factor::scalar("light.azimuth", -180.0, 180.0, 40.0)
             .doc("where the lamp's light comes from, degrees"),
         Factor::rgb("background.color", [196, 216, 236]).doc("color of what is around the table"),
+    ]);
+    space.with_constraints(vec![
+        Constraint {
+            owner: "goal.position",
+            reads: &["object.position"],
+            words: "at least 0.1 m from object.position",
+            holds: |fov| way(fov, "object.position", "goal.position") >= LEAST_WAY,
+        },
+        Constraint {
+            owner: "pusher.position",
+            reads: &["object.shape", "object.size", "object.mass", "object.position", "pusher.radius"],
+            words: "clear of the object",
+            holds: |fov| {
+                let room = way(fov, "object.position", "pusher.position");
+                room >= Object::new(fov).reach() + fov.f64("pusher.radius") + CLEARANCE
+            },
+        },
     ])
 }
 
@@ -82,10 +76,4 @@ fn way(fov: &Fov, from: &str, to: &str) -> f64 {
     let [from, to]: [[f64; 2]; 2] = [from, to].map(|name| fov.vector(name));
     let [x, y] = [from[0] - to[0], from[1] - to[1]];
     (x * x + y * y).sqrt()
-}
-
-/// The factor table of the environment `env` with other defaults, by name; with constraints, and without.
-pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<[FovSpace; 2], EnvError> {
-    let [space, unconstrained] = [factors(), unconstrained()].map(|space| space.with_defaults(env, defaults));
-    Ok([space?, unconstrained?])
 }

@@ -22,19 +22,21 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-use swm_core::EnvEntry;
+use swm_core::policies::{expert, noisy_expert};
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::TablePush;
-pub use factors::factors;
+use self::env::TablePush;
+use self::policies::Expert;
 
 /// `swm/TablePush3D-v0`.
 pub const TABLE_PUSH: EnvEntry = EnvEntry::new(
-    "swm/TablePush3D-v0",
+    TablePush::ID,
     "push an object over a table to a goal by a pusher of limited force",
-    |config| Ok(Box::new(TablePush::new(config)?)),
+    FactorEnv::<TablePush>::boxed,
 )
 .family(crate::FAMILY)
 .success("the object within `goal.radius` of the goal")
-.settings(settings::SETTINGS)
-.policies(policies::POLICIES)
+.settings(settings::Settings::SETTINGS)
+.policies(&[expert::<Expert, 2>(), noisy_expert::<Expert, 2>()])
 .planner(policies::PLANNER);

@@ -5,6 +5,7 @@ use swm_core::{
     Env as _, EnvConfig, Episode, EpisodeSeed, Registry, ResetOptions, Rollout, Slice, Value, World,
     WorldOptions,
 };
+use swm_fov::FactorEnv;
 
 use super::state::State;
 use super::{TABLE_PUSH, TablePush};
@@ -38,7 +39,7 @@ fn threads_do_not_change_a_bit() {
 
 /// The state after `steps` steps of full speed along x, from a pusher on the left of an object in the middle.
 fn pushed(factors: &[(&str, f64)], steps: usize) -> State {
-    let mut env = TablePush::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<TablePush>::new(&EnvConfig::default()).unwrap();
     let mut options = ResetOptions::default()
         .vary(["none"])
         .set("pusher.position", Value::vector(&[-0.1, 0.0]))
@@ -50,7 +51,7 @@ fn pushed(factors: &[(&str, f64)], steps: usize) -> State {
     for _ in 0..steps {
         env.step(Slice::F32(&[1.0, 0.0])).unwrap();
     }
-    *env.state()
+    env.state().state
 }
 
 #[test]
@@ -76,7 +77,7 @@ fn a_push_moves_the_object_as_its_factors_say() {
 
 #[test]
 fn objects_slide_to_rest_and_fall_off_the_edge() {
-    let mut env = TablePush::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<TablePush>::new(&EnvConfig::default()).unwrap();
     let mut state = State::at_rest([0.0, 0.0, 0.024], 0.0, [-0.4, -0.4]);
     state.velocity[0] = 0.5;
     let mut run = |state: State, steps: usize| {
@@ -89,7 +90,7 @@ fn objects_slide_to_rest_and_fall_off_the_edge() {
         for _ in 0..steps {
             ended |= env.step(Slice::F32(&[0.0, 0.0])).unwrap().terminated;
         }
-        (*env.state(), ended)
+        (env.state().state, ended)
     };
     // v² / (2 μ g) with μ 0.5 and g 9.81: 2.5 cm.
     let (stopped, ended) = run(state, 30);
@@ -105,14 +106,14 @@ fn objects_slide_to_rest_and_fall_off_the_edge() {
 
 #[test]
 fn every_row_of_an_episode_starts_one() {
-    let mut env = TablePush::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<TablePush>::new(&EnvConfig::default()).unwrap();
     let pushed = pushed(&[], 12);
     for goal in [[0.0, 0.0], [0.2, 0.1]] {
         let state = State { position: [goal[0], goal[1], 0.024], ..pushed };
         let start = Some([("state".to_owned(), Value::vector(&state.to_row()))].into());
         let options = ResetOptions { start, ..ResetOptions::default() }.vary(["none"]);
         env.reset(&Episode::new(EpisodeSeed::new(1), &options)).unwrap();
-        assert_eq!(*env.state(), state);
+        assert_eq!(env.state().state, state);
     }
 }
 
@@ -121,7 +122,7 @@ fn wrong_settings_starts_and_actions_are_refused() {
     let settings = json!({"time_limit": -1});
     let config = EnvConfig { settings: settings.as_object().unwrap().clone(), ..EnvConfig::default() };
     assert!(TABLE_PUSH.make(&config).is_err());
-    let mut env = TablePush::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<TablePush>::new(&EnvConfig::default()).unwrap();
     let mut message = |options: &ResetOptions| {
         env.reset(&Episode::new(EpisodeSeed::new(1), options)).unwrap_err().to_string()
     };

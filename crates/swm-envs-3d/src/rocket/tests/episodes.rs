@@ -9,6 +9,8 @@ use swm_core::{
 
 use super::super::ROCKET_LANDING;
 use super::super::body::STANDING_HEIGHT;
+use swm_fov::FactorEnv;
+
 use super::super::env::RocketLanding;
 use super::super::state::State;
 use crate::attitude::UPRIGHT;
@@ -39,7 +41,7 @@ fn the_expert_lands() {
     assert!(wanted.iter().all(|(_, rate, least)| rate >= least), "{wanted:?}");
 }
 
-fn reset(env: &mut RocketLanding, options: &ResetOptions) -> Result<(), String> {
+fn reset(env: &mut FactorEnv<RocketLanding>, options: &ResetOptions) -> Result<(), String> {
     let episode = Episode::new(EpisodeSeed::new(3), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
@@ -51,25 +53,26 @@ fn from_row(row: &[f64]) -> ResetOptions {
 
 #[test]
 fn recorded_rows_start_episodes_exactly() {
-    let mut env = RocketLanding::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<RocketLanding>::new(&EnvConfig::default()).unwrap();
     reset(&mut env, &ResetOptions::default()).unwrap();
     for t in 0..50 {
         let level = f64::from(t) / 50.0;
         env.step(Slice::F64(&[level, -0.5, 0.3, 1.0, level, 0.2, -0.4])).unwrap();
     }
-    let state = *env.state_mut();
-    let mut again = RocketLanding::new(&EnvConfig::default()).unwrap();
+    let state = env.state().state;
+    let mut again = FactorEnv::<RocketLanding>::new(&EnvConfig::default()).unwrap();
     reset(&mut again, &from_row(&state.to_row())).unwrap();
-    assert_eq!(*again.state_mut(), state);
+    assert_eq!(again.state().state, state);
     // Noise is of the episode: without it both go on alike.
     let action = [0.1, 0.2, 0.3, 1.0, 0.4, 0.5, 0.6];
-    assert_eq!(env.step_with(&action, &[0.0; 6]), again.step_with(&action, &[0.0; 6]));
-    assert_eq!(again.state_mut(), env.state_mut());
+    let [(scene, moving), (other, its)] = [&mut env, &mut again].map(FactorEnv::parts_mut);
+    assert_eq!(scene.step_with(moving, &action, &[0.0; 6]), other.step_with(its, &action, &[0.0; 6]));
+    assert_eq!(again.state().state, env.state().state);
 }
 
 #[test]
 fn wrong_rows_actions_and_arguments_are_refused() {
-    let mut env = RocketLanding::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<RocketLanding>::new(&EnvConfig::default()).unwrap();
     let nothing = ResetOptions { start: Some(Default::default()), ..ResetOptions::default() };
     assert!(reset(&mut env, &nothing).unwrap_err().contains("column `state`"));
     let mut row = State::landed(0.5).to_row();
@@ -93,7 +96,7 @@ fn wrong_rows_actions_and_arguments_are_refused() {
 fn episodes_end_where_the_reference_ends_them() {
     let last = |settings: serde_json::Value, state: State| {
         let config = EnvConfig { image: None, settings: settings.as_object().unwrap().clone() };
-        let mut env = RocketLanding::new(&config).unwrap();
+        let mut env = FactorEnv::<RocketLanding>::new(&config).unwrap();
         reset(&mut env, &from_row(&state.to_row())).unwrap();
         for step in 1.. {
             let outcome = env.step(Slice::F64(&[0.0; 7])).unwrap();
@@ -117,14 +120,14 @@ fn episodes_end_where_the_reference_ends_them() {
 
 #[test]
 fn a_rocket_that_lands_softly_rests_on_its_legs() {
-    let mut env = RocketLanding::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<RocketLanding>::new(&EnvConfig::default()).unwrap();
     let mut state = State::landed(0.05);
     state.position[2] += 0.02;
     reset(&mut env, &from_row(&state.to_row())).unwrap();
     for _ in 0..80 {
         env.step(Slice::F64(&[0.0; 7])).unwrap();
     }
-    let State { position, velocity, .. } = *env.state_mut();
+    let State { position, velocity, .. } = env.state().state;
     assert!((position[2] - STANDING_HEIGHT).abs() < 5e-3, "{position:?}");
     assert!(velocity.iter().all(|speed| speed.abs() < 0.05), "{velocity:?}");
 }
@@ -132,9 +135,11 @@ fn a_rocket_that_lands_softly_rests_on_its_legs() {
 #[test]
 fn a_sparse_reward_is_of_the_pad_alone() {
     let config = json!({ "sparse_reward": true });
-    let mut env =
-        RocketLanding::new(&EnvConfig { image: None, settings: config.as_object().unwrap().clone() })
-            .unwrap();
+    let mut env = FactorEnv::<RocketLanding>::new(&EnvConfig {
+        image: None,
+        settings: config.as_object().unwrap().clone(),
+    })
+    .unwrap();
     let mut state = State::landed(0.05);
     state.position[2] = 2.8;
     reset(&mut env, &from_row(&state.to_row())).unwrap();

@@ -7,6 +7,7 @@ use ndarray::{Array2, ArrayD, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadableElement};
 use swm_core::env::{PIXELS, ResetOptions};
 use swm_core::{Batch, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, Schema, Value};
+use swm_fov::FactorEnv;
 
 use super::super::env::RocketLanding;
 use super::super::state::State;
@@ -131,13 +132,13 @@ fn largest(a: &[f64], b: &[f64]) -> f64 {
 }
 
 struct Bench {
-    env: RocketLanding,
+    env: FactorEnv<RocketLanding>,
     row: Batch,
 }
 
 impl Bench {
     fn new(image: Option<ImageSize>) -> Self {
-        let env = RocketLanding::new(&EnvConfig { image, ..EnvConfig::default() }).unwrap();
+        let env = FactorEnv::<RocketLanding>::new(&EnvConfig { image, ..EnvConfig::default() }).unwrap();
         let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
         Self { env, row }
     }
@@ -181,12 +182,13 @@ fn replay(recordings: &mut Recordings, run: &str) -> Differences {
     let mut bench = Bench::new(None);
     bench.reset(&recordings.options(run));
     let row = |table: &Array2<f64>, index: usize| table.row(index).to_vec();
-    *bench.env.state_mut() = state(&row(&physics, 0), &row(&reset, 1));
+    bench.env.parts_mut().1.state = state(&row(&physics, 0), &row(&reset, 1));
     let mut found = Differences::default();
     let mut touched = false;
     for t in 0..actions.nrows() {
-        let reward = bench.env.step_with(&array(&row(&actions, t)), &array(&noise[6 * t..6 * t + 6]));
-        let ours = *bench.env.state_mut();
+        let (scene, moving) = bench.env.parts_mut();
+        let reward = scene.step_with(moving, &array(&row(&actions, t)), &array(&noise[6 * t..6 * t + 6]));
+        let ours = bench.env.parts_mut().1.state;
         let observed = bench.values("observation");
         let recorded = row(&observations, t + 1);
         touched |= info.row(t).iter().any(|flag| *flag) && ours.position[2] < 4.0;
@@ -245,7 +247,7 @@ fn recorded_starts_follow_from_their_factors() {
         bench.reset(&recordings.options(&run));
         let reset: Array2<f64> = recordings.table(&run, "physics_reset");
         let [before, last] = [1, 2].map(|index| reset.row(index).to_vec());
-        let ours = *bench.env.state_mut();
+        let ours = bench.env.parts_mut().1.state;
         let found = difference(&ours, &last);
         assert!(found <= FLIGHT, "{run}: {found:e}, {ours:?} instead of {last:?}");
         let lag = largest(&ours.lagging_attitude, &state(&last, &before).lagging_attitude);
@@ -280,7 +282,7 @@ fn images_look_like_the_references() {
         bench.reset(&recordings.options(run));
         let physics = recordings.physics(run);
         let row = physics.row(step).to_vec();
-        let ours = bench.env.state_mut();
+        let ours = &mut bench.env.parts_mut().1.state;
         *ours = state(&row, &row);
         ours.action[3] = row[17];
         if step == 0 {
