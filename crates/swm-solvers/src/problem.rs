@@ -2,7 +2,7 @@
 
 use swm_core::{EpisodeSeed, LiveEpisode, Space};
 
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::ranges::check_length;
 use crate::sampling::count_non_finite;
@@ -210,7 +210,7 @@ impl Plan {
 
     /// Evaluates the plans themselves.
     pub(crate) fn evaluate(&mut self, problem: &Problem<'_>, cost: &mut dyn Cost) -> Result<(), PlanError> {
-        cost.evaluate(&problem.candidates(&self.actions, 1), &mut self.cost_of_returned)?;
+        cost.evaluate(&problem.candidates(&self.actions, 1), &mut Outputs::new(&mut self.cost_of_returned))?;
         for (cost, count) in self.cost_of_returned.chunks_exact_mut(1).zip(&mut self.non_finite) {
             *count += count_non_finite(cost);
         }

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use crate::bounds::{box_bounds, fill_bounds};
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::descent::scatter;
 use crate::error::PlanError;
 use crate::models::steps_of;
@@ -130,7 +130,7 @@ impl SolverConfig for Ilqr {
                 break;
             }
         }
-        cost.evaluate(&problem.candidates(points, samples), costs)?;
+        cost.evaluate(&problem.candidates(points, samples), &mut Outputs::new(costs))?;
         self.choose(problem, points, costs, plan)?;
         trace.end(problem, plan);
         Ok(())
