@@ -11,7 +11,7 @@ use super::simplex::project_to_simplex;
 use crate::bounds::{box_bounds, clamp, fill_bounds};
 use crate::cost::{Cost, Outputs, check_gradients};
 use crate::error::PlanError;
-use crate::problem::{Candidates, Plan, PlanKey, Problem};
+use crate::problem::{Candidates, Plan, PlanKey, Problem, first_cheapest};
 use crate::sampling::Noise;
 use crate::space::groups;
 use crate::trace::{Iteration, Trace};
@@ -162,8 +162,7 @@ impl<'a, 'w> Search<'a, 'w> {
     /// The cheapest sequence of episode `episode`, the first of equals.
     pub(crate) fn cheapest(&self, episode: usize) -> usize {
         let samples = self.descent.samples;
-        let costs = &self.costs[episode * samples..][..samples];
-        (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best })
+        first_cheapest(&self.costs[episode * samples..][..samples])
     }
 
     /// Sequence `sample` of episode `episode`: `[H, D]`.

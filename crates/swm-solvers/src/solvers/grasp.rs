@@ -191,7 +191,7 @@ impl SolverConfig for Grasp {
         }
         plan.iterations.fill(made as u32);
         cost.evaluate(&problem.candidates(lifted.blocks, samples), &mut Outputs::new(lifted.losses))?;
-        lifted.choose(problem, plan)?;
+        plan.take_cheapest(problem, lifted.blocks, lifted.losses, [samples, made])?;
         trace.end(problem, plan);
         Ok(())
     }
