@@ -4,8 +4,8 @@ use anyhow::{Context as _, Result};
 use serde_json::{Map, json};
 use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, NoTrace, Plan, PlanError, PlanKey, PlanningContext,
-    PredictiveSampling, Problem, SOLVERS, Solver, SolverConfig as _, Workspace, plan_dim,
+    Candidates, Cost, NoTrace, Outputs, Plan, PlanError, PlanKey, PredictiveSampling, Problem, SOLVERS,
+    Solver, SolverConfig as _, Workspace, plan_dim,
 };
 
 /// H: blocks of a plan.
@@ -16,36 +16,22 @@ const HORIZON: usize = 10;
 pub struct FreeCost;
 
 impl Cost for FreeCost {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (plan, cost) in candidates.plans().zip(costs) {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        for (plan, cost) in candidates.plans().zip(costs.iter_mut()) {
             *cost = f64::from((plan[0] - 0.5).abs());
         }
-        Ok(())
-    }
-
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-}
-
-impl DifferentiableCost for FreeCost {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
+        let Some(gradient) = gradient else { return Ok(()) };
         gradient.fill(0.0);
         let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.dim);
-        for ((plan, cost), gradient) in candidates.plans().zip(costs).zip(gradients) {
-            *cost = f64::from((plan[0] - 0.5).abs());
+        for (plan, gradient) in candidates.plans().zip(gradients) {
             gradient[0] = (plan[0] - 0.5).signum();
         }
         Ok(())
+    }
+
+    fn has_gradients(&self) -> bool {
+        true
     }
 }
 

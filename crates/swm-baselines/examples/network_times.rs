@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
 use swm_baselines::{Baseline, ClipBatch, DataDims, Images, MakeOptions, PlanningBatch, Step, Vectors, make};
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 const HORIZON: usize = 5;
 const ACTION: usize = 2;
@@ -87,11 +87,8 @@ fn plan(
     let candidates = Candidates { actions: &actions, episodes: 1, samples, horizon: HORIZON, dim };
     let (mut costs, mut gradient) = (vec![0.0; samples], vec![0.0; actions.len()]);
     quickest(seconds, |_| {
-        if with_gradient {
-            planner.evaluate_with_gradient(&candidates, &mut costs, &mut gradient)?;
-        } else {
-            planner.evaluate(&candidates, &mut costs)?;
-        }
+        let gradient = with_gradient.then_some(&mut gradient[..]);
+        planner.evaluate(&candidates, &mut Outputs { gradient, ..Outputs::new(&mut costs) })?;
         Ok(())
     })
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_data::loader::GoalWeights;
-use swm_solvers::{Aggregate, Candidates};
+use swm_solvers::{Aggregate, Candidates, Outputs};
 
 use crate::data::{ClipBatch, DataDims, Images, Observations, PlanningBatch};
 use crate::error::BaselineError;
@@ -239,25 +239,16 @@ pub trait PlanModel: Send {
     /// The network fails.
     fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError>;
 
-    /// Fills `costs`, `[B, S]`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal, or what
-    /// [`PlanModel::set_aggregate`] asks for.
+    /// Fills the costs of `outputs`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal, or what
+    /// [`PlanModel::set_aggregate`] asks for; and the gradient, where it is requested. It has no constraints.
     ///
     /// # Errors
     ///
     /// The network fails.
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), BaselineError>;
-
-    /// As [`PlanModel::evaluate`], and fills `gradient`, `[B, S, H, D]`, with the derivatives of each cost with respect
-    /// to its own candidate.
-    ///
-    /// # Errors
-    ///
-    /// The network fails.
-    fn evaluate_with_gradient(
+    fn evaluate(
         &mut self,
         candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
+        outputs: &mut Outputs<'_>,
     ) -> Result<(), BaselineError>;
 }
 

@@ -6,7 +6,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
-use swm_solvers::{Aggregate, Candidates};
+use swm_solvers::{Aggregate, Candidates, Outputs};
 
 use crate::baseline::PlanModel;
 use crate::data::{Observations, PlanningBatch, Start};
@@ -131,18 +131,12 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
         Ok(())
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), BaselineError> {
-        self.run(self.groups(candidates)?.of_costs(costs));
-        Ok(())
-    }
-
-    fn evaluate_with_gradient(
+    fn evaluate(
         &mut self,
         candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
+        outputs: &mut Outputs<'_>,
     ) -> Result<(), BaselineError> {
-        self.run(self.groups(candidates)?.of_gradients(costs, gradient));
+        self.run(self.groups(candidates)?.of(outputs));
         Ok(())
     }
 }
@@ -226,13 +220,13 @@ impl<'a> Groups<'a> {
         Ok(Self { candidates: *candidates, size })
     }
 
-    /// The groups, each with its costs of `[B, S]`.
-    fn of_costs(&self, costs: &'a mut [f64]) -> Vec<Group<'a>> {
+    /// The groups, each with its part of the outputs.
+    fn of(&self, outputs: &'a mut Outputs<'_>) -> Vec<Group<'a>> {
         let Candidates { actions, samples, horizon, dim, .. } = self.candidates;
-        let of_one = horizon * dim;
+        let (of_one, most) = (horizon * dim, self.size.most(samples));
+        let Outputs { costs, gradient, .. } = outputs;
         let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
-        rows.flat_map(|(row, (costs, plans))| {
-            let most = self.size.most(samples);
+        let groups = rows.flat_map(|(row, (costs, plans))| {
             let parts = costs.chunks_mut(most).zip(plans.chunks(most * of_one));
             parts.map(move |(costs, plans)| Group {
                 row,
@@ -242,17 +236,13 @@ impl<'a> Groups<'a> {
                 costs,
                 gradient: None,
             })
-        })
-        .collect()
-    }
-
-    /// The groups, each with its costs of `[B, S]` and gradients of `[B, S, H, D]`.
-    fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
-        let Candidates { samples, horizon, dim, .. } = self.candidates;
-        let of_one = horizon * dim;
-        let most = self.size.most(samples);
-        let gradients = gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(most * of_one));
-        let groups = self.of_costs(costs).into_iter().zip(gradients);
-        groups.map(|(group, gradient)| Group { gradient: Some(gradient), ..group }).collect()
+        });
+        let mut groups: Vec<Group<'a>> = groups.collect();
+        if let Some(gradient) = gradient {
+            let rows = gradient.chunks_mut(samples * of_one);
+            let parts = rows.flat_map(|row| row.chunks_mut(most * of_one));
+            groups.iter_mut().zip(parts).for_each(|(group, part)| group.gradient = Some(part));
+        }
+        groups
     }
 }

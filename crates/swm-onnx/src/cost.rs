@@ -7,7 +7,7 @@ use ort::value::{DynValue, Outlet, Tensor, TensorElementType, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::{Row, Slice};
-use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
+use swm_solvers::{ActionScale, Candidates, Cost, Outputs, PlanError, PlanningContext};
 
 use crate::error::OnnxError;
 use crate::history;
@@ -255,29 +255,6 @@ impl Input {
     }
 }
 
-impl OnnxCost {
-    fn all(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        mut gradient: Option<&mut [f32]>,
-    ) -> Result<(), OnnxError> {
-        let model = match (&gradient, &mut self.gradient) {
-            (Some(_), Some(model)) => model,
-            _ => &mut self.cost,
-        };
-        model.check(candidates)?;
-        let size = candidates.samples * candidates.horizon * candidates.dim;
-        for (row, encoded) in self.encoded.iter().enumerate() {
-            let plans = &candidates.actions[row * size..][..size];
-            let costs = &mut costs[row * candidates.samples..][..candidates.samples];
-            let gradient = gradient.as_deref_mut().map(|all| &mut all[row * size..][..size]);
-            model.run(encoded, plans, costs, gradient)?;
-        }
-        Ok(())
-    }
-}
-
 impl Cost for OnnxCost {
     fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
         self.encoded.clear();
@@ -307,12 +284,25 @@ impl Cost for OnnxCost {
         Ok(())
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        Ok(self.all(candidates, costs, None)?)
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        let model = match (&gradient, &mut self.gradient) {
+            (Some(_), Some(model)) => model,
+            _ => &mut self.cost,
+        };
+        model.check(candidates)?;
+        let size = candidates.samples * candidates.horizon * candidates.dim;
+        for (row, encoded) in self.encoded.iter().enumerate() {
+            let plans = &candidates.actions[row * size..][..size];
+            let costs = &mut costs[row * candidates.samples..][..candidates.samples];
+            let gradient = gradient.as_deref_mut().map(|all| &mut all[row * size..][..size]);
+            model.run(encoded, plans, costs, gradient)?;
+        }
+        Ok(())
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        self.gradient.is_some().then_some(self as &mut dyn DifferentiableCost)
+    fn has_gradients(&self) -> bool {
+        self.gradient.is_some()
     }
 
     fn history_fields(&self) -> Vec<String> {
@@ -321,16 +311,5 @@ impl Cost for OnnxCost {
 
     fn changed_settings(&self) -> Map<String, Json> {
         Map::from_iter([("model".to_owned(), self.settings.name.clone().into())])
-    }
-}
-
-impl DifferentiableCost for OnnxCost {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        Ok(self.all(candidates, costs, Some(gradient))?)
     }
 }

@@ -9,10 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use numpy::{Element, PyArray1, PyArray4, PyArrayDyn, PyArrayMethods as _};
 use pyo3::intern;
 use pyo3::prelude::*;
-use swm::solvers::{
-    Candidates, ConstrainedCost, Cost, DifferentiableCost, Iteration, Plan, PlanError, PlanningContext,
-    Problem, Trace, WeightFn,
-};
+use swm::solvers::{Candidates, Cost, Iteration, Outputs, Plan, PlanError, Problem, Trace};
 
 use crate::arrays::c_slice;
 use crate::errors::PlanFault;
@@ -65,82 +62,46 @@ impl PythonCost {
 }
 
 impl Cost for PythonCost {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        if self.evaluations == 0 {
-            costs.fill(f64::NAN);
-            return Ok(());
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, constraints, weights } = outputs;
+        if gradient.is_none() && constraints.is_none() {
+            if self.evaluations == 0 {
+                costs.fill(f64::NAN);
+                return Ok(());
+            }
+            self.evaluations -= 1;
         }
-        self.evaluations -= 1;
-        self.call(candidates, |py, bridge, array| {
-            read(&bridge.call_method1(intern!(py, "evaluate"), (array,))?, "costs", costs)
-        })
-    }
-
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        if self.has_gradient { Some(self) } else { None }
-    }
-
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        if self.constraints > 0 { Some(self) } else { None }
-    }
-}
-
-impl DifferentiableCost for PythonCost {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.call(candidates, |py, bridge, array| {
-            let [first, second] = pair(&bridge.call_method1(intern!(py, "differentiate"), (array,))?)?;
-            read(&first, "costs", costs)?;
-            read(&second, "the gradient", gradient)
-        })
-    }
-}
-
-impl ConstrainedCost for PythonCost {
-    fn constraints(&mut self, _horizon: usize, _dim: usize) -> usize {
-        self.constraints
-    }
-
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError> {
-        self.call(candidates, |py, bridge, array| {
-            let [first, second] = pair(&bridge.call_method1(intern!(py, "constrain"), (array, false))?)?;
-            read(&first, "costs", costs)?;
-            read(&second, "constraints", values)
-        })
-    }
-
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
         let count = self.constraints;
         self.call(candidates, |py, bridge, array| {
-            let [first, second] = pair(&bridge.call_method1(intern!(py, "constrain"), (array, true))?)?;
+            let Some(values) = constraints else {
+                let Some(gradient) = gradient else {
+                    return read(&bridge.call_method1(intern!(py, "evaluate"), (array,))?, "costs", costs);
+                };
+                let [first, second] = pair(&bridge.call_method1(intern!(py, "differentiate"), (array,))?)?;
+                read(&first, "costs", costs)?;
+                return read(&second, "the gradient", gradient);
+            };
+            let arguments = (array, gradient.is_some());
+            let [first, second] = pair(&bridge.call_method1(intern!(py, "constrain"), arguments)?)?;
             read(&first, "costs", costs)?;
             read(&second, "constraints", values)?;
-            let mut weights = vec![0.0; values.len()];
-            let each = values.chunks_exact(count).zip(weights.chunks_exact_mut(count)).enumerate();
-            each.for_each(|(index, (values, weights))| weights_of(index, values, weights));
-            let weights = PyArray1::from_vec(py, weights);
+            let Some(gradient) = gradient else { return Ok(()) };
+            let mut all = vec![0.0; values.len()];
+            if let Some(weights_of) = weights {
+                let each = values.chunks_exact(count).zip(all.chunks_exact_mut(count)).enumerate();
+                each.for_each(|(index, (values, weights))| weights_of(index, values, weights));
+            }
+            let weights = PyArray1::from_vec(py, all);
             read(&bridge.call_method1(intern!(py, "pull_back"), (weights,))?, "the gradient", gradient)
         })
+    }
+
+    fn has_gradients(&self) -> bool {
+        self.has_gradient
+    }
+
+    fn constraints(&self, _horizon: usize, _dim: usize) -> usize {
+        self.constraints
     }
 }
 

@@ -25,14 +25,15 @@ pub trait Cost: Send {
         Ok(())
     }
 
-    /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Episode `b` is environment `b` of
-    /// the prepared context. A cost that is not finite marks a candidate as unusable: solvers treat it as
-    /// infinite and report how many there were.
+    /// Fills `outputs` for `candidates`, `[B, S, H, D]`: the costs, and in the same pass the gradient and the constraints where
+    /// they are requested. Episode `b` is environment `b` of the prepared context. A cost that is not finite marks a
+    /// candidate as unusable: solvers treat it as infinite and report how many there were. Whatever else is requested, the costs
+    /// have the same bits.
     ///
     /// # Errors
     ///
     /// The model fails. A bad candidate is no error.
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError>;
 
     /// Fills `initial`, `[B, H, D]`, with plans of H = `horizon` blocks from what was prepared, at which the search may begin in the
     /// place of the rest of the last plan. `false`: it has none, and `initial` stays as it is.
@@ -44,14 +45,16 @@ pub trait Cost: Send {
         Ok(false)
     }
 
-    /// This cost with gradients, if it has them: gradient solvers need it.
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        None
+    /// Whether [`Cost::evaluate`] fills [`Outputs::gradient`]. Gradient solvers need it and request it of no other cost.
+    fn has_gradients(&self) -> bool {
+        false
     }
 
-    /// This cost with constraints, if it has any.
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        None
+    /// C: how many inequality constraints g plans of H = `horizon` blocks of D = `dim` values have. A plan is feasible when
+    /// every g is 0 or less; an equality is two of them. [`Outputs::constraints`] is requested only where there are some.
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        let _ = (horizon, dim);
+        0
     }
 
     /// The step-by-step model behind this cost, if there is one: iLQR needs it.
@@ -81,56 +84,42 @@ pub trait Cost: Send {
     }
 }
 
-/// A cost with a gradient with respect to the actions.
-pub trait DifferentiableCost: Cost {
-    /// Fills `costs`, `[B, S]`, and `gradient`, `[B, S, H, D]`: the derivative of each candidate's cost with respect
-    /// to its own actions. Costs are those of [`Cost::evaluate`].
-    ///
-    /// # Errors
-    ///
-    /// As of [`Cost::evaluate`].
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError>;
+/// The results of an evaluation: the costs and, where they are requested, gradient and constraints.
+/// `Outputs::new(&mut costs)` requests the costs alone, `Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut costs) }` the gradient, too.
+pub struct Outputs<'a> {
+    /// `[B, S]`.
+    pub costs: &'a mut [f64],
+    /// `[B, S, H, D]`: the derivative of each candidate's cost + Σ w g with respect to its own actions. It is overwritten.
+    pub gradient: Option<&'a mut [f32]>,
+    /// `[B, S, C]`: the values g of the [constraints](Cost::constraints).
+    pub constraints: Option<&'a mut [f64]>,
+    /// The weights w in the gradient, computed from the values g of each candidate; `None`: the gradient is that of the cost alone. It has no
+    /// effect unless both gradient and constraints are requested. One rollout forward and one backward suffice, whatever C is.
+    pub weights: Option<&'a WeightFn<'a>>,
 }
 
-/// A cost with C inequality constraints g: a plan is feasible when every g is 0 or less. An equality is two of them.
-pub trait ConstrainedCost: Cost {
-    /// C, for plans of H = `horizon` blocks of D = `dim` values.
-    fn constraints(&mut self, horizon: usize, dim: usize) -> usize;
+impl<'a> Outputs<'a> {
+    /// The costs alone.
+    pub fn new(costs: &'a mut [f64]) -> Self {
+        Self { costs, gradient: None, constraints: None, weights: None }
+    }
 
-    /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one rollout.
-    ///
-    /// # Errors
-    ///
-    /// As of [`Cost::evaluate`].
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError>;
-
-    /// As [`ConstrainedCost::evaluate_constrained`], and fills `gradient`, `[B, S, H, D]`, with the derivative of
-    /// cost + Σ w g, where `weights_of` computes the weights w from the values g of a candidate. One rollout
-    /// forward and one backward, whatever C is.
-    ///
-    /// # Errors
-    ///
-    /// [`PlanError::NoGradient`], and those of [`Cost::evaluate`].
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError>;
+    /// The same outputs for a shorter time.
+    pub(crate) fn reborrow(&mut self) -> Outputs<'_> {
+        Outputs {
+            costs: self.costs,
+            gradient: self.gradient.as_deref_mut(),
+            constraints: self.constraints.as_deref_mut(),
+            weights: self.weights,
+        }
+    }
 }
 
 /// Writes the weights `[C]` of the constraints of candidate `index` of `0..B × S` from their values `[C]`:
-/// `weights_of(index, values, weights)`.
+/// `weights(index, values, out)`.
 pub type WeightFn<'a> = dyn Fn(usize, &[f64], &mut [f64]) + Sync + 'a;
+
+/// Refuses a cost without gradients, in the name of `solver`.
+pub(crate) fn check_gradients(cost: &dyn Cost, solver: &'static str) -> Result<(), PlanError> {
+    if cost.has_gradients() { Ok(()) } else { Err(PlanError::NoGradient { solver }) }
+}

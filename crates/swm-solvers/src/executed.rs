@@ -7,7 +7,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::context::{ActionMap, PlanningContext};
 use crate::control::ControlModel;
-use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::Candidates;
 use crate::steps::{StateSteps, StepBatch};
@@ -60,21 +60,25 @@ impl Cost for AsExecuted {
         self.cost.prepare(context)
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
         let (cost, executed) = self.split(candidates);
-        cost.evaluate(&executed, costs)
+        cost.evaluate(&executed, outputs)?;
+        if let Some(gradient) = &mut outputs.gradient {
+            zero_behind_bounds(candidates, &executed, gradient);
+        }
+        Ok(())
     }
 
     fn propose(&mut self, horizon: usize, initial: &mut [f32]) -> Result<bool, PlanError> {
         self.cost.propose(horizon, initial)
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        self.cost.differentiable().is_some().then_some(self as &mut dyn DifferentiableCost)
+    fn has_gradients(&self) -> bool {
+        self.cost.has_gradients()
     }
 
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        self.cost.constrained().is_some().then_some(self as &mut dyn ConstrainedCost)
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        self.cost.constraints(horizon, dim)
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
@@ -98,51 +102,9 @@ impl Cost for AsExecuted {
     }
 }
 
-impl DifferentiableCost for AsExecuted {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        let (cost, executed) = self.split(candidates);
-        let cost = cost.differentiable().expect("it was asked for as differentiable");
-        cost.evaluate_with_gradient(&executed, costs, gradient)?;
-        zero_behind_bounds(candidates, &executed, gradient);
-        Ok(())
-    }
-}
-
-impl ConstrainedCost for AsExecuted {
-    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
-        self.cost.constrained().map_or(0, |cost| cost.constraints(horizon, dim))
-    }
-
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError> {
-        let (cost, executed) = self.split(candidates);
-        let cost = cost.constrained().expect("it was asked for as constrained");
-        cost.evaluate_constrained(&executed, costs, values)
-    }
-
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        let (cost, executed) = self.split(candidates);
-        let cost = cost.constrained().expect("it was asked for as constrained");
-        cost.evaluate_constrained_with_gradient(&executed, weights_of, costs, values, gradient)?;
-        zero_behind_bounds(candidates, &executed, gradient);
-        Ok(())
-    }
+/// Of single steps of a cost that has none; solvers look first.
+fn no_steps() -> PlanError {
+    PlanError::NoSteps { solver: "the solver" }
 }
 
 impl StateSteps for AsExecuted {
@@ -151,7 +113,7 @@ impl StateSteps for AsExecuted {
     }
 
     fn ends(&mut self, starts: &mut [f32], goals: &mut [f32]) -> Result<(), PlanError> {
-        self.cost.steps().expect("it was asked for as a model with steps").ends(starts, goals)
+        self.cost.steps().ok_or_else(no_steps)?.ends(starts, goals)
     }
 
     fn step_toward(
@@ -161,8 +123,8 @@ impl StateSteps for AsExecuted {
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
         let (cost, executed) = self.split(&steps.candidates);
-        let model = cost.steps().expect("it was asked for as a model with steps");
-        model.step_toward(&StepBatch { candidates: executed, ..*steps }, next, gradient)?;
+        let executed_steps = StepBatch { candidates: executed, ..*steps };
+        cost.steps().ok_or_else(no_steps)?.step_toward(&executed_steps, next, gradient)?;
         zero_behind_bounds(&steps.candidates, &executed, gradient);
         Ok(())
     }

@@ -48,17 +48,14 @@
 //!
 //! ```
 //! use swm_core::{Dtype, EpisodeSeed, Space};
-//! use swm_solvers::{Candidates, Cem, Cost, NoTrace, Plan, PlanError, PlanKey, PlanningContext, Problem, Solver, Workspace};
+//! use swm_solvers::{Candidates, Cem, Cost, NoTrace, Outputs, Plan, PlanError, PlanKey, Problem, Solver, Workspace};
 //!
 //! /// Three values that should add up to 2.
 //! struct Sum;
 //!
 //! impl Cost for Sum {
-//!     fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-//!         Ok(())
-//!     }
-//!     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-//!         for (plan, cost) in candidates.plans().zip(costs) {
+//!     fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+//!         for (plan, cost) in candidates.plans().zip(outputs.costs.iter_mut()) {
 //!             *cost = f64::from((plan.iter().sum::<f32>() - 2.0).powi(2));
 //!         }
 //!         Ok(())
@@ -116,7 +113,7 @@ mod world_model;
 
 pub use colored::Normalize;
 pub use context::{ActionMap, ActionScale, HistoryView, PlanningContext};
-pub use cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
+pub use cost::{Cost, Outputs, WeightFn};
 pub use descent::{Descent, GradClip};
 pub use entry::{MakeSolver, SolverEntry};
 pub use error::PlanError;

@@ -3,8 +3,8 @@
 use crate::bounds::clamp;
 use crate::descent::Rule;
 use crate::error::PlanError;
-use crate::problem::{Plan, PlanKey, Problem};
-use crate::sampling::{Noise, count_non_finite};
+use crate::problem::{PlanKey, Problem};
+use crate::sampling::Noise;
 use crate::steps::{StateSteps, StepBatch};
 
 /// Sequences of one solve: M = B × S of them.
@@ -263,25 +263,5 @@ impl Lifted<'_> {
             *first = rest.iter().sum::<f32>() / rest.len() as f32;
         }
         variances.iter_mut().for_each(|variance| *variance = scale * *variance + least);
-    }
-
-    /// Writes the cheapest sequence of every episode to `plan`.
-    pub(crate) fn choose(&mut self, problem: &Problem<'_>, plan: &mut Plan) -> Result<(), PlanError> {
-        let ([samples, ..], [size, _]) = (self.shape, self.sizes());
-        for (episode, costs) in self.losses.chunks_exact_mut(samples).enumerate() {
-            plan.non_finite[episode] += count_non_finite(costs);
-            let best =
-                (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best });
-            if costs[best].is_infinite() {
-                let (PlanKey { episode, plan: number, .. }, iteration) =
-                    (problem.keys[episode], plan.iterations[episode] as usize);
-                return Err(PlanError::NoFiniteCost { episode, plan: number, iteration, samples });
-            }
-            plan.actions[episode * size..][..size]
-                .copy_from_slice(&self.blocks[(episode * samples + best) * size..][..size]);
-            plan.cost_of_returned[episode] = costs[best];
-        }
-        plan.elite_mean_last.copy_from_slice(&plan.cost_of_returned);
-        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use swm_core::{EpisodeSeed, LiveEpisode, Space};
 
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::ranges::check_length;
 use crate::sampling::count_non_finite;
@@ -208,9 +208,34 @@ impl Plan {
         }
     }
 
+    /// Takes the cheapest of `plans`, `[B, S, H, D]`, for every episode, by their `costs`, `[B, S]`; an error where none is finite after
+    /// so many iterations.
+    pub(crate) fn take_cheapest(
+        &mut self,
+        problem: &Problem<'_>,
+        plans: &[f32],
+        costs: &mut [f64],
+        [samples, iteration]: [usize; 2],
+    ) -> Result<(), PlanError> {
+        let size = problem.plan_size();
+        for (index, costs) in costs.chunks_exact_mut(samples).enumerate() {
+            self.non_finite[index] += count_non_finite(costs);
+            let best = first_cheapest(costs);
+            if costs[best].is_infinite() {
+                let PlanKey { episode, plan, .. } = problem.keys[index];
+                return Err(PlanError::NoFiniteCost { episode, plan, iteration, samples });
+            }
+            let chosen = &plans[(index * samples + best) * size..][..size];
+            self.actions[index * size..][..size].copy_from_slice(chosen);
+            self.cost_of_returned[index] = costs[best];
+        }
+        self.elite_mean_last.copy_from_slice(&self.cost_of_returned);
+        Ok(())
+    }
+
     /// Evaluates the plans themselves.
     pub(crate) fn evaluate(&mut self, problem: &Problem<'_>, cost: &mut dyn Cost) -> Result<(), PlanError> {
-        cost.evaluate(&problem.candidates(&self.actions, 1), &mut self.cost_of_returned)?;
+        cost.evaluate(&problem.candidates(&self.actions, 1), &mut Outputs::new(&mut self.cost_of_returned))?;
         for (cost, count) in self.cost_of_returned.chunks_exact_mut(1).zip(&mut self.non_finite) {
             *count += count_non_finite(cost);
         }
@@ -231,6 +256,11 @@ impl Plan {
         self.actions.clear();
         self.actions.extend_from_slice(problem.initial);
     }
+}
+
+/// The position of the least of `costs`, the first of equals.
+pub(crate) fn first_cheapest(costs: &[f64]) -> usize {
+    (0..costs.len()).fold(0, |best, index| if costs[index] < costs[best] { index } else { best })
 }
 
 fn refill<T: Clone>(values: &mut Vec<T>, len: usize, value: T) {

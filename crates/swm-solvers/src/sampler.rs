@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use swm_core::Space;
 
 use crate::bounds::{box_bounds, clamp, fill_bounds};
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::{Plan, PlanKey, Problem};
 use crate::sampling::{Noise, cheapest, count_non_finite, fill_normal};
@@ -206,7 +206,7 @@ fn run<S: Sampler>(
                 candidates.chunks_exact_mut(size).for_each(|candidate| clamp(candidate, low, high));
             }
         });
-        cost.evaluate(&problem.candidates(candidates, samples), costs)?;
+        cost.evaluate(&problem.candidates(candidates, samples), &mut Outputs::new(costs))?;
         screen(problem.keys, iteration, costs, non_finite)?;
         let evaluated = (
             episodes.at(iteration as u32),

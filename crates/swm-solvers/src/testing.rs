@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde_json::{Map, Value as Json};
 use swm_core::Space;
 
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
 use crate::solver::Solver;
@@ -66,9 +66,13 @@ impl Solver for Probe {
             costs_with_gradient: vec![f64::NAN; self.samples],
             gradient: vec![f32::NAN; self.plans.len()],
         };
-        cost.evaluate(&candidates, &mut result.costs)?;
-        if let Some(cost) = cost.differentiable() {
-            cost.evaluate_with_gradient(&candidates, &mut result.costs_with_gradient, &mut result.gradient)?;
+        cost.evaluate(&candidates, &mut Outputs::new(&mut result.costs))?;
+        if cost.has_gradients() {
+            let gradient = Some(&mut result.gradient[..]);
+            cost.evaluate(
+                &candidates,
+                &mut Outputs { gradient, ..Outputs::new(&mut result.costs_with_gradient) },
+            )?;
         }
         *self.result.lock().unwrap_or_else(PoisonError::into_inner) = result;
         plan.begin(problem, 0.0);

@@ -10,8 +10,8 @@ use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyContext, Registry, ResetOpti
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, NoTrace, PLANNERS, Plan, PlanError, PlanKey, PlanningContext,
-    Problem, SOLVERS, Workspace, plan_dim,
+    Candidates, Cost, NoTrace, Outputs, PLANNERS, Plan, PlanError, PlanKey, Problem, SOLVERS, Workspace,
+    plan_dim,
 };
 
 #[global_allocator]
@@ -21,19 +21,20 @@ static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 struct Free(usize);
 
 impl Cost for Free {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (plan, cost) in candidates.plans().zip(costs) {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        gradient.iter_mut().for_each(|gradient| gradient.fill(0.0));
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
             *cost = f64::from(plan[0] * plan[0]);
+            if let Some(gradient) = gradient {
+                gradient[index * plan.len()] = 2.0 * plan[0];
+            }
         }
         Ok(())
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
+    fn has_gradients(&self) -> bool {
+        true
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
@@ -60,22 +61,6 @@ impl ControlModel for Free {
     }
     fn cost(&self, at: &Stage<'_>) -> f64 {
         at.state.iter().chain(at.action).map(|value| value * value).sum()
-    }
-}
-
-impl DifferentiableCost for Free {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        gradient.fill(0.0);
-        let size = candidates.horizon * candidates.dim;
-        for (plan, gradient) in candidates.plans().zip(gradient.chunks_exact_mut(size)) {
-            gradient[0] = 2.0 * plan[0];
-        }
-        self.evaluate(candidates, costs)
     }
 }
 

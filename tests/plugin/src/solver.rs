@@ -2,7 +2,7 @@
 
 use swm::core::Space;
 use swm::solvers::{
-    Cost, Noise, Plan, PlanError, Problem, SolverConfig, SolverEntry, Trace, Validate, Workspace,
+    Cost, Noise, Outputs, Plan, PlanError, Problem, SolverConfig, SolverEntry, Trace, Validate, Workspace,
 };
 
 /// `shotgun`.
@@ -54,7 +54,7 @@ impl SolverConfig for Shotgun {
             }
         }
         let mut costs = vec![0.0; problem.keys.len() * self.pellets];
-        cost.evaluate(&problem.candidates(&plans, self.pellets), &mut costs)?;
+        cost.evaluate(&problem.candidates(&plans, self.pellets), &mut Outputs::new(&mut costs))?;
         for (episode, costs) in costs.chunks_exact(self.pellets).enumerate() {
             plan.iterations[episode] = 1;
             plan.non_finite[episode] = costs.iter().filter(|cost| !cost.is_finite()).count() as u64;

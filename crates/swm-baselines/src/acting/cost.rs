@@ -2,8 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm_solvers::{
-    ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext, StateSteps,
-    StepBatch,
+    ActionScale, Aggregate, Candidates, Cost, Outputs, PlanError, PlanningContext, StateSteps, StepBatch,
 };
 
 use super::canonical::{CANONICAL, canonicalizer};
@@ -123,46 +122,6 @@ impl ModelCost {
         }
     }
 
-    fn run(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        mut gradient: Option<&mut [f32]>,
-    ) -> Result<(), PlanError> {
-        let (samples, size) = (candidates.samples, candidates.horizon * candidates.dim);
-        let per_row = samples * size;
-        for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
-            // All environments in one group is the rule: nothing is copied then.
-            if copy.rows.len() == candidates.episodes {
-                match gradient.as_deref_mut() {
-                    Some(gradient) => copy.model.evaluate_with_gradient(candidates, costs, gradient)?,
-                    None => copy.model.evaluate(candidates, costs)?,
-                }
-                continue;
-            }
-            let Copy { model, rows, actions, costs: own, gradient: part_gradient, .. } = copy;
-            actions.clear();
-            for &row in &*rows {
-                actions.extend_from_slice(&candidates.actions[row * per_row..][..per_row]);
-            }
-            own.resize(rows.len() * samples, 0.0);
-            let group = Candidates { actions, episodes: rows.len(), ..*candidates };
-            if let Some(gradient) = gradient.as_deref_mut() {
-                part_gradient.resize(actions.len(), 0.0);
-                model.evaluate_with_gradient(&group, own, part_gradient)?;
-                for (&row, part_gradient) in rows.iter().zip(part_gradient.chunks_exact(per_row)) {
-                    gradient[row * per_row..][..per_row].copy_from_slice(part_gradient);
-                }
-            } else {
-                model.evaluate(&group, own)?;
-            }
-            for (&row, own) in rows.iter().zip(own.chunks_exact(samples)) {
-                costs[row * samples..][..samples].copy_from_slice(own);
-            }
-        }
-        Ok(())
-    }
-
     /// The most observations that the model makes use of.
     pub(super) fn history(&self) -> usize {
         self.copies[0].model.history().max(1)
@@ -200,8 +159,35 @@ impl Cost for ModelCost {
         Ok(())
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        self.run(candidates, costs, None)
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let (samples, size) = (candidates.samples, candidates.horizon * candidates.dim);
+        let per_row = samples * size;
+        for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            // All environments in one group is the rule: nothing is copied then.
+            if copy.rows.len() == candidates.episodes {
+                copy.model.evaluate(candidates, outputs)?;
+                continue;
+            }
+            let Copy { model, rows, actions, costs, gradient, .. } = copy;
+            actions.clear();
+            for &row in &*rows {
+                actions.extend_from_slice(&candidates.actions[row * per_row..][..per_row]);
+            }
+            costs.resize(rows.len() * samples, 0.0);
+            gradient.resize(actions.len(), 0.0);
+            let group = Candidates { actions, episodes: rows.len(), ..*candidates };
+            let wanted = outputs.gradient.is_some().then_some(&mut gradient[..]);
+            model.evaluate(&group, &mut Outputs { gradient: wanted, ..Outputs::new(costs) })?;
+            for (&row, own) in rows.iter().zip(costs.chunks_exact(samples)) {
+                outputs.costs[row * samples..][..samples].copy_from_slice(own);
+            }
+            if let Some(all) = &mut outputs.gradient {
+                for (&row, own) in rows.iter().zip(gradient.chunks_exact(per_row)) {
+                    all[row * per_row..][..per_row].copy_from_slice(own);
+                }
+            }
+        }
+        Ok(())
     }
 
     fn propose(&mut self, horizon: usize, initial: &mut [f32]) -> Result<bool, PlanError> {
@@ -212,8 +198,8 @@ impl Cost for ModelCost {
         Ok(true)
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
+    fn has_gradients(&self) -> bool {
+        true
     }
 
     fn steps(&mut self) -> Option<&mut dyn StateSteps> {
@@ -278,16 +264,5 @@ impl StateSteps for ModelCost {
     ) -> Result<(), PlanError> {
         let StepBatch { candidates, states, targets } = steps;
         Ok(self.copies[0].model.step_toward(states, candidates.actions, targets, next, gradient)?)
-    }
-}
-
-impl DifferentiableCost for ModelCost {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, costs, Some(gradient))
     }
 }

@@ -1,7 +1,7 @@
 //! What costs of plans and additional losses are made of, against each other.
 
 use serde_json::{Value as Json, json};
-use swm_solvers::{Aggregate, Candidates};
+use swm_solvers::{Aggregate, Candidates, Outputs};
 
 use super::{CLIPS, Clips, joint, maps, options, places, step, tiny};
 use crate::{Images, Losses, MakeOptions, PlanningBatch, Vectors, make};
@@ -62,7 +62,7 @@ fn additional_losses_are_what_they_say() {
                 let actions = &clips.action[clip * 5 * dim..][..steps * dim];
                 let candidates = Candidates { actions, episodes: 1, samples: 1, horizon: steps, dim };
                 let mut cost = [0.0];
-                planner.evaluate(&candidates, &mut cost).unwrap();
+                planner.evaluate(&candidates, &mut Outputs::new(&mut cost)).unwrap();
                 sum += cost[0] / summed;
             }
         }
@@ -125,8 +125,10 @@ fn costs_are_aggregated_over_predicted_states() {
                 plans.chunks(3 * dim).flat_map(|plan| &plan[..horizon * dim]).copied().collect();
             let (mut costs, mut gradient) = (vec![0.0; 5], vec![0.0; actions.len()]);
             let candidates = Candidates { actions: &actions, episodes: 1, samples: 5, horizon, dim };
-            planner.evaluate(&candidates, &mut costs).unwrap();
-            planner.evaluate_with_gradient(&candidates, &mut [0.0; 5], &mut gradient).unwrap();
+            planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
+            let mut again = [0.0; 5];
+            let outputs = &mut Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut again) };
+            planner.evaluate(&candidates, outputs).unwrap();
             assert!(gradient.iter().any(|slope| *slope != 0.0));
             costs
         };

@@ -1,7 +1,7 @@
 //! What other devices than the CPU do in another way gives what the CPU does, computed by the CPU's tensor operations.
 
 use serde_json::json;
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use super::{Clips, TINY, for_each, options, step, tiny, weights};
 use crate::placement::as_on_a_device;
@@ -145,8 +145,9 @@ fn a_device_plans_and_acts_as_the_host_does() {
                 planner.prepare(&clips.planning_batch(0..2)).unwrap();
                 let (mut costs, mut again) = (vec![0.0; 140], vec![0.0; 140]);
                 let mut gradient = vec![0.0; actions.len()];
-                planner.evaluate(&candidates, &mut costs).unwrap();
-                planner.evaluate_with_gradient(&candidates, &mut again, &mut gradient).unwrap();
+                planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
+                let outputs = &mut Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut again) };
+                planner.evaluate(&candidates, outputs).unwrap();
                 let mut latents = vec![0.0; 3 * planner.latent_dim()];
                 planner.encode(&clips.observations(3), &mut latents).unwrap();
                 let encoded = latents.clone();

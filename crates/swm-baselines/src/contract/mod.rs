@@ -9,7 +9,7 @@ mod precision;
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use crate::{
     BASELINES, Baseline, BaselineError, ClipBatch, DataDims, Device, Images, Losses, MakeOptions,
@@ -324,15 +324,15 @@ fn plans_and_decisions_do_not_depend_on_their_neighbors() {
             let candidates = Candidates { actions: &actions, episodes: 2, samples: 40, horizon: 3, dim };
             let mut costs = vec![0.0; 80];
             planner.prepare(&clips.planning_batch(0..2)).unwrap();
-            planner.evaluate(&candidates, &mut costs).unwrap();
+            planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
             planner.prepare(&clips.planning_batch(0..1)).unwrap();
             let few = Candidates { actions: &plans[..5 * 3 * dim], episodes: 1, samples: 5, ..candidates };
             let mut some = vec![0.0; 5];
-            planner.evaluate(&few, &mut some).unwrap();
+            planner.evaluate(&few, &mut Outputs::new(&mut some)).unwrap();
             assert_eq!(costs[..5], some, "{}", model.name());
             assert!(some.iter().any(|cost| *cost != some[0]), "plans make a difference: {some:?}");
             let wide = Candidates { dim: dim + 1, ..few };
-            assert!(planner.evaluate(&wide, &mut some).is_err());
+            assert!(planner.evaluate(&wide, &mut Outputs::new(&mut some)).is_err());
         }
     });
 }

@@ -1,6 +1,6 @@
 //! bf16 gives about what fp32 gives, and leaves the weights in fp32.
 
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use super::{Clips, for_each, step, tiny, weights};
 use crate::{BASELINES, Baseline, Device, Losses, Precision, restore};
@@ -119,7 +119,7 @@ fn plans_and_decisions_are_near_those_of_fp32() {
             let candidates = Candidates { actions: &actions, episodes: 2, samples: 40, horizon: 3, dim };
             let mut costs = vec![0.0; 80];
             planner.prepare(&clips.planning_batch(0..2)).unwrap();
-            planner.evaluate(&candidates, &mut costs).unwrap();
+            planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
             costs
         });
         let [full, narrow] = &mut found;

@@ -1,7 +1,7 @@
 //! LeWM and PLDM: states and predictions in training and after it, losses, gradients, a step, costs of plans.
 
 use serde_json::json;
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use super::Fixture;
 use crate::baseline::PlanModel;
@@ -150,7 +150,7 @@ fn costs_depend_on_their_candidate_alone() {
         let actions = plans[..samples * 20].repeat(rows.len());
         let candidates = Candidates { actions: &actions, episodes: rows.len(), samples, horizon: 5, dim: 4 };
         let mut costs = vec![0.0; rows.len() * samples];
-        planner.evaluate(&candidates, &mut costs).unwrap();
+        planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
         costs
     };
     let together = costs_of(&[0, 1, 2], 40);

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use crate::baseline::PlanModel;
 use crate::learner::follow_statistics;
@@ -110,7 +110,8 @@ impl Fixture {
     fn check_costs(&self, planner: &mut dyn PlanModel, candidates: &Candidates<'_>, name: &str) {
         let mut costs = vec![0.0; candidates.episodes * candidates.samples];
         let mut gradient = vec![0.0; candidates.actions.len()];
-        planner.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("candidates fit");
+        let outputs = &mut Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut costs) };
+        planner.evaluate(candidates, outputs).expect("candidates fit");
         let theirs = self.values(name).iter().map(|cost| f64::from(*cost));
         for (ours, theirs) in costs.iter().zip(theirs) {
             assert!((ours - theirs).abs() < f64::from(LOSS) * theirs.abs(), "{ours} instead of {theirs}");
@@ -120,7 +121,7 @@ impl Fixture {
         assert!(worst(&gradient, theirs) < GRADIENT * scale, "{name}");
 
         let mut again = vec![0.0; costs.len()];
-        planner.evaluate(candidates, &mut again).expect("candidates fit");
+        planner.evaluate(candidates, &mut Outputs::new(&mut again)).expect("candidates fit");
         let close = |(a, b): (&f64, &f64)| (a - b).abs() <= f64::from(LOSS) * b.abs();
         assert!(again.iter().zip(&costs).all(close), "{again:?} {costs:?}");
     }

@@ -9,9 +9,9 @@ use super::rules::Rule;
 use super::settings::{Descent, GradClip};
 use super::simplex::project_to_simplex;
 use crate::bounds::{box_bounds, clamp, fill_bounds};
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs, check_gradients};
 use crate::error::PlanError;
-use crate::problem::{Candidates, Plan, PlanKey, Problem};
+use crate::problem::{Candidates, Plan, PlanKey, Problem, first_cheapest};
 use crate::sampling::Noise;
 use crate::space::groups;
 use crate::trace::{Iteration, Trace};
@@ -162,8 +162,7 @@ impl<'a, 'w> Search<'a, 'w> {
     /// The cheapest sequence of episode `episode`, the first of equals.
     pub(crate) fn cheapest(&self, episode: usize) -> usize {
         let samples = self.descent.samples;
-        let costs = &self.costs[episode * samples..][..samples];
-        (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best })
+        first_cheapest(&self.costs[episode * samples..][..samples])
     }
 
     /// Sequence `sample` of episode `episode`: `[H, D]`.
@@ -249,12 +248,13 @@ impl<'a, 'w> Search<'a, 'w> {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
+        check_gradients(cost, self.solver)?;
         self.open(trace, plan);
-        let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: self.solver })?;
         let mut made = 0;
         for iteration in 0..self.descent.iterations {
             let candidates = self.problem.candidates(self.points, self.descent.samples);
-            cost.evaluate_with_gradient(&candidates, self.costs, self.gradient)?;
+            let gradient = Some(&mut *self.gradient);
+            cost.evaluate(&candidates, &mut Outputs { gradient, ..Outputs::new(self.costs) })?;
             self.screen(iteration, true, &mut plan.non_finite)?;
             if self.descent.track_best {
                 self.remember();
@@ -267,7 +267,8 @@ impl<'a, 'w> Search<'a, 'w> {
             }
         }
         plan.iterations.fill(made as u32);
-        cost.evaluate(&self.problem.candidates(self.points, self.descent.samples), self.costs)?;
+        let candidates = self.problem.candidates(self.points, self.descent.samples);
+        cost.evaluate(&candidates, &mut Outputs::new(self.costs))?;
         self.screen(made, false, &mut plan.non_finite)?;
         self.write_cheapest(plan);
         // Where other solvers report the cost of their elites, the reference reports this.

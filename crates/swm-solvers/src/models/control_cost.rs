@@ -2,10 +2,10 @@
 //! rollout.
 
 use super::differences::Differentiator;
-use super::outputs::{Outputs, for_each, scratch_for};
+use super::outputs::{for_each, scratch_for};
 use crate::context::PlanningContext;
 use crate::control::{ControlModel, Stage};
-use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::Candidates;
 
@@ -26,37 +26,6 @@ impl<M: ControlModel> ControlCost<M> {
     pub fn new(model: M) -> Self {
         Self { model, tapes: Vec::new() }
     }
-
-    /// Rolls all candidates out, several at a time.
-    fn run(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: Option<&WeightFn<'_>>,
-        outputs: Outputs<'_>,
-    ) -> Result<(), PlanError> {
-        let Self { model, tapes } = self;
-        let steps = steps_of(model, candidates)?;
-        let tapes = scratch_for(tapes, outputs.costs.len());
-        for_each(tapes, 0, outputs, &|tape: &mut Tape, index, outputs| {
-            let episode = index / candidates.samples;
-            for cost in outputs.costs {
-                *cost = tape.forward(model, episode, steps, candidates.plan(index));
-            }
-            tape.weights.clear();
-            if !outputs.values.is_empty() {
-                tape.constrain(model, episode, outputs.values);
-                if let Some(weights_of) = weights_of {
-                    tape.weights.resize(outputs.values.len(), 0.0);
-                    weights_of(index, outputs.values, &mut tape.weights);
-                }
-            }
-            if !outputs.gradient.is_empty() {
-                outputs.gradient.fill(0.0);
-                tape.add_backward(model, episode, outputs.gradient);
-            }
-        });
-        Ok(())
-    }
 }
 
 /// T, the actions of a plan; an error if a plan does not consist of actions of `model`.
@@ -76,57 +45,42 @@ impl<M: ControlModel> Cost for ControlCost<M> {
         self.model.prepare(context)
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, ..Outputs::default() })
+    /// Rolls all candidates out, several at a time.
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Self { model, tapes } = self;
+        let steps = steps_of(model, candidates)?;
+        let tapes = scratch_for(tapes, outputs.costs.len());
+        for_each(tapes, 0, (outputs.reborrow(), &mut []), &|tape: &mut Tape, index, (outputs, _)| {
+            let episode = index / candidates.samples;
+            for cost in outputs.costs {
+                *cost = tape.forward(model, episode, steps, candidates.plan(index));
+            }
+            tape.weights.clear();
+            if let Some(values) = outputs.constraints {
+                tape.constrain(model, episode, values);
+                if let Some(weights_of) = outputs.weights {
+                    tape.weights.resize(values.len(), 0.0);
+                    weights_of(index, values, &mut tape.weights);
+                }
+            }
+            if let Some(gradient) = outputs.gradient {
+                gradient.fill(0.0);
+                tape.add_backward(model, episode, gradient);
+            }
+        });
+        Ok(())
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
+    fn has_gradients(&self) -> bool {
+        true
     }
 
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        if self.model.constraints() > 0 { Some(self) } else { None }
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        horizon * (dim / self.model.action_dim().max(1)) * self.model.constraints()
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
         Some(&self.model)
-    }
-}
-
-impl<M: ControlModel> DifferentiableCost for ControlCost<M> {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, gradient, ..Outputs::default() })
-    }
-}
-
-impl<M: ControlModel> ConstrainedCost for ControlCost<M> {
-    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
-        horizon * (dim / self.model.action_dim().max(1)) * self.model.constraints()
-    }
-
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, values, ..Outputs::default() })
-    }
-
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, Some(weights_of), Outputs { costs, values, gradient, ..Outputs::default() })
     }
 }
 

@@ -4,9 +4,9 @@ use serde_json::{Map, Value as Json};
 
 use super::dynamics::{Dynamics, state_dim};
 use super::objective::{Constraint, Objective, Path};
-use super::outputs::{Outputs, for_each, scratch_for};
+use super::outputs::{for_each, scratch_for};
 use crate::context::PlanningContext;
-use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::Candidates;
 use crate::steps::StateSteps;
@@ -43,52 +43,9 @@ impl<D: Dynamics> ShootingCost<D> {
         Ok(Self { dynamics, objective, constraints, states, by_state, weights })
     }
 
-    /// Whether the model and all that judges its states have derivatives.
-    fn has_gradients(&self) -> bool {
-        self.dynamics.has_gradients()
-            && self.objective.has_derivatives()
-            && self.constraints.iter().all(|constraint| constraint.has_derivatives())
-    }
-
     /// The model.
     pub fn dynamics(&self) -> &D {
         &self.dynamics
-    }
-
-    fn run(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: Option<&WeightFn<'_>>,
-        outputs: Outputs<'_>,
-    ) -> Result<(), PlanError> {
-        let Self { dynamics, objective, constraints, states, by_state, weights } = self;
-        let Outputs { costs, values, gradient, .. } = outputs;
-        let (dim, count) = (state_dim(dynamics.parts()), costs.len());
-        states.resize(count * candidates.horizon * dim, 0.0);
-        dynamics.roll_out(candidates, states)?;
-        by_state.clear();
-        if !gradient.is_empty() {
-            by_state.resize(states.len(), 0.0);
-            gradient.fill(0.0);
-        }
-        {
-            let (dynamics, size) = (&*dynamics, candidates.horizon * dim);
-            let outputs = Outputs { costs, values, gradient: &mut *gradient, by_state };
-            for_each(scratch_for(weights, count), 0, outputs, &|weights: &mut Vec<f64>, index, outputs| {
-                let path = Path {
-                    dim,
-                    states: &states[index * size..][..size],
-                    actions: candidates.plan(index),
-                    goal: dynamics.goal(index / candidates.samples),
-                };
-                let terms = Terms { objective: objective.as_ref(), constraints, candidates };
-                terms.write(index, &path, weights_of, weights, outputs);
-            });
-        }
-        if !gradient.is_empty() {
-            dynamics.pull_back(candidates, states, by_state, gradient)?;
-        }
-        Ok(())
     }
 }
 
@@ -100,38 +57,34 @@ struct Terms<'a> {
 }
 
 impl Terms<'_> {
-    /// Writes the requested outputs of candidate `index`.
+    /// Writes the requested outputs of candidate `index`; `scratch` is for weights.
     fn write(
         &self,
         index: usize,
         path: &Path<'_>,
-        weights_of: Option<&WeightFn<'_>>,
-        weights: &mut Vec<f64>,
-        outputs: Outputs<'_>,
+        scratch: &mut Vec<f64>,
+        (outputs, by_state): (Outputs<'_>, &mut [f32]),
     ) {
-        let Outputs { costs, values, gradient, by_state } = outputs;
+        let Outputs { costs, mut gradient, constraints: values, weights } = outputs;
         costs.fill(self.objective.cost(path));
-        if !values.is_empty() {
-            let mut rest = &mut *values;
-            for constraint in self.constraints {
-                let (own, others) = rest.split_at_mut(self.count(constraint.as_ref()));
-                constraint.values(path, own);
-                rest = others;
-            }
+        if let Some(gradient) = gradient.as_deref_mut() {
+            self.objective.add_derivatives(path, 1.0, by_state, gradient);
         }
-        if gradient.is_empty() {
-            return;
+        let Some(values) = values else { return };
+        let mut rest = &mut *values;
+        for constraint in self.constraints {
+            let (own, others) = rest.split_at_mut(self.count(constraint.as_ref()));
+            constraint.values(path, own);
+            rest = others;
         }
-        self.objective.add_derivatives(path, 1.0, by_state, gradient);
-        if let (Some(weights_of), false) = (weights_of, values.is_empty()) {
-            weights.resize(values.len(), 0.0);
-            weights_of(index, values, weights);
-            let mut rest = weights.as_slice();
-            for constraint in self.constraints {
-                let (own, others) = rest.split_at(self.count(constraint.as_ref()));
-                constraint.add_derivatives(path, own, by_state, gradient);
-                rest = others;
-            }
+        let (Some(gradient), Some(weights_of)) = (gradient, weights) else { return };
+        scratch.resize(values.len(), 0.0);
+        weights_of(index, values, scratch);
+        let mut rest = scratch.as_slice();
+        for constraint in self.constraints {
+            let (own, others) = rest.split_at(self.count(constraint.as_ref()));
+            constraint.add_derivatives(path, own, by_state, gradient);
+            rest = others;
         }
     }
 
@@ -145,8 +98,48 @@ impl<D: Dynamics> Cost for ShootingCost<D> {
         self.dynamics.prepare(context)
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, ..Outputs::default() })
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        if outputs.gradient.is_some() && !self.has_gradients() {
+            return Err(PlanError::NoGradient { solver: "the solver" });
+        }
+        let Self { dynamics, objective, constraints, states, by_state, weights } = self;
+        let (dim, count) = (state_dim(dynamics.parts()), outputs.costs.len());
+        states.resize(count * candidates.horizon * dim, 0.0);
+        dynamics.roll_out(candidates, states)?;
+        by_state.clear();
+        if let Some(gradient) = &mut outputs.gradient {
+            by_state.resize(states.len(), 0.0);
+            gradient.fill(0.0);
+        }
+        {
+            let (dynamics, size) = (&*dynamics, candidates.horizon * dim);
+            let (scratch, share) = (scratch_for(weights, count), (outputs.reborrow(), &mut by_state[..]));
+            for_each(scratch, 0, share, &|weights: &mut Vec<f64>, index, share| {
+                let path = Path {
+                    dim,
+                    states: &states[index * size..][..size],
+                    actions: candidates.plan(index),
+                    goal: dynamics.goal(index / candidates.samples),
+                };
+                let terms = Terms { objective: objective.as_ref(), constraints, candidates };
+                terms.write(index, &path, weights, share);
+            });
+        }
+        match &mut outputs.gradient {
+            Some(gradient) => dynamics.pull_back(candidates, states, by_state, gradient),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the model and all that judges its states have derivatives.
+    fn has_gradients(&self) -> bool {
+        self.dynamics.has_gradients()
+            && self.objective.has_derivatives()
+            && self.constraints.iter().all(|constraint| constraint.has_derivatives())
+    }
+
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        self.constraints.iter().map(|constraint| constraint.count(horizon, dim)).sum()
     }
 
     fn action_dim(&self) -> Option<usize> {
@@ -157,57 +150,9 @@ impl<D: Dynamics> Cost for ShootingCost<D> {
         self.dynamics.steps()
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        if self.has_gradients() { Some(self) } else { None }
-    }
-
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        if self.constraints.is_empty() { None } else { Some(self) }
-    }
-
     fn changed_settings(&self) -> Map<String, Json> {
         let mut settings = self.dynamics.changed_settings();
         settings.extend(self.objective.changed_settings());
         settings
-    }
-}
-
-impl<D: Dynamics> DifferentiableCost for ShootingCost<D> {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, gradient, ..Outputs::default() })
-    }
-}
-
-impl<D: Dynamics> ConstrainedCost for ShootingCost<D> {
-    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
-        self.constraints.iter().map(|constraint| constraint.count(horizon, dim)).sum()
-    }
-
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError> {
-        self.run(candidates, None, Outputs { costs, values, ..Outputs::default() })
-    }
-
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        if !self.has_gradients() {
-            return Err(PlanError::NoGradient { solver: "the solver" });
-        }
-        self.run(candidates, Some(weights_of), Outputs { costs, values, gradient, ..Outputs::default() })
     }
 }

@@ -14,7 +14,7 @@ use swm_core::{Cancel, EnvConfig, EnvEntry, EnvState, Observations, Settings as 
 use self::parallel::for_each;
 use self::worker::{Simulation, Worker};
 use crate::context::{ActionMap, PlanningContext};
-use crate::cost::{Cost, DifferentiableCost};
+use crate::cost::{Cost, Outputs};
 use crate::error::PlanError;
 use crate::problem::Candidates;
 use crate::settings::Validate as _;
@@ -105,45 +105,25 @@ impl Cost for SimulatorCost {
         Ok(())
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    /// Gradients by central differences (for integers: by trying every other category), of the cost without its success
+    /// bonus. All perturbed actions of all candidates are rolled out in parallel, from where they begin to differ.
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
         if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
             return Err(PlanError::Cancelled);
         }
         let Self { entry, options, workers, starts, map, results, .. } = self;
         let simulation = simulation(entry, options, map.as_deref(), starts, candidates)?;
-        let results = results_for(results, costs.len());
+        let Outputs { costs, gradient, .. } = outputs;
+        let bits = results_for(results, costs.len());
         for_each(workers, costs.len(), TAKE, |worker, index| {
             let start = &starts[index / candidates.samples];
             let cost = worker.roll_out(&simulation, start, candidates.plan(index))?;
-            results[index].store(cost.to_bits(), Ordering::Relaxed);
+            bits[index].store(cost.to_bits(), Ordering::Relaxed);
             Ok(())
         })?;
-        costs.iter_mut().zip(results).for_each(|(cost, bits)| *cost = f64::from_bits(*bits.get_mut()));
-        Ok(())
-    }
-
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.options.changed()
-    }
-}
-
-impl DifferentiableCost for SimulatorCost {
-    /// Gradients by central differences (for integers: by trying every other category), of the cost without its success
-    /// bonus. All perturbed actions of all candidates are rolled out in parallel, from where they begin to differ.
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.evaluate(candidates, costs)?;
-        let Self { entry, options, workers, starts, map, results, .. } = self;
-        let simulation = simulation(entry, options, map.as_deref(), starts, candidates)?;
-        let results = results_for(results, gradient.len());
+        costs.iter_mut().zip(bits).for_each(|(cost, bits)| *cost = f64::from_bits(*bits.get_mut()));
+        let Some(gradient) = gradient else { return Ok(()) };
+        let bits = results_for(results, gradient.len());
         let size = candidates.horizon * candidates.dim;
         let steps = size / simulation.map.dim();
         let runs = steps.div_ceil(RUN);
@@ -151,15 +131,23 @@ impl DifferentiableCost for SimulatorCost {
             let (candidate, run) = (index / runs, index % runs);
             let steps = run * RUN..steps.min((run + 1) * RUN);
             let (start, plan) = (&starts[candidate / candidates.samples], candidates.plan(candidate));
-            let results = &results[candidate * size..][..size];
+            let bits = &bits[candidate * size..][..size];
             worker.differences(&simulation, start, plan, steps, |index, value| {
-                results[index].store(value.to_bits(), Ordering::Relaxed);
+                bits[index].store(value.to_bits(), Ordering::Relaxed);
             })
         })?;
-        for (value, bits) in gradient.iter_mut().zip(results) {
+        for (value, bits) in gradient.iter_mut().zip(bits) {
             *value = f64::from_bits(*bits.get_mut()) as f32;
         }
         Ok(())
+    }
+
+    fn has_gradients(&self) -> bool {
+        true
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        self.options.changed()
     }
 }
 

@@ -18,7 +18,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::{box_bounds, clamp, fill_bounds};
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs, check_gradients};
 use crate::descent::{Rule, WeightDecay, scatter};
 use crate::error::PlanError;
 use crate::lifted::Lifted;
@@ -190,8 +190,8 @@ impl SolverConfig for Grasp {
             }
         }
         plan.iterations.fill(made as u32);
-        cost.evaluate(&problem.candidates(lifted.blocks, samples), lifted.losses)?;
-        lifted.choose(problem, plan)?;
+        cost.evaluate(&problem.candidates(lifted.blocks, samples), &mut Outputs::new(lifted.losses))?;
+        plan.take_cheapest(problem, lifted.blocks, lifted.losses, [samples, made])?;
         trace.end(problem, plan);
         Ok(())
     }
@@ -257,7 +257,7 @@ impl Grasp {
                     clamp(candidate, lifted.low, lifted.high);
                 }
             }
-            cost.evaluate(&problem.candidates(plans, samples * tries), costs)?;
+            cost.evaluate(&problem.candidates(plans, samples * tries), &mut Outputs::new(costs))?;
             count_non_finite(costs);
         }
         for index in 0..problem.keys.len() * samples {
@@ -279,11 +279,12 @@ impl Grasp {
         cost: &mut dyn Cost,
         lifted: &mut Lifted<'_>,
     ) -> Result<(), PlanError> {
-        let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: Self::NAME })?;
+        check_gradients(cost, Self::NAME)?;
         lifted.forget();
         for round in 0..self.sync_iterations {
             let candidates = problem.candidates(lifted.blocks, self.samples);
-            cost.evaluate_with_gradient(&candidates, lifted.losses, lifted.gradient)?;
+            let gradient = Some(&mut *lifted.gradient);
+            cost.evaluate(&candidates, &mut Outputs { gradient, ..Outputs::new(lifted.losses) })?;
             lifted.step_blocks(adam(self.sync_lr), round + 1);
         }
         Ok(())

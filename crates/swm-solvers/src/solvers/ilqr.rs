@@ -9,14 +9,14 @@
 use rayon::prelude::*;
 
 use crate::bounds::{box_bounds, fill_bounds};
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::descent::scatter;
 use crate::error::PlanError;
 use crate::models::steps_of;
-use crate::problem::{Plan, PlanKey, Problem};
+use crate::problem::{Plan, Problem};
 use crate::ranges::{check_counts, check_not_negative, check_positive};
 use crate::riccati::{Regularization, Trajectory};
-use crate::sampling::{Noise, count_non_finite};
+use crate::sampling::Noise;
 use crate::settings::Validate;
 use crate::solver::SolverConfig;
 use crate::trace::{Iteration, Trace};
@@ -130,8 +130,8 @@ impl SolverConfig for Ilqr {
                 break;
             }
         }
-        cost.evaluate(&problem.candidates(points, samples), costs)?;
-        self.choose(problem, points, costs, plan)?;
+        cost.evaluate(&problem.candidates(points, samples), &mut Outputs::new(costs))?;
+        plan.take_cheapest(problem, points, costs, [samples, self.iterations])?;
         trace.end(problem, plan);
         Ok(())
     }
@@ -167,30 +167,5 @@ impl Ilqr {
                 return false;
             }
         }
-    }
-
-    /// Writes the cheapest plan of every episode to `plan`.
-    fn choose(
-        &self,
-        problem: &Problem<'_>,
-        points: &[f32],
-        costs: &mut [f64],
-        plan: &mut Plan,
-    ) -> Result<(), PlanError> {
-        let (size, samples) = (problem.plan_size(), self.samples);
-        for (episode, costs) in costs.chunks_exact_mut(samples).enumerate() {
-            plan.non_finite[episode] += count_non_finite(costs);
-            let best =
-                (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best });
-            if costs[best].is_infinite() {
-                let PlanKey { episode, plan, .. } = problem.keys[episode];
-                return Err(PlanError::NoFiniteCost { episode, plan, iteration: self.iterations, samples });
-            }
-            plan.actions[episode * size..][..size]
-                .copy_from_slice(&points[(episode * samples + best) * size..][..size]);
-            plan.cost_of_returned[episode] = costs[best];
-            plan.elite_mean_last[episode] = costs[best];
-        }
-        Ok(())
     }
 }

@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs, check_gradients};
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
@@ -104,10 +104,8 @@ impl SolverConfig for Lagrangian {
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
-        if cost.differentiable().is_none() {
-            return Err(PlanError::NoGradient { solver: Self::NAME });
-        }
-        let constraints = cost.constrained().map_or(0, |c| c.constraints(problem.horizon, problem.dim()));
+        check_gradients(cost, Self::NAME)?;
+        let constraints = cost.constraints(problem.horizon, problem.dim());
         let (episodes, samples) = (problem.keys.len(), self.descent.samples);
         let all = (episodes * samples).checked_mul(constraints).filter(|&all| all <= MAX_VALUES);
         let all = all.ok_or_else(|| {
@@ -231,17 +229,6 @@ impl Run<'_, '_> {
         let Self { settings, search, multipliers, values, constraints, rho, .. } = self;
         let (count, rho, form) = (*constraints, *rho, settings.form);
         let candidates = problem.candidates(search.points, settings.descent.samples);
-        let (costs, gradient) = (&mut *search.costs, &mut *search.gradient);
-        let Some(constrained) = cost.constrained().filter(|_| count > 0) else {
-            let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: Lagrangian::NAME })?;
-            return match with_gradient {
-                true => cost.evaluate_with_gradient(&candidates, costs, gradient),
-                false => cost.evaluate(&candidates, costs),
-            };
-        };
-        if !with_gradient {
-            return constrained.evaluate_constrained(&candidates, costs, values);
-        }
         let multipliers = &**multipliers;
         let weights_of = |index: usize, values: &[f64], weights: &mut [f64]| {
             let multipliers = &multipliers[index * count..][..count];
@@ -252,7 +239,13 @@ impl Run<'_, '_> {
                 };
             }
         };
-        constrained.evaluate_constrained_with_gradient(&candidates, &weights_of, costs, values, gradient)
+        let outputs = &mut Outputs {
+            gradient: with_gradient.then_some(&mut *search.gradient),
+            constraints: (count > 0).then_some(&mut **values),
+            weights: Some(&weights_of),
+            ..Outputs::new(search.costs)
+        };
+        cost.evaluate(&candidates, outputs)
     }
 
     /// Stops sequences with a cost, constraint or gradient that is not finite.

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use swm_core::Space;
 
-use crate::cost::Cost;
+use crate::cost::{Cost, Outputs};
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
 use crate::problem::{Plan, Problem};
@@ -84,7 +84,8 @@ impl SolverConfig for Pgd {
                         search.best_costs.copy_from_slice(&plan.cost_of_returned);
                     }
                     round(space, search.points);
-                    cost.evaluate(&problem.candidates(search.points, self.descent.samples), search.costs)?;
+                    let candidates = problem.candidates(search.points, self.descent.samples);
+                    cost.evaluate(&candidates, &mut Outputs::new(search.costs))?;
                     search.screen(self.descent.iterations, false, &mut plan.non_finite)?;
                     search.write_cheapest(plan);
                 }

@@ -3,8 +3,8 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, Navigation, Obstacle, Obstacles};
 use swm_solvers::{
-    Adam, Candidates, ConstrainedCost, Cost, Descent, DifferentiableCost, Lagrangian, NoTrace, Optimizer,
-    Penalty, Plan, PlanError, PlanningContext, Problem, Solver as _, WeightFn, Workspace,
+    Adam, Candidates, Cost, Descent, Lagrangian, NoTrace, Optimizer, Outputs, Penalty, Plan, PlanError,
+    Problem, Solver as _, Workspace,
 };
 
 use crate::gradients::solve;
@@ -17,69 +17,29 @@ const LIMITS: [f32; 4] = [1.0, 1.0, -2.0, 1.2];
 struct Capped;
 
 impl Cost for Capped {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (plan, cost) in candidates.plans().zip(costs) {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, constraints, weights } = outputs;
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
             *cost = plan.iter().zip(WISHES).map(|(u, a)| f64::from(u - a).powi(2)).sum();
-        }
-        Ok(())
-    }
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
-        Some(self)
-    }
-}
-
-impl DifferentiableCost for Capped {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        for (plan, gradient) in candidates.plans().zip(gradient.chunks_exact_mut(4)) {
-            gradient.iter_mut().zip(plan).zip(WISHES).for_each(|((g, u), a)| *g = 2.0 * (u - a));
-        }
-        self.evaluate(candidates, costs)
-    }
-}
-
-impl ConstrainedCost for Capped {
-    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
-        horizon * dim
-    }
-    fn evaluate_constrained(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-    ) -> Result<(), PlanError> {
-        for (plan, values) in candidates.plans().zip(values.chunks_exact_mut(4)) {
+            let (mut values, mut weighed) = ([0.0; 4], [0.0; 4]);
             values.iter_mut().zip(plan).zip(LIMITS).for_each(|((g, u), c)| *g = f64::from(u - c));
-        }
-        self.evaluate(candidates, costs)
-    }
-    fn evaluate_constrained_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        weights_of: &WeightFn<'_>,
-        costs: &mut [f64],
-        values: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.evaluate_constrained(candidates, costs, values)?;
-        self.evaluate_with_gradient(candidates, costs, gradient)?;
-        let mut weights = [0.0; 4];
-        for (index, values) in values.chunks_exact(4).enumerate() {
-            weights_of(index, values, &mut weights);
-            let gradient = &mut gradient[4 * index..][..4];
-            gradient.iter_mut().zip(weights).for_each(|(g, weight)| *g += weight as f32);
+            if let Some(constraints) = constraints {
+                constraints[4 * index..][..4].copy_from_slice(&values);
+                weights.iter().for_each(|weights_of| weights_of(index, &values, &mut weighed));
+            }
+            let Some(gradient) = gradient else { continue };
+            let gradient = gradient[4 * index..][..4].iter_mut().zip(plan);
+            for (((g, u), a), weight) in gradient.zip(WISHES).zip(weighed) {
+                *g = 2.0 * (u - a) + weight as f32;
+            }
         }
         Ok(())
+    }
+    fn has_gradients(&self) -> bool {
+        true
+    }
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        horizon * dim
     }
 }
 

@@ -11,7 +11,7 @@ use swm_core::testing::TOY;
 use swm_core::{Batch, Dtype, EnvConfig, Field, Schema, Space};
 use swm_solvers::models::{ControlCost, ControlPenalty, DiscreteChain, Navigation, ShootingCost, Stepwise};
 use swm_solvers::{
-    Candidates, Cem, Cost, Memory, Mpc, MpcPolicy, PlanConfig, PlanError, PlanningContext, SOLVERS,
+    Candidates, Cem, Cost, Memory, Mpc, MpcPolicy, Outputs, PlanConfig, PlanError, PlanningContext, SOLVERS,
     SimulatorCost, SimulatorOptions,
 };
 
@@ -38,8 +38,8 @@ impl Cost for Homing {
         Ok(())
     }
 
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (plan, cost) in candidates.plans().zip(costs) {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        for (plan, cost) in candidates.plans().zip(outputs.costs.iter_mut()) {
             let end = self.state + plan.iter().map(|&push| f64::from(push)).sum::<f64>();
             *cost = (end - self.goal).powi(2) + 0.1 * (f64::from(plan[0]) - self.drift).powi(2);
         }
@@ -176,8 +176,12 @@ fn actions_have_the_bounds_and_types_of_their_space() {
     /// Wants far more than there is.
     struct Eager;
     impl Cost for Eager {
-        fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-            for (plan, cost) in candidates.plans().zip(costs) {
+        fn evaluate(
+            &mut self,
+            candidates: &Candidates<'_>,
+            outputs: &mut Outputs<'_>,
+        ) -> Result<(), PlanError> {
+            for (plan, cost) in candidates.plans().zip(outputs.costs.iter_mut()) {
                 *cost = plan.iter().map(|&value| (f64::from(value) - 50.0).powi(2)).sum();
             }
             Ok(())

@@ -6,10 +6,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::seed::{Stream, keyed};
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlModel, Stage};
-use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, NoTrace, Plan, PlanError, PlanningContext, Problem, SOLVERS,
-    Workspace,
-};
+use swm_solvers::{Candidates, Cost, NoTrace, Outputs, Plan, PlanError, Problem, SOLVERS, Workspace};
 
 use crate::problems::{keys, problem};
 
@@ -202,19 +199,20 @@ impl Courses {
 }
 
 impl Cost for Courses {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (index, (plan, cost)) in candidates.plans().zip(costs).enumerate() {
-            *cost = self.0[index / candidates.samples].cost(plan).0;
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
+            let course = &self.0[index / candidates.samples];
+            *cost = match gradient {
+                Some(all) => course.cost_with_gradient(plan, &mut all[index * plan.len()..][..plan.len()]),
+                None => course.cost(plan).0,
+            };
         }
         Ok(())
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
+    fn has_gradients(&self) -> bool {
+        true
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
@@ -240,21 +238,6 @@ impl ControlModel for Courses {
         let &[x, y] = at.action else { return 0.0 };
         let (place, effort) = ([at.state[0], at.state[1]], EFFORT_WEIGHT * (x * x + y * y));
         effort + self.0[at.episode].step_cost(at.step, [place, step(place, [x, y])]).0
-    }
-}
-
-impl DifferentiableCost for Courses {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        let gradients = gradient.chunks_exact_mut(STEPS * WIDTH);
-        for (index, ((plan, cost), gradient)) in candidates.plans().zip(costs).zip(gradients).enumerate() {
-            *cost = self.0[index / candidates.samples].cost_with_gradient(plan, gradient);
-        }
-        Ok(())
     }
 }
 

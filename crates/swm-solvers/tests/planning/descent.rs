@@ -4,8 +4,8 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, GradClip, Ilqr, Lagrangian, Pgd, Plan,
-    PlanError, PlanningContext, Sgd, Solver,
+    Adam, AdamW, Candidates, Cost, Descent, GradClip, Ilqr, Lagrangian, Outputs, Pgd, Plan, PlanError, Sgd,
+    Solver,
 };
 
 use crate::gradients::solve;
@@ -74,7 +74,7 @@ fn the_best_of_all_steps_is_kept_on_request() {
     let mut cost = ControlCost::new(LinearQuadratic::point_mass());
     let candidates = Candidates { actions: &best.actions, episodes: 4, samples: 1, horizon: 10, dim: 2 };
     let mut costs = [0.0; 4];
-    cost.evaluate(&candidates, &mut costs).unwrap();
+    cost.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
     assert_eq!(costs, *best.cost_of_returned, "the cost is that of the plan");
 }
 
@@ -96,35 +96,25 @@ struct Trap {
 }
 
 impl Cost for Trap {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (plan, cost) in candidates.plans().zip(costs) {
-            let caught = plan[0] > self.limit && !self.in_gradient;
-            *cost = if caught { f64::NAN } else { plan.iter().map(|&u| f64::from(u * u) / 2.0).sum() };
-        }
-        Ok(())
-    }
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-}
-
-impl DifferentiableCost for Trap {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        gradient.copy_from_slice(candidates.actions);
-        for (plan, gradient) in candidates.plans().zip(gradient.chunks_exact_mut(20)) {
-            if plan[0] > self.limit && self.in_gradient {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
+            let caught = plan[0] > self.limit;
+            *cost = plan.iter().map(|&u| f64::from(u * u) / 2.0).sum();
+            if caught && !self.in_gradient {
+                *cost = f64::NAN;
+            }
+            let Some(gradient) = gradient else { continue };
+            let gradient = &mut gradient[20 * index..][..20];
+            gradient.copy_from_slice(plan);
+            if caught && self.in_gradient {
                 gradient[7] = f32::INFINITY;
             }
         }
-        self.evaluate(candidates, costs)
+        Ok(())
+    }
+    fn has_gradients(&self) -> bool {
+        true
     }
 }
 
@@ -156,11 +146,8 @@ fn what_is_not_finite_stops_and_is_counted() {
 struct Flat;
 
 impl Cost for Flat {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, _candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        costs.fill(0.0);
+    fn evaluate(&mut self, _candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        outputs.costs.fill(0.0);
         Ok(())
     }
 }

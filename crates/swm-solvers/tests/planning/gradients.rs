@@ -4,8 +4,8 @@
 use swm_core::Space;
 use swm_solvers::models::{ControlCost, ControlModel, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, IterationRecord, Memory, NoTrace, Pgd, Plan,
-    PlanError, PlanningContext, Problem, Select, Sgd, Solver, Trace, Workspace,
+    Adam, AdamW, Candidates, Cost, Descent, IterationRecord, Memory, NoTrace, Outputs, Pgd, Plan, PlanError,
+    Problem, Select, Sgd, Solver, Trace, Workspace,
 };
 
 use crate::golden::{Golden, check_costs};
@@ -59,32 +59,19 @@ fn on_disc(solver: &dyn Solver, seeds: u64) -> Plan {
 struct SingleDisc;
 
 impl Cost for SingleDisc {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (index, (plan, cost)) in candidates.plans().zip(costs).enumerate() {
-            *cost = disc(index / candidates.samples % 4, plan).into();
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
+            let instance = index / candidates.samples % 4;
+            *cost = disc(instance, plan).into();
+            if let Some(gradient) = gradient {
+                disc_gradient(instance, plan, &mut gradient[30 * index..][..30]);
+            }
         }
         Ok(())
     }
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-}
-
-impl DifferentiableCost for SingleDisc {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.evaluate(candidates, costs)?;
-        for (index, (plan, gradient)) in candidates.plans().zip(gradient.chunks_exact_mut(30)).enumerate() {
-            disc_gradient(index / candidates.samples % 4, plan, gradient);
-        }
-        Ok(())
+    fn has_gradients(&self) -> bool {
+        true
     }
 }
 

@@ -6,8 +6,8 @@ use swm_solvers::models::{
     Stepwise,
 };
 use swm_solvers::{
-    Candidates, Cost, Descent, Grasp, NoTrace, Plan, PlanError, Problem, Sgd, Solver, StepBatch, Sync,
-    Workspace,
+    Candidates, Cost, Descent, Grasp, NoTrace, Outputs, Plan, PlanError, Problem, Sgd, Solver, StepBatch,
+    Sync, Workspace,
 };
 
 use crate::problems::{keys, problem, space};
@@ -98,7 +98,7 @@ fn goals_are_reached_by_either_synchronization() {
     let before = [0.0; 80];
     let candidates = Candidates { actions: &before, episodes: 4, samples: 1, horizon: 10, dim: 2 };
     let mut still = [0.0; 4];
-    cost.evaluate(&candidates, &mut still).unwrap();
+    cost.evaluate(&candidates, &mut Outputs::new(&mut still)).unwrap();
     let plan = solve(&Grasp::default(), &mut cost, &[0, 1, 2, 3]).unwrap();
     for (found, still) in plan.cost_of_returned.iter().zip(still) {
         assert!(*found < 0.05 * still, "{found} of {still}");

@@ -3,7 +3,7 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Candidates, Descent, DifferentiableCost as _, Ilqr, NoTrace, Pgd, Plan, Problem, Sgd, Solver, Workspace,
+    Candidates, Cost as _, Descent, Ilqr, NoTrace, Outputs, Pgd, Plan, Problem, Sgd, Solver, Workspace,
 };
 
 use crate::gradients::solve;
@@ -42,7 +42,8 @@ fn navigation_ends_where_the_gradient_is_zero() {
     let candidates = Candidates { actions: &plan.actions, episodes: 8, samples: 1, horizon: 10, dim: 2 };
     let (mut costs, mut gradient) = ([0.0; 8], [0.0; 160]);
     let mut cost = ControlCost::new(Navigation::past_one_obstacle());
-    cost.evaluate_with_gradient(&candidates, &mut costs, &mut gradient).unwrap();
+    let outputs = &mut Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut costs) };
+    cost.evaluate(&candidates, outputs).unwrap();
     assert!(gradient.iter().all(|slope| slope.abs() < 0.02), "{gradient:?}");
 }
 

@@ -7,9 +7,7 @@ use swm_solvers::models::{
     Navigation, Objective, Obstacle, Obstacles, Path, Reduction, ShootingCost, Stage, Steps, Stepwise,
     WeightedSum,
 };
-use swm_solvers::{
-    Adam, Candidates, Cem, ConstrainedCost, Cost, DifferentiableCost, Lagrangian, PlanError, Solver,
-};
+use swm_solvers::{Adam, Candidates, Cem, Cost, Lagrangian, Outputs, PlanError, Solver};
 
 use crate::gradients::solve;
 use crate::problems::{self, PlanCost, disc, lq, nav};
@@ -21,14 +19,15 @@ fn four(plan: &[f32], dim: usize) -> Candidates<'_> {
 
 fn evaluate(cost: &mut dyn Cost, candidates: &Candidates<'_>) -> Vec<f64> {
     let mut costs = vec![f64::NAN; candidates.episodes * candidates.samples];
-    cost.evaluate(candidates, &mut costs).expect("plans of the right dimension");
+    cost.evaluate(candidates, &mut Outputs::new(&mut costs)).expect("plans of the right dimension");
     costs
 }
 
-fn gradient(cost: &mut dyn DifferentiableCost, candidates: &Candidates<'_>) -> Vec<f32> {
+fn gradient(cost: &mut dyn Cost, candidates: &Candidates<'_>) -> Vec<f32> {
     let mut costs = vec![f64::NAN; candidates.episodes * candidates.samples];
     let mut gradient = vec![f32::NAN; candidates.actions.len()];
-    cost.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("plans of the right dimension");
+    let outputs = &mut Outputs { gradient: Some(&mut gradient), ..Outputs::new(&mut costs) };
+    cost.evaluate(candidates, outputs).expect("plans of the right dimension");
     assert_eq!(costs, evaluate(cost, candidates), "costs are the same with gradients and without");
     gradient
 }
@@ -119,7 +118,7 @@ proptest! {
 
     #[test]
     fn gradients_are_those_of_the_costs(real in plans(20), mixed in plans(30)) {
-        let check = |cost: &mut dyn DifferentiableCost, candidates: &Candidates<'_>| {
+        let check = |cost: &mut dyn Cost, candidates: &Candidates<'_>| {
             let found = gradient(cost, candidates);
             assert_near(&found, &differences(cost, candidates, 1e-2), 2e-3);
             found
@@ -171,7 +170,7 @@ proptest! {
 
 /// The gradient of cost + Σ w g, with w chosen when g is known, against differences of it at that w.
 fn check_constraints(
-    cost: &mut dyn ConstrainedCost,
+    cost: &mut dyn Cost,
     candidates: &Candidates<'_>,
     count: usize,
     weights: &[f64],
@@ -185,10 +184,16 @@ fn check_constraints(
         assert_eq!(values.len(), count);
         out.iter_mut().zip(weights).for_each(|(out, weight)| *out = weight * (1.0 + index as f64));
     };
-    cost.evaluate_constrained_with_gradient(candidates, &weights_of, &mut costs, &mut values, &mut gradient)
-        .expect("plans of the right dimension");
+    let outputs = &mut Outputs {
+        gradient: Some(&mut gradient),
+        constraints: Some(&mut values),
+        weights: Some(&weights_of),
+        ..Outputs::new(&mut costs)
+    };
+    cost.evaluate(candidates, outputs).expect("plans of the right dimension");
     assert_eq!(costs, evaluate(cost, candidates));
-    cost.evaluate_constrained(candidates, &mut costs, &mut again).expect("plans of the right dimension");
+    let outputs = &mut Outputs { constraints: Some(&mut again), ..Outputs::new(&mut costs) };
+    cost.evaluate(candidates, outputs).expect("plans of the right dimension");
     assert_eq!(values, again);
     let expected = differences(&mut Weighted { cost, count, weights }, candidates, step);
     assert_near(&gradient, &expected, 5e-3);
@@ -196,18 +201,17 @@ fn check_constraints(
 
 /// cost + Σ w g.
 struct Weighted<'a> {
-    cost: &'a mut dyn ConstrainedCost,
+    cost: &'a mut dyn Cost,
     count: usize,
     weights: &'a [f64],
 }
 
 impl Cost for Weighted<'_> {
-    fn prepare(&mut self, _context: &swm_solvers::PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let costs = &mut *outputs.costs;
         let mut values = vec![0.0; costs.len() * self.count];
-        self.cost.evaluate_constrained(candidates, costs, &mut values)?;
+        let constraints = Some(&mut values[..]);
+        self.cost.evaluate(candidates, &mut Outputs { constraints, ..Outputs::new(costs) })?;
         for (index, (cost, values)) in costs.iter_mut().zip(values.chunks_exact(self.count)).enumerate() {
             let sum: f64 = values.iter().zip(self.weights).map(|(value, weight)| value * weight).sum();
             *cost += sum * (1.0 + index as f64);
@@ -279,8 +283,8 @@ fn wrong_parts_and_dimensions_are_named() {
     assert!(WeightedSum::new(Vec::new()).is_err());
     assert!(WeightedSum::new(vec![(f64::NAN, Box::new(ControlPenalty))]).is_err());
     let odd = Candidates { actions: &[0.0; 3], episodes: 1, samples: 1, horizon: 1, dim: 3 };
-    let error = ControlCost::new(Navigation::past_one_obstacle()).evaluate(&odd, &mut [0.0]).unwrap_err();
-    let error = error.to_string();
+    let mut cost = ControlCost::new(Navigation::past_one_obstacle());
+    let error = cost.evaluate(&odd, &mut Outputs::new(&mut [0.0])).unwrap_err().to_string();
     assert!(
         error.starts_with("blocks of 3 values of a plan are no whole number of the model's actions, of 2"),
         "{error}"
@@ -332,7 +336,7 @@ fn objectives_without_derivatives_are_for_solvers_that_need_none() {
         assert_eq!(refusal(&mut cost, &sampling), None);
         let refused = refusal(&mut cost, &gradients).expect("it has no gradient");
         assert!(refused.contains("adam needs a gradient"), "{refused}");
-        assert_eq!(cost.constrained().is_some(), is_constrained, "values need no derivatives");
+        assert_eq!(cost.constraints(10, 2) > 0, is_constrained, "values need no derivatives");
         assert!(refusal(&mut cost, &Lagrangian::default()).is_some());
     }
     let mut whole = ShootingCost::new(dynamics(), Box::new(GoalMse::default()), Vec::new()).unwrap();

@@ -6,8 +6,8 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::testing::TOY;
 use swm_core::{EnvConfig, EpisodeSeed, PolicyContext, ResetOptions, Space};
 use swm_solvers::{
-    ActionScale, Candidates, Cem, Cost, DifferentiableCost, LearnedCost, MpcPolicy, Plan, PlanConfig,
-    PlanError, PlanningContext, Problem, SimulatorCost, SimulatorOptions, Solver, Trace, Workspace, plan_on,
+    ActionScale, Candidates, Cem, Cost, LearnedCost, MpcPolicy, Outputs, Plan, PlanConfig, PlanError,
+    PlanningContext, Problem, SimulatorCost, SimulatorOptions, Solver, Trace, Workspace, plan_on,
 };
 
 use crate::worlds::{Setting, Story, run, toward};
@@ -81,8 +81,8 @@ impl Cost for Watcher {
         self.past.lock().expect("one thread").push((frames.collect(), actions.copied().collect()));
         Ok(())
     }
-    fn evaluate(&mut self, _candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        costs.fill(0.0);
+    fn evaluate(&mut self, _candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        outputs.costs.fill(0.0);
         Ok(())
     }
     fn history_fields(&self) -> Vec<String> {
@@ -176,30 +176,16 @@ struct Sum {
 }
 
 impl Cost for Sum {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
         self.seen.lock().expect("one thread").extend_from_slice(candidates.actions);
-        for (plan, cost) in candidates.plans().zip(costs) {
+        for (plan, cost) in candidates.plans().zip(outputs.costs.iter_mut()) {
             *cost = -f64::from(plan.iter().sum::<f32>());
         }
+        outputs.gradient.iter_mut().for_each(|gradient| gradient.fill(-1.0));
         Ok(())
     }
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
-    }
-}
-
-impl DifferentiableCost for Sum {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        gradient.fill(-1.0);
-        self.evaluate(candidates, costs)
+    fn has_gradients(&self) -> bool {
+        true
     }
 }
 

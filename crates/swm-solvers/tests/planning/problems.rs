@@ -3,9 +3,7 @@
 
 use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::models::{ControlModel, LinearQuadratic, Navigation};
-use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, PlanError, PlanKey, PlanningContext, Problem, Solver,
-};
+use swm_solvers::{Candidates, Cost, Outputs, PlanError, PlanKey, Problem, Solver};
 
 /// H of the problems with real actions.
 pub(super) const HORIZON: usize = 10;
@@ -180,51 +178,33 @@ impl Analytic {
 }
 
 impl Cost for Analytic {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (index, (plan, cost)) in candidates.plans().zip(&mut *costs).enumerate() {
-            *cost = f64::from((self.cost)(index / candidates.samples % 4, plan));
+    /// Gradients by differences: coarse, for checks that need any solver to run, whatever it finds.
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let Outputs { costs, gradient, .. } = outputs;
+        for (index, (plan, cost)) in candidates.plans().zip(costs.iter_mut()).enumerate() {
+            let (mut moved, instance) = (plan.to_vec(), index / candidates.samples % 4);
+            *cost = f64::from((self.cost)(instance, plan));
+            let Some(gradient) = gradient else { continue };
+            for (number, &value) in plan.iter().enumerate() {
+                let mut at = |place: f32| {
+                    moved[number] = place;
+                    (self.cost)(instance, &moved)
+                };
+                gradient[index * plan.len() + number] = (at(value + 0.01) - at(value - 0.01)) / 0.02;
+                at(value);
+            }
         }
         let seen = costs.chunks(candidates.samples).map(|costs| self.statistics(costs)).collect();
         self.iterations.push(seen);
         Ok(())
     }
 
-    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
-        Some(self)
+    fn has_gradients(&self) -> bool {
+        true
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
         self.model.as_deref()
-    }
-}
-
-/// Gradients by differences: coarse, for checks that need any solver to run, whatever it finds.
-impl DifferentiableCost for Analytic {
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), PlanError> {
-        self.evaluate(candidates, costs)?;
-        let size = candidates.horizon * candidates.dim;
-        for (index, (plan, gradient)) in candidates.plans().zip(gradient.chunks_exact_mut(size)).enumerate() {
-            let (mut moved, instance) = (plan.to_vec(), index / candidates.samples % 4);
-            for number in 0..size {
-                let mut at = |place: f32| {
-                    moved[number] = place;
-                    (self.cost)(instance, &moved)
-                };
-                let value = plan[number];
-                gradient[number] = (at(value + 0.01) - at(value - 0.01)) / 0.02;
-                at(value);
-            }
-        }
-        Ok(())
     }
 }
 

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value as Json, json};
 use swm_core::{Dtype, Space};
 use swm_solvers::{
-    Candidates, CategoricalCem, Cost, Icem, Mppi, NoTrace, Plan, PlanError, PlanningContext,
-    PredictiveSampling, Problem, SOLVERS, Solver, TemperatureMode, Workspace,
+    Candidates, CategoricalCem, Cost, Icem, Mppi, NoTrace, Outputs, Plan, PlanError, PredictiveSampling,
+    Problem, SOLVERS, Solver, TemperatureMode, Workspace,
 };
 
 use crate::problems::{Analytic, DISC_OPTIMA, LQ_OPTIMA, Trial, keys, lq, problem, space};
@@ -25,11 +25,8 @@ struct Seen {
 }
 
 impl Cost for Seen {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        let costs = &mut *outputs.costs;
         costs.iter_mut().zip(candidates.plans()).for_each(|(cost, plan)| *cost = f64::from(lq(0, plan)));
         self.candidates.push(candidates.actions.to_vec());
         self.samples.push(candidates.samples);
@@ -266,12 +263,8 @@ fn categorical_cem_starts_from_the_last_plan_if_so_asked() {
 struct Counts(Vec<f32>);
 
 impl Cost for Counts {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        costs.fill(0.0);
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        outputs.costs.fill(0.0);
         if self.0.is_empty() {
             self.0.resize(candidates.horizon * candidates.dim, 0.0);
             for plan in candidates.plans() {

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use serde_json::json;
 use swm_core::{Dtype, Settings as _, Space};
 use swm_solvers::{
-    Candidates, Cem, Cost, NoTrace, Plan, PlanError, PlanningContext, SOLVERS, Solver, Validate, Workspace,
+    Candidates, Cem, Cost, NoTrace, Outputs, Plan, PlanError, SOLVERS, Solver, Validate, Workspace,
 };
 
 use crate::problems::{Analytic, LQ_OPTIMA, PlanCost, Trial, keys, lq, nav, problem, space};
@@ -144,16 +144,14 @@ struct Bounded {
 }
 
 impl Cost for Bounded {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
         for &value in candidates.actions {
             self.low = value.min(self.low);
             self.high = value.max(self.high);
         }
-        costs.iter_mut().zip(candidates.plans()).for_each(|(cost, plan)| *cost = f64::from(lq(0, plan)));
+        for (cost, plan) in outputs.costs.iter_mut().zip(candidates.plans()) {
+            *cost = f64::from(lq(0, plan));
+        }
         Ok(())
     }
 }
@@ -164,12 +162,8 @@ struct Broken {
 }
 
 impl Cost for Broken {
-    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
-        for (cost, plan) in costs.iter_mut().zip(candidates.plans()) {
+    fn evaluate(&mut self, candidates: &Candidates<'_>, outputs: &mut Outputs<'_>) -> Result<(), PlanError> {
+        for (cost, plan) in outputs.costs.iter_mut().zip(candidates.plans()) {
             *cost = if plan[0] > self.limit { f64::NAN } else { f64::from(lq(0, plan)) };
         }
         Ok(())

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json, json};
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 use swm_tasks::request::Request as _;
 
 use super::{Export, Exported};
@@ -88,7 +88,7 @@ fn costs(name: &str, run: &Path) -> Vec<u64> {
     let [samples, horizon, dim] = actions.shape[..] else { panic!("three axes") };
     let mut costs = vec![0.0; samples];
     let candidates = Candidates { actions: &actions.values, episodes: 1, samples, horizon, dim };
-    planner.evaluate(&candidates, &mut costs).unwrap();
+    planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
     costs.into_iter().map(f64::to_bits).collect()
 }
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::{Device as TensorDevice, Tensor, TensorData};
 use serde_json::{Map, Value as Json, json};
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 use swm_tasks::request::Request as _;
 
 use super::Import;
@@ -133,7 +133,7 @@ fn check_model(case: &Case, model: &TrainedModel, bound: f32) {
     };
     planner.prepare(&batch).unwrap();
     planner.rollout(&candidates, &mut states).unwrap();
-    planner.evaluate(&candidates, &mut costs).unwrap();
+    planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
     match case.shape("rollout")[..] {
         [_, _, _] => case.check("rollout", &states, bound),
         // The reference keeps the actions' part of tokens.
@@ -153,7 +153,7 @@ fn check_model(case: &Case, model: &TrainedModel, bound: f32) {
         let pixels = images(&past, 1, steps);
         planner.prepare(&PlanningBatch { pixels, action, goal_pixels: goal, ..batch }).unwrap();
         planner.rollout(&candidates, &mut states).unwrap();
-        planner.evaluate(&candidates, &mut costs).unwrap();
+        planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
         case.check("past_rollout", &states, bound);
         case.check_costs("past_cost", &costs, bound);
     }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value as Json, json};
 use swm_core::seed::keyed;
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use rand::RngExt as _;
 
@@ -125,7 +125,7 @@ fn plans_told(model: &dyn Baseline) -> usize {
     let actions: Vec<f32> = (0..CLIPS).flat_map(others).copied().collect();
     let candidates = Candidates { actions: &actions, episodes: CLIPS, samples, horizon, dim: 2 };
     let mut costs = vec![0.0; CLIPS * samples];
-    planner.evaluate(&candidates, &mut costs).unwrap();
+    planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
     let is_least = |costs: &&[f64]| costs[1..].iter().all(|other| costs[0] < *other);
     costs.chunks(samples).filter(is_least).count()
 }

@@ -3,7 +3,7 @@
 use rand::RngExt as _;
 use serde_json::json;
 use swm_core::seed::keyed;
-use swm_solvers::Candidates;
+use swm_solvers::{Candidates, Outputs};
 
 use crate::models::dots::{CLIPS, SIDE, clips, image, images, of_step};
 use crate::{Baseline, ClipBatch, DataDims, MakeOptions, Observations, PlanningBatch, Step, Vectors, make};
@@ -150,7 +150,7 @@ fn a_planner_knows_the_last_action_and_what_is_nearer_to_the_goal() {
         planner.prepare(&batch).unwrap();
         let mut costs = [0.0; 2];
         let candidates = Candidates { actions: &plans, episodes: 1, samples: 2, horizon: 4, dim: 2 };
-        planner.evaluate(&candidates, &mut costs).unwrap();
+        planner.evaluate(&candidates, &mut Outputs::new(&mut costs)).unwrap();
         costs
     };
     let [nearer, farther] = costs_after([0.0, 0.0]);
