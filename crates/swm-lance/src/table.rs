@@ -1,6 +1,7 @@
 //! A table at its newest version: columns, and rows by number.
 
 use std::collections::BTreeMap;
+use std::iter;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -71,9 +72,8 @@ impl Table {
             let deletions = fragment.deletions.as_ref();
             let deleted = deletions.map(|file| file.read(table.store.as_ref(), fragment.id, fragment.rows));
             let mut at = 0;
-            for Range { start, end } in
-                deleted.transpose()?.into_iter().flatten().chain([fragment.rows..fragment.rows])
-            {
+            let deleted = deleted.transpose()?.into_iter().flatten();
+            for Range { start, end } in deleted.chain(iter::once(fragment.rows..fragment.rows)) {
                 if at < start {
                     table.pieces.push(Piece { first: table.rows, fragment: index, at, follows_deleted });
                     (table.rows, follows_deleted) = (table.rows + start - at, false);

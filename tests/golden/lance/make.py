@@ -127,7 +127,8 @@ if __name__ == "__main__":
     zstd = {"lance-encoding:compression": "zstd"}; path = f"{HERE}/deleted_many.lance"
     write("deleted_many", {"episode_index": (pa.int32(), lambda r: r // 60, zstd), "frame_index": (pa.int32(), lambda r: r % 60, zstd)}, [6600], "2.1")
     lance.dataset(path).delete("(episode_index >= 20 and episode_index < 105) or (episode_index = 3 and frame_index >= 10 and frame_index < 20) or (episode_index = 5 and frame_index < 5) or (episode_index = 7 and frame_index >= 55)"); finish(path, None, 1480)
-    # What the newest versions do not need.
-    for name in ("deleted", "deleted_many"):
-        versions = sorted(glob.glob(f"{HERE}/{name}.lance/_versions/*.manifest")); [os.remove(old) for old in versions[1:]]
-        lists = glob.glob(f"{HERE}/{name}.lance/_deletions/1-2-*"); [os.remove(old) for old in lists]
+    # What the newest versions do not need; `altered` and `pages_2_0` keep it, for it has to be left alone.
+    for name in ("borders_2_0", "borders_2_1", "borders_2_2", "pages_2_1", "pages_2_2", "recorded", "deleted", "deleted_many"):
+        newest = lance.dataset(f"{HERE}/{name}.lance").version; names = {f"{newest}.manifest", f"{2**64 - 1 - newest}.manifest"}
+        [os.remove(path) for path in glob.glob(f"{HERE}/{name}.lance/_versions/*.manifest") if os.path.basename(path) not in names]
+    [os.remove(path) for path in glob.glob(f"{HERE}/deleted.lance/_deletions/1-2-*")]
