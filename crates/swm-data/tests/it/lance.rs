@@ -198,4 +198,9 @@ fn a_dataset_of_lerobot_in_the_storage_of_lance_opens_without_its_videos() {
     assert_eq!((lengths(dataset.as_ref()), dataset.info().rows_per_second), (vec![5, 4], Some(10.0)));
     let skipped: Vec<&str> = dataset.info().skipped.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(skipped, ["observation.images.top"]);
+    let reason = &dataset.info().skipped[0].1;
+    assert!(
+        reason.contains("blobs of `videos.lance`") && reason.contains("open the dataset that was"),
+        "{reason}"
+    );
 }
