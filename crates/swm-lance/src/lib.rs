@@ -24,13 +24,14 @@
 //! | part of the format | what is read |
 //! |---|---|
 //! | manifests | both namings; detached versions are none of the history |
+//! | deleted rows | lists (Arrow) and bitmaps (Roaring); [`Table::gaps`] has where they were |
 //! | files | versions 2.0, 2.1, 2.2 |
 //! | values | booleans, integers, floats of 16, 32 and 64 bits, texts, bytes; fixed-size lists of numbers; lists of all these; members of structures; missing ones |
 //! | encodings of 2.0 | flat, bit-packed, dictionary, FSST, LZ4, Zstandard |
 //! | encodings since 2.1 | chunks, large values by themselves, constants; flat, bit-packed, run-length, split bytes, dictionary, FSST, LZ4, Zstandard |
 //!
-//! What is not in the table is an error that names it ([`LanceError::is_unsupported`]): deleted rows, overwritten values, blobs, packed
-//! structures, lists of lists, files of other versions.
+//! What is not in the table is an error that names it ([`LanceError::is_unsupported`]): overwritten values, blobs, packed structures,
+//! lists of lists, files of other versions.
 //!
 //! Every size and position of a file is checked against the file before memory is asked for, and nested descriptions have a limit:
 //! damaged tables are errors. Files are read by position through a [`Store`], so that tables may be anywhere.
@@ -41,6 +42,7 @@ mod array;
 mod block;
 mod codes;
 mod cursor;
+mod deletions;
 mod error;
 mod file;
 mod kind;

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::deletions::DeletionFile;
 use crate::error::{At as _, Result, damaged, unsupported};
 use crate::kind::{Column, Stored, columns};
 use crate::proto::fields;
@@ -38,8 +39,11 @@ pub(crate) struct Manifest {
 /// Rows of a table that are in the same files.
 #[derive(Debug, Default)]
 pub(crate) struct Fragment {
+    pub(crate) id: u64,
+    /// With those that are deleted.
     pub(crate) rows: u64,
     pub(crate) files: Vec<FileEntry>,
+    pub(crate) deletions: Option<DeletionFile>,
 }
 
 /// A file, and which columns it has.
@@ -154,8 +158,9 @@ fn fragment(message: &[u8]) -> Result<Fragment> {
     for field in fields(message) {
         let (number, value) = field?;
         match number {
+            1 => fragment.id = value.number()?,
             2 => fragment.files.push(file(value.bytes()?)?),
-            3 => deletions(value.bytes()?)?,
+            3 => fragment.deletions = Some(DeletionFile::parse(value.bytes()?)?),
             4 => fragment.rows = value.number()?,
             11 => return Err(unsupported("values of it were overwritten (data overlay files)")),
             _ => {}
@@ -167,21 +172,6 @@ fn fragment(message: &[u8]) -> Result<Fragment> {
         Some(field) => Err(damaged(format!("two files have its field {field}"))),
         None => Ok(fragment),
     }
-}
-
-fn deletions(message: &[u8]) -> Result<()> {
-    for field in fields(message) {
-        if let (4, count) = field? {
-            return match count.number()? {
-                0 => Ok(()),
-                count => Err(unsupported(format!(
-                    "{count} of its rows are deleted (deletion vectors); write it anew in Python, with lance.write_dataset(lance.dataset(path), \
-                     new_path)"
-                ))),
-            };
-        }
-    }
-    Ok(())
 }
 
 fn file(message: &[u8]) -> Result<FileEntry> {

@@ -1,6 +1,8 @@
 //! A table at its newest version: columns, and rows by number.
 
 use std::collections::BTreeMap;
+use std::iter;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -21,23 +23,37 @@ type OpenFile = ((usize, usize), Arc<DataFile>);
 /// Files that stay open.
 const MAX_OPEN: usize = 64;
 
+/// Rows of a fragment, one behind the other, of which none is deleted.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    /// The first of them, in the table.
+    first: u64,
+    fragment: usize,
+    /// The first of them, in the fragment.
+    at: u64,
+    /// Whether rows in front of it are deleted.
+    follows_deleted: bool,
+}
+
 /// A table, as it was when it was opened. Readers of several threads share it.
 #[derive(Debug)]
 pub struct Table {
     store: Box<dyn Store>,
     manifest: Manifest,
-    /// The first row of each fragment; the last one is the number of all rows.
-    starts: Vec<u64>,
+    /// All rows, in order.
+    pieces: Vec<Piece>,
+    rows: u64,
+    deleted: u64,
     /// By fragment and position in it, the newest last.
     open: Mutex<Vec<OpenFile>>,
 }
 
 impl Table {
-    /// Opens the newest version of a table in a folder of this machine. Only the manifest is read.
+    /// Opens the newest version of a table in a folder of this machine. The manifest is read, and which rows are deleted.
     ///
     /// # Errors
     ///
-    /// There is no table, it is damaged, or it needs what this reader lacks, such as deleted rows.
+    /// There is no table, it is damaged, or it needs what this reader lacks, such as overwritten values.
     pub fn open(folder: &Path) -> Result<Self> {
         Self::open_in(Box::new(Folder(folder.to_owned())))
     }
@@ -49,12 +65,24 @@ impl Table {
     /// As of [`Table::open`].
     pub fn open_in(store: Box<dyn Store>) -> Result<Self> {
         let manifest = newest(store.as_ref())?;
-        let mut starts = vec![0];
-        starts.extend(manifest.fragments.iter().scan(0, |rows, fragment| {
-            *rows += fragment.rows;
-            Some(*rows)
-        }));
-        Ok(Self { store, manifest, starts, open: Mutex::default() })
+        let mut table =
+            Self { store, manifest, pieces: Vec::new(), rows: 0, deleted: 0, open: Mutex::default() };
+        let mut follows_deleted = false;
+        for (index, fragment) in table.manifest.fragments.iter().enumerate() {
+            let deletions = fragment.deletions.as_ref();
+            let deleted = deletions.map(|file| file.read(table.store.as_ref(), fragment.id, fragment.rows));
+            let mut at = 0;
+            let deleted = deleted.transpose()?.into_iter().flatten();
+            for Range { start, end } in deleted.chain(iter::once(fragment.rows..fragment.rows)) {
+                if at < start {
+                    table.pieces.push(Piece { first: table.rows, fragment: index, at, follows_deleted });
+                    (table.rows, follows_deleted) = (table.rows + start - at, false);
+                }
+                table.deleted += end - start;
+                (at, follows_deleted) = (end, follows_deleted || start < end);
+            }
+        }
+        Ok(table)
     }
 
     /// The number of the version.
@@ -62,9 +90,19 @@ impl Table {
         self.manifest.version
     }
 
-    /// How many rows.
+    /// How many rows, without those that are deleted.
     pub fn rows(&self) -> u64 {
-        self.starts.last().copied().unwrap_or(0)
+        self.rows
+    }
+
+    /// How many rows of its files are deleted.
+    pub fn deleted(&self) -> u64 {
+        self.deleted
+    }
+
+    /// The rows in front of which some are deleted, in order.
+    pub fn gaps(&self) -> impl Iterator<Item = u64> + '_ {
+        self.pieces.iter().filter(|piece| piece.follows_deleted).map(|piece| piece.first)
     }
 
     /// All columns, in the order of the schema. Those of a type that is not read are among them: [`Kind::Other`].
@@ -100,14 +138,14 @@ impl Table {
         if (count as u64).saturating_mul(row_bytes) > MAX_BYTES as u64 {
             return Err(unsupported(format!("{count} rows of {row_bytes} bytes in one read")));
         }
-        let mut fragment = self.starts.partition_point(|&start| start <= first).saturating_sub(1);
+        let mut index = self.pieces.partition_point(|piece| piece.first <= first).saturating_sub(1);
         let mut row = first;
         while row < end {
-            let here = self.starts[fragment + 1].min(end);
-            let start = self.starts[fragment];
-            self.read_fragment(column, fragment, (row - start, here - start), cursor, &mut values)
+            let Piece { first: start, fragment, at, .. } = self.pieces[index];
+            let here = self.pieces.get(index + 1).map_or(self.rows, |next| next.first).min(end);
+            self.read_fragment(column, fragment, (at + row - start, at + here - start), cursor, &mut values)
                 .at(format_args!("column `{}`", column.name))?;
-            (row, fragment) = (here, fragment + 1);
+            (row, index) = (here, index + 1);
         }
         Ok(values)
     }

@@ -10,7 +10,7 @@ use std::alloc::System;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use memory::{Memory, TABLES};
+use memory::{DELETED, Memory, TABLES};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm_lance::{Cursor, Kind, LanceError, Table};
 
@@ -100,7 +100,7 @@ fn newer<'a>(memory: &'a Memory, path: &str) -> Option<&'a String> {
 #[test]
 fn damaged_tables_are_errors_or_values() {
     let (mut flips, mut cuts, mut others) = ([0; 2], [0; 2], [0; 2]);
-    for name in TABLES {
+    for name in TABLES.iter().chain(DELETED) {
         let mut memory = Memory::of(name);
         for (path, bytes) in files(&memory) {
             let start = metadata_start(&path, &bytes);

@@ -1,7 +1,7 @@
 """Writes the tables of this folder: python make.py (pylance 14.0.2, pyarrow, numpy). README.md describes them.
 
 Values are formulas of the row, which crates/swm-lance/tests/golden/values.rs has too."""
-import json, os, shutil, struct, zlib
+import glob, json, os, shutil, struct, zlib
 import lance, numpy as np, pyarrow as pa
 HERE = os.path.dirname(os.path.abspath(__file__))
 def h(row, salt):
@@ -118,7 +118,17 @@ if __name__ == "__main__":
         if v != "2.0": write(f"packed_{s}", PACKED, [150], v)
         write_pages(f"pages_{s}", {n: EVERY[n] for n in PAGES}, 19, v)
     recorded()
-    # Columns in several files, one gone, one renamed; and rows that are deleted, which the reader refuses.
+    # Columns in several files, one gone, one renamed.
     path = f"{HERE}/altered.lance"; write("altered", {n: COLUMNS[n] for n in ["i32", "few", "step"]}, [30, 10], "2.1"); d = lance.dataset(path)
     d.add_columns({"twice": "few * 2"}); d.drop_columns(["step"]); d.alter_columns({"path": "i32", "name": "renamed"}); finish(path, None, 40)
-    write("deleted", {n: COLUMNS[n] for n in ["i32", "few"]}, [30], "2.1"); lance.dataset(f"{HERE}/deleted.lance").delete("few = 3"); shutil.rmtree(f"{HERE}/deleted.lance/_transactions")
+    # Rows that are deleted: lists of them for two fragments, the second one deleted from twice; and one so long that it is a bitmap.
+    write("deleted", {"episode_idx": (pa.int32(), lambda r: r // 12), "count": COLUMNS["count"]}, [20, 130], "2.1"); d = lance.dataset(f"{HERE}/deleted.lance")
+    d.delete("count in (1000, 1001, 1015, 1016, 1019, 1020)"); d.delete("count >= 1046 and count < 1144"); finish(f"{HERE}/deleted.lance", None, 46)
+    zstd = {"lance-encoding:compression": "zstd"}; path = f"{HERE}/deleted_many.lance"
+    write("deleted_many", {"episode_index": (pa.int32(), lambda r: r // 60, zstd), "frame_index": (pa.int32(), lambda r: r % 60, zstd)}, [6600], "2.1")
+    lance.dataset(path).delete("(episode_index >= 20 and episode_index < 105) or (episode_index = 3 and frame_index >= 10 and frame_index < 20) or (episode_index = 5 and frame_index < 5) or (episode_index = 7 and frame_index >= 55)"); finish(path, None, 1480)
+    # What the newest versions do not need; `altered` and `pages_2_0` keep it, for it has to be left alone.
+    for name in ("borders_2_0", "borders_2_1", "borders_2_2", "pages_2_1", "pages_2_2", "recorded", "deleted", "deleted_many"):
+        newest = lance.dataset(f"{HERE}/{name}.lance").version; names = {f"{newest}.manifest", f"{2**64 - 1 - newest}.manifest"}
+        [os.remove(path) for path in glob.glob(f"{HERE}/{name}.lance/_versions/*.manifest") if os.path.basename(path) not in names]
+    [os.remove(path) for path in glob.glob(f"{HERE}/deleted.lance/_deletions/1-2-*")]

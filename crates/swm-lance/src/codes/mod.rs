@@ -8,7 +8,7 @@ pub(crate) mod general;
 mod rle;
 
 use self::fsst::Symbols;
-use self::general::Scheme;
+pub(crate) use self::general::Scheme;
 use crate::block::{Block, Items, bits as unpack_bits, marks, number};
 use crate::error::{Result, damaged, unsupported};
 use crate::proto::{choice, fields};

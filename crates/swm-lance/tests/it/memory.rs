@@ -35,6 +35,9 @@ pub(crate) fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/lance")
 }
 
+/// Tables of which rows are deleted.
+pub(crate) const DELETED: &[&str] = &["deleted", "deleted_many"];
+
 /// A table in memory, which counts what is read of it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
@@ -45,8 +48,11 @@ pub(crate) struct Memory {
 impl Memory {
     pub(crate) fn of(name: &str) -> Self {
         let mut memory = Self::default();
-        for part in ["_versions", "data"] {
+        for part in ["_versions", "data", "_deletions"] {
             let path = folder().join(format!("{name}.lance")).join(part);
+            if part == "_deletions" && !path.exists() {
+                continue;
+            }
             for entry in path.read_dir().unwrap_or_else(|error| panic!("{}: {error}", path.display())) {
                 let path = entry.unwrap().path();
                 let name = format!("{part}/{}", path.file_name().unwrap().to_string_lossy());

@@ -5,14 +5,14 @@ use std::sync::atomic::Ordering;
 use swm_lance::{Column, Cursor, Kind, Table, Values};
 
 use crate::formulas::row;
-use crate::memory::{Memory, TABLES, folder};
+use crate::memory::{DELETED, Memory, TABLES, folder};
 
 fn open(name: &str) -> Table {
     Table::open(&folder().join(format!("{name}.lance"))).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 /// Those that other tests read.
-const OTHERS: &[&str] = &["deleted", "plain", "plain_episodes", "recorded"];
+const OTHERS: &[&str] = &["deleted", "deleted_many", "plain", "plain_episodes", "recorded"];
 
 /// Compares rows with the formulas.
 fn check(place: &str, column: &Column, first: u64, values: &Values) {
@@ -83,15 +83,13 @@ fn the_folder_holds_no_other_tables() {
 }
 
 #[test]
-fn rows_that_are_not_there_and_deleted_ones_are_errors() {
+fn rows_that_are_not_there_are_errors() {
     let table = open("borders_2_2");
     let column = &table.columns()[0];
     for (first, count) in [(table.rows(), 1), (0, table.rows() as usize + 1), (u64::MAX, 2)] {
         assert!(table.read(column, first, count, &mut Cursor::default()).is_err());
     }
     assert_eq!(table.read(column, table.rows(), 0, &mut Cursor::default()).unwrap().rows(), 0);
-    let error = Table::open(&folder().join("deleted.lance")).unwrap_err();
-    assert!(error.is_unsupported() && error.to_string().contains("deletion vectors"), "{error}");
     let error = Table::open(&folder().join("missing.lance")).unwrap_err();
     assert!(!error.is_unsupported() && error.to_string().contains("_versions"), "{error}");
 }
@@ -120,4 +118,58 @@ fn a_clip_reads_what_it_needs() {
     assert!(before < memory.files.values().map(|file| file.len() as u64).sum::<u64>() / 2);
     read(&table, column, 200, 4, &mut cursor);
     assert_eq!(memory.read.load(Ordering::Relaxed), before);
+}
+
+/// How many rows make.py wrote, and those that it left.
+fn left(name: &str) -> (u64, Vec<u64>) {
+    let is_deleted = |row: &u64| match name {
+        "deleted" => [0, 1, 15, 16, 19, 20].contains(row) || (46..144).contains(row),
+        _ => matches!((row / 60, row % 60), (20..105, _) | (3, 10..20) | (5, ..5) | (7, 55..)),
+    };
+    let rows = if name == "deleted" { 150 } else { 6600 };
+    (rows, (0..rows).filter(|row| !is_deleted(row)).collect())
+}
+
+/// From lists for two fragments, one of which Zstandard compressed, and from a bitmap.
+#[test]
+fn deleted_rows_are_not_there() {
+    for name in DELETED {
+        let (table, (rows, left), mut cursor) = (open(name), left(name), Cursor::default());
+        assert_eq!((table.rows(), table.deleted()), (left.len() as u64, rows - left.len() as u64));
+        let behind = |at: &usize| left[*at] != at.checked_sub(1).map_or(0, |before| left[before] + 1);
+        let gaps: Vec<u64> = (0..left.len()).filter(behind).map(|at| at as u64).collect();
+        assert_eq!(table.gaps().collect::<Vec<_>>(), gaps, "{name}");
+        for column in table.columns() {
+            for size in [1, 7, left.len()] {
+                for first in (0..left.len()).step_by(size) {
+                    let count = size.min(left.len() - first);
+                    let values = read(&table, column, first as u64, count, &mut cursor);
+                    for (at, &row) in left[first..][..count].iter().enumerate() {
+                        let expected = self::row(&column.name, row).and_then(|items| items[0].clone());
+                        assert_eq!(values.item(at), expected.as_deref(), "{name}, `{}`, {row}", column.name);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_list_of_deleted_rows_that_is_gone_or_contradicts_the_manifest_is_an_error() {
+    for name in DELETED {
+        let memory = Memory::of(name);
+        for path in memory.files.keys().filter(|path| path.starts_with("_deletions/")) {
+            let mut without = memory.clone();
+            without.files.remove(path);
+            let error = Table::open_in(Box::new(without)).unwrap_err();
+            assert!(!error.is_unsupported() && error.to_string().contains(path), "{error}");
+        }
+    }
+    // The list of the other fragment.
+    let mut memory = Memory::of("deleted");
+    let lists: Vec<String> =
+        memory.files.keys().filter(|path| path.starts_with("_deletions/")).cloned().collect();
+    memory.files.insert(lists[1].clone(), memory.files[&lists[0]].clone());
+    let error = Table::open_in(Box::new(memory)).unwrap_err();
+    assert!(error.to_string().contains("5 rows are deleted, and the manifest records 99"), "{error}");
 }

@@ -49,7 +49,8 @@ pub(super) fn name(info: &Json, found: &mut Found) {
     let Some(features) = info["features"].as_object() else { return };
     for (feature, about) in features {
         if about["dtype"] == "video" {
-            let reason = "its images are videos in blobs of `videos.lance`, which are not read";
+            let reason = "its images are videos in blobs of `videos.lance`, which are not read; open the dataset that was converted into the storage of Lance, \
+                          whose videos are files";
             found.skipped.push((feature.clone(), reason.to_owned()));
             continue;
         }

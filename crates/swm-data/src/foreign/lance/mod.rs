@@ -8,7 +8,7 @@ mod lerobot;
 mod place;
 mod spread;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -62,11 +62,16 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
 fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
     let has_rewards_of_arrival = *episode == INDICES[0][0];
     let mut found = Found { has_rewards_of_arrival, ..Found::default() };
-    let numbers = episodes(table, episode, &mut found.lengths).at(format_args!("column `{episode}`"))?;
-    let has_own_steps = is_counted(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
+    let mut numbers =
+        episodes(table, [episode, step], &mut found.lengths).at(format_args!("column `{episode}`"))?;
+    let steps = Counted::of(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
+    found.split(&mut numbers, &steps.gaps);
+    if table.deleted() > 0 {
+        found.notes.push(format!("{} of its rows are deleted, and not read", table.deleted()));
+    }
     let record = Record::of(table)?;
     let mut known = vec![*episode];
-    known.extend(has_own_steps.then_some(*step));
+    known.extend(steps.is_index.then_some(*step));
     match &record {
         Some(record) => found.recorded(place, table, record)?,
         None => {
@@ -85,6 +90,31 @@ fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Resul
 }
 
 impl Found {
+    /// Divides episodes in front of these rows: what is missing there would be a transition that never was.
+    fn split(&mut self, numbers: &mut Vec<i64>, gaps: &[usize]) {
+        let whole = self.lengths.len();
+        let mut gaps = gaps.iter().peekable();
+        let (mut parts, mut part_numbers, mut first) = (Vec::new(), Vec::new(), 0);
+        for (length, &number) in std::mem::take(&mut self.lengths).into_iter().zip(&*numbers) {
+            let end = first + length;
+            while let Some(gap) = gaps.next_if(|&&gap| gap < end) {
+                parts.push(gap - first);
+                part_numbers.push(number);
+                first = *gap;
+            }
+            parts.push(end - first);
+            part_numbers.push(number);
+            first = end;
+        }
+        if parts.len() > whole {
+            self.notes.push(format!(
+                "rows are missing amid its {whole} episodes; what is before and behind is apart, so that they are {}",
+                parts.len()
+            ));
+        }
+        (self.lengths, *numbers) = (parts, part_numbers);
+    }
+
     /// Adds a column, or the reason why there is none.
     fn add(&mut self, name: &str, kind: FieldKind, array: Result<Shared>, spans: &[Span]) -> Result<()> {
         match array {
@@ -151,7 +181,7 @@ fn each_block(table: &Table, column: &Column, mut take: impl FnMut(&[i64]) -> Re
 }
 
 /// The lengths of the episodes, and their numbers in the table.
-fn episodes(table: &Table, name: &str, lengths: &mut Vec<usize>) -> Result<Vec<i64>> {
+fn episodes(table: &Table, [name, step]: [&str; 2], lengths: &mut Vec<usize>) -> Result<Vec<i64>> {
     let mut numbers: Vec<i64> = Vec::new();
     let Some(column) = table.column(name) else { return Ok(numbers) };
     each_block(table, column, |block| {
@@ -159,8 +189,10 @@ fn episodes(table: &Table, name: &str, lengths: &mut Vec<usize>) -> Result<Vec<i
             match (numbers.last(), lengths.last_mut()) {
                 (Some(&last), Some(length)) if last == number => *length += 1,
                 (Some(&last), _) if last > number => {
-                    return Err(invalid(format!(
-                        "episode {number} follows episode {last}, and should be before it"
+                    return Err(unsupported(format!(
+                        "episode {number} follows episode {last}, and should be before it, as after updates of a table; write it sorted in \
+                         Python, with lance.write_dataset(lance.dataset(OLD).to_table().sort_by([(\"{name}\", \"ascending\"), \
+                         (\"{step}\", \"ascending\")]), NEW)"
                     )));
                 }
                 _ => {
@@ -174,21 +206,81 @@ fn episodes(table: &Table, name: &str, lengths: &mut Vec<usize>) -> Result<Vec<i
     Ok(numbers)
 }
 
-/// Whether a column only counts the rows of each episode; true without the column.
-fn is_counted(table: &Table, name: &str, lengths: &[usize]) -> Result<bool> {
-    let Some(column) = table.column(name) else { return Ok(true) };
-    if !matches!(column.kind, Kind::Int { .. }) {
-        return Ok(false);
+/// What the column with the number of each row in its episode shows.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Counted {
+    /// Whether it only counts the rows of each episode, or is not there.
+    is_index: bool,
+    /// Rows of the table, none of them the first of an episode, in front of which some are missing: the number grows by more than
+    /// elsewhere, or by more than 1 over deleted rows. Where nothing is counted, those behind deleted rows.
+    gaps: Vec<usize>,
+}
+
+impl Counted {
+    fn of(table: &Table, name: &str, lengths: &[usize]) -> Result<Self> {
+        let column = table.column(name);
+        let mut behind: BTreeSet<usize> = table.gaps().filter_map(|row| usize::try_from(row).ok()).collect();
+        if let Some(column) = column.filter(|column| matches!(column.kind, Kind::Int { .. })) {
+            let (mut steps, mut is_index) = (Growth::of(lengths), true);
+            let mut least = i64::MAX;
+            let read = each_block(table, column, |block| {
+                for &number in block {
+                    let grown = steps.next(number);
+                    is_index &= grown.map_or(number == 0, |grown| grown == 1);
+                    least = least.min(grown.unwrap_or(i64::MAX));
+                }
+                Ok(())
+            });
+            match read {
+                Err(error) if error.is_unsupported() => {}
+                Err(error) => return Err(error),
+                Ok(()) if is_index => return Ok(Self { is_index, gaps: Vec::new() }),
+                Ok(()) if least > 0 => {
+                    let (mut steps, mut row, mut gaps) = (Growth::of(lengths), 0, Vec::new());
+                    each_block(table, column, |block| {
+                        for &number in block {
+                            let is_gap = |&grown: &i64| grown > least || grown > 1 && behind.contains(&row);
+                            gaps.extend(steps.next(number).filter(is_gap).map(|_| row));
+                            row += 1;
+                        }
+                        Ok(())
+                    })?;
+                    return Ok(Self { is_index, gaps });
+                }
+                Ok(()) => {}
+            }
+        }
+        let mut first = 0;
+        for length in lengths {
+            behind.remove(&first);
+            first += length;
+        }
+        Ok(Self { is_index: column.is_none(), gaps: behind.into_iter().collect() })
     }
-    let mut expected = lengths.iter().flat_map(|&length| 0..length as i64);
-    let mut is_counted = true;
-    let read = each_block(table, column, |block| {
-        is_counted &= block.iter().all(|&step| expected.next() == Some(step));
-        Ok(())
-    });
-    match read {
-        Err(error) if error.is_unsupported() => Ok(false),
-        read => read.map(|()| is_counted),
+}
+
+/// By how much a number grows from row to row of an episode.
+struct Growth<'a> {
+    lengths: std::slice::Iter<'a, usize>,
+    /// Rows of the episode that are left, and the number of the last one.
+    left: usize,
+    last: i64,
+}
+
+impl<'a> Growth<'a> {
+    fn of(lengths: &'a [usize]) -> Self {
+        Self { lengths: lengths.iter(), left: 0, last: 0 }
+    }
+
+    /// `None` for the first row of an episode.
+    fn next(&mut self, number: i64) -> Option<i64> {
+        let last = std::mem::replace(&mut self.last, number);
+        if self.left > 0 {
+            self.left -= 1;
+            return Some(number.saturating_sub(last));
+        }
+        self.left = self.lengths.next().map_or(0, |length| length - 1);
+        None
     }
 }
 
