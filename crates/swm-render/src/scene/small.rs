@@ -1,10 +1,10 @@
-//! Triangles of a few pixels, eight at a time: which of the few points around each are inside. Most triangles of meshes are
-//! that small; larger ones are filled row by row in `triangles`.
+//! Triangles of a mesh in a grid of pixels, eight at a time: which of the few points around each are inside. Most triangles are
+//! that small; larger ones are filled by columns, from what was computed for all eight.
 
 use wide::f32x4;
 
 use super::lanes::{LANES, Lanes, both, splat};
-use super::target::Target;
+use super::target::{Target, first};
 use super::triangles::{Corner, Sides};
 use super::view::Area;
 
@@ -18,14 +18,15 @@ struct Corners {
     nearness: [Lanes; 3],
 }
 
-/// An edge of each: the sum of its parts at a point is positive to the inside.
-struct Edges {
-    by_x: Lanes,
-    by_y: Lanes,
-    constant: Lanes,
+/// An edge of each (or of one): the sum of its parts at a point is positive to the inside.
+#[derive(Clone, Copy)]
+struct Edges<V> {
+    by_x: V,
+    by_y: V,
+    constant: V,
     /// What the sum must be above: 0, or just below where points on the edge belong to the triangle: to one of the two that
     /// share it.
-    bound: Lanes,
+    bound: V,
 }
 
 /// What is the same for the points of one column of each triangle.
@@ -37,17 +38,29 @@ struct Column {
     edges: [Lanes; 3],
 }
 
-/// Draws those of up to eight triangles that are small, as instance `owner` with the facets from `first` on, and returns the
-/// bits of those that are not. No corner may be behind the near plane; `grid`: that of the target.
+/// The triangles that are not small.
+struct Large {
+    edges: [Edges<[f32; LANES]>; 3],
+    /// Of the first corner: x, y, nearness.
+    corner: [[f32; LANES]; 3],
+    /// How nearness grows along x and y.
+    slope: [[f32; LANES]; 2],
+    /// From which to before which column and row.
+    columns: [[f32; LANES]; 2],
+    rows: [[f32; LANES]; 2],
+}
+
+/// Draws up to eight triangles as instance `owner` with the facets from `facet` on. No corner may be behind the near plane;
+/// `grid`: that of the target.
 #[inline]
 pub(super) fn draw<T: Target>(
     triangles: &[[u32; 3]],
     corners: &[Corner],
     sides: Sides,
-    (owner, first): (u16, u32),
+    (owner, facet): (u16, u32),
     grid: &Area,
     target: &mut T,
-) -> u32 {
+) {
     let Corners { x, y, nearness } = Corners::gather(triangles, corners);
     let zero = splat(0.0);
     let area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]);
@@ -63,8 +76,8 @@ pub(super) fn draw<T: Target>(
     let limit = splat(SMALL as f32);
     let is_small = is_met & wide.simd_le(limit) & high.simd_le(limit);
     let (met, small) = (is_met.to_bitmask(), is_small.to_bitmask());
-    if small == 0 {
-        return met;
+    if met == 0 {
+        return;
     }
     // Turned so that the area is positive.
     let turned = area.simd_lt(zero);
@@ -112,12 +125,60 @@ pub(super) fn draw<T: Target>(
             while bits != 0 {
                 let lane = bits.trailing_zeros();
                 let at = starts[lane as usize] as i32 as usize + down * width + across;
-                target.offer_one(at, near[lane as usize], owner, first + lane);
+                target.offer_one(at, near[lane as usize], owner, facet + lane);
                 bits &= bits - 1;
             }
         }
     }
-    met & !small
+    let mut larger = met & !small;
+    if larger == 0 {
+        return;
+    }
+    let large = Large {
+        edges: edges.each_ref().map(Edges::to_arrays),
+        corner: [x[0], y[0], nearness[0]].map(Lanes::to_array),
+        slope: [by_x, by_y].map(Lanes::to_array),
+        columns: [left, right].map(Lanes::to_array),
+        rows: [top, bottom].map(Lanes::to_array),
+    };
+    while larger != 0 {
+        let lane = larger.trailing_zeros();
+        large.fill(lane as usize, (owner, facet + lane), grid, target);
+        larger &= larger - 1;
+    }
+}
+
+impl Large {
+    /// Fills a triangle, eight columns at a time: what they decide is the same in all rows.
+    #[inline]
+    fn fill<T: Target>(&self, lane: usize, (owner, facet): (u16, u32), grid: &Area, target: &mut T) {
+        let edges = self.edges.each_ref().map(|edge| edge.of(lane));
+        let [corner_x, corner_y, nearness] = self.corner.map(|values| values[lane]);
+        let [by_x, by_y] = self.slope.map(|values| values[lane]);
+        let whole = |ends: [[f32; LANES]; 2]| ends.map(|values| values[lane] as i32 as usize);
+        let ([x0, x1], [y0, y1]) = (whole(self.columns), whole(self.rows));
+        let width = grid.x1 - grid.x0;
+        for column in (x0..x1).step_by(LANES) {
+            let lanes = first(x1 - column);
+            let mut at = (y0 - grid.y0) * width + column - grid.x0;
+            let (x, _) = target.points(y0, at);
+            let parts = edges.each_ref().map(|edge| splat(edge.by_x) * x);
+            let nearness_x = splat(nearness) + (x - splat(corner_x)) * splat(by_x);
+            for row in y0..y1 {
+                let y = row as i32 as f32 + 0.5;
+                let [p, q, r] = [0, 1, 2].map(|k| {
+                    let Edges { by_y, constant, bound, .. } = edges[k];
+                    (parts[k] + splat(by_y * y) + splat(constant)).simd_gt(splat(bound))
+                });
+                let mask = (p & q & r).to_bitmask() & lanes;
+                if mask != 0 {
+                    let nearness = nearness_x + splat((y - corner_y) * by_y);
+                    target.offer(at, mask, nearness, owner, Some(facet));
+                }
+                at += width;
+            }
+        }
+    }
 }
 
 impl Corners {
@@ -150,7 +211,7 @@ impl Corners {
     }
 }
 
-impl Edges {
+impl Edges<Lanes> {
     /// From `p` to `q`; those from `q` to `p` have exactly the opposite parts.
     #[inline]
     fn new(p: [Lanes; 2], q: [Lanes; 2]) -> Self {
@@ -160,6 +221,22 @@ impl Edges {
         // No sum of parts of pixels lies between this and 0.
         let bound = owns.select(splat(-f32::MIN_POSITIVE), zero);
         Self { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], bound }
+    }
+
+    #[inline]
+    fn to_arrays(&self) -> Edges<[f32; LANES]> {
+        let Self { by_x, by_y, constant, bound } = *self;
+        let [by_x, by_y, constant, bound] = [by_x, by_y, constant, bound].map(Lanes::to_array);
+        Edges { by_x, by_y, constant, bound }
+    }
+}
+
+impl Edges<[f32; LANES]> {
+    /// That of one triangle.
+    #[inline]
+    fn of(&self, lane: usize) -> Edges<f32> {
+        let Self { by_x, by_y, constant, bound } = self;
+        Edges { by_x: by_x[lane], by_y: by_y[lane], constant: constant[lane], bound: bound[lane] }
     }
 }
 

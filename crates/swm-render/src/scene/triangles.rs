@@ -6,7 +6,7 @@ use super::mesh::Level;
 use super::small;
 use super::target::{Target, first};
 use super::vector::{Vector, add, dot, length, rotate, scale, sub, wide};
-use super::view::{Area, View};
+use super::view::View;
 
 /// Which sides of triangles are seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,10 +44,11 @@ pub(super) fn draw<T: Target>(
     if in_front {
         let grid = target.grid().copied();
         for (first, triangles) in (0..).step_by(LANES).zip(level.triangles.chunks(LANES)) {
-            let mut bits = match &grid {
-                Some(grid) => small::draw(triangles, corners, sides, (owner, first), grid, target),
-                None => candidates(triangles, corners, sides, size, target.density()),
-            };
+            if let Some(grid) = &grid {
+                small::draw(triangles, corners, sides, (owner, first), grid, target);
+                continue;
+            }
+            let mut bits = candidates(triangles, corners, sides, size, target.density());
             while bits != 0 {
                 let lane = bits.trailing_zeros();
                 let triangle = triangles[lane as usize].map(|index| corners[index as usize]);
@@ -188,12 +189,6 @@ fn fill<T: Target>(
     if extent.x0 >= extent.x1 {
         return;
     }
-    if let Some(&grid) = target.grid()
-        && extent.x1 - extent.x0 > FEW
-    {
-        fill_grid([a, b, c], area, (owner, facet), &grid, &extent, target);
-        return;
-    }
     let mut plane: Option<([Edge; 3], [f32; 2])> = None;
     for row in extent.y0..extent.y1 {
         let range = target.within(row, extent.x0, extent.x1);
@@ -225,44 +220,6 @@ fn fill<T: Target>(
             }
             at += LANES;
         }
-    }
-}
-
-/// The same for the pixels of `extent` in a grid, eight columns at a time: what they decide is the same in all rows.
-#[inline]
-fn fill_grid<T: Target>(
-    [a, b, c]: [Corner; 3],
-    area: f32,
-    (owner, facet): (u16, u32),
-    grid: &Area,
-    extent: &Area,
-    target: &mut T,
-) {
-    let (edges, [by_x, by_y]) = plane_of([a, b, c], area);
-    let zero = splat(0.0);
-    let owns = edges.each_ref().map(|edge| zero.simd_eq(splat(if edge.owns { 0.0 } else { 1.0 })));
-    let constants = edges.each_ref().map(|edge| splat(edge.constant));
-    let width = grid.x1 - grid.x0;
-    let mut column = extent.x0;
-    while column < extent.x1 {
-        let lanes = first(extent.x1 - column);
-        let mut at = (extent.y0 - grid.y0) * width + column - grid.x0;
-        let (x, _) = target.points(extent.y0, at);
-        let columns = edges.each_ref().map(|edge| splat(edge.by_x) * x);
-        let nearness_x = splat(a[2]) + (x - splat(a[0])) * splat(by_x);
-        for row in extent.y0..extent.y1 {
-            let y = row as i32 as f32 + 0.5;
-            let [p, q, r] = [0, 1, 2].map(|k| {
-                let value = columns[k] + splat(edges[k].by_y * y) + constants[k];
-                value.simd_gt(zero) | (value.simd_eq(zero) & owns[k])
-            });
-            let mask = (p & q & r).to_bitmask() & lanes;
-            if mask != 0 {
-                target.offer(at, mask, nearness_x + splat((y - a[1]) * by_y), owner, Some(facet));
-            }
-            at += width;
-        }
-        column += LANES;
     }
 }
 
@@ -326,4 +283,56 @@ pub(super) fn ball((low, high): ([f32; 3], [f32; 3]), instance: &Instance) -> (V
     let (low, high) = (wide(low), wide(high));
     let middle = scale(add(low, high), 0.5);
     (add(instance.position, rotate(instance.rotation, middle)), 0.5 * length(sub(high, low)))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::grid::Raster;
+
+    fn corner() -> impl Strategy<Value = Corner> {
+        // Also on the middles of pixels and on what separates them.
+        let place = prop_oneof![-9.0f32..50.0, (-18i32..100).prop_map(|half| half as f32 * 0.5)];
+        (prop::array::uniform2(place), 0.1f32..9.0)
+            .prop_map(|([x, y], nearness)| [x, y, nearness, 1.0 / nearness])
+    }
+
+    proptest! {
+        #[test]
+        fn eight_at_a_time_fill_what_each_alone_does(
+            triangles in prop::collection::vec(prop::array::uniform3(corner()), 1..=LANES),
+            small in 0.05f32..1.0,
+        ) {
+            // Some are small, some are large, and they share corners with none.
+            let shrunk = |[a, b, c]: [Corner; 3], k: usize| {
+                let by = if k % 2 == 0 { small } else { 1.0 };
+                let toward = |p: Corner| [a[0] + by * (p[0] - a[0]), a[1] + by * (p[1] - a[1]), p[2], p[3]];
+                [a, toward(b), toward(c)]
+            };
+            let corners: Vec<Corner> =
+                triangles.iter().enumerate().flat_map(|(k, corners)| shrunk(*corners, k)).collect();
+            let indices: Vec<[u32; 3]> = (0..triangles.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+            let size = [45, 30];
+            for sides in [Sides::Front, Sides::MirroredFront, Sides::Both] {
+                let [mut together, mut alone] = [Raster::default(), Raster::default()];
+                together.begin(size, 8.0, 0.0);
+                alone.begin(size, 8.0, 0.0);
+                let grid = *together.area();
+                small::draw(&indices, &corners, sides, (7, 0), &grid, &mut together);
+                for (facet, triangle) in (0..).zip(corners.chunks_exact(3)) {
+                    let triangle = [triangle[0], triangle[1], triangle[2]];
+                    fill(size.map(|side| side as f32), triangle, 7, facet, sides, &mut alone);
+                }
+                prop_assert_eq!(&together.nearness[..together.len()], &alone.nearness[..alone.len()]);
+                prop_assert_eq!(&together.known.owner[..together.len()], &alone.known.owner[..alone.len()]);
+                let seen = |raster: &Raster| -> Vec<(u16, u32)> {
+                    let known = raster.known.owner.iter().zip(&raster.known.facet);
+                    known.take(raster.len()).filter(|(owner, _)| **owner == 7).map(|(o, f)| (*o, *f)).collect()
+                };
+                prop_assert_eq!(seen(&together), seen(&alone));
+            }
+        }
+    }
 }
