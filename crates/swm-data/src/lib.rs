@@ -39,6 +39,7 @@ mod setters;
 
 pub mod adapt;
 pub mod buffer;
+mod cache_folder;
 pub mod dataset;
 mod entry;
 pub mod error;

@@ -1,7 +1,7 @@
 //! Reading recorded episodes: what an open dataset holds, and single columns of it at a stride.
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
@@ -103,6 +103,26 @@ impl DatasetInfo {
     }
 }
 
+/// What the rows of a dataset are a function of, besides its [`DatasetInfo`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Origin {
+    /// The files and folders that it is read from, or their addresses.
+    pub paths: Vec<PathBuf>,
+    /// Which of their episodes and columns it has; empty: all.
+    pub choice: String,
+}
+
+impl Origin {
+    /// That of a dataset made of two.
+    #[must_use]
+    pub fn and(mut self, other: Self) -> Self {
+        self.paths.extend(other.paths);
+        self.choice.push('|');
+        self.choice.push_str(&other.choice);
+        self
+    }
+}
+
 /// An open dataset: rows of recorded episodes.
 ///
 /// A new kind of dataset has a [`DatasetInfo`], reads rows of its columns, and shares itself; everything else follows
@@ -127,6 +147,12 @@ pub trait Dataset: Send {
 
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
+
+    /// What its rows are a function of, for whoever keeps something made of them. `None`: they are in memory, or rendered when they are
+    /// read.
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin { paths: vec![self.path().to_owned()], choice: String::new() })
+    }
 
     /// Chooses the look of images that are rendered when they are read: reads that follow show a look that depends on `key` (of the
     /// loader: epoch and clip) alone; with `None`, that of the recording. Datasets without looks do nothing.
@@ -258,6 +284,10 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
 
     fn share(&self) -> Box<dyn Dataset> {
         (**self).share()
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        (**self).origin()
     }
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use swm_core::{Metadata, Schema, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 use crate::recording::EP_IDX;
 
@@ -115,6 +115,15 @@ impl Dataset for Concat {
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
         self.parts.iter_mut().try_for_each(|part| part.dataset.dress(key))
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        let of = |part: &Part| {
+            let mut origin = part.dataset.origin()?;
+            origin.choice.push_str(&format!("from {} columns {:?};", part.first, part.columns));
+            Some(origin)
+        };
+        self.parts.iter().map(of).try_fold(Origin::default(), |all, part| Some(all.and(part?)))
     }
 
     fn share(&self) -> Box<dyn Dataset> {

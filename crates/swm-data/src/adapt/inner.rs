@@ -28,6 +28,10 @@ macro_rules! of_inner {
         fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), crate::error::DataError> {
             self.inner.dress(key)
         }
+
+        fn origin(&self) -> Option<crate::dataset::Origin> {
+            self.inner.origin()
+        }
     };
     (@checks) => {
         fn check_whole(&mut self) -> Result<(), crate::error::DataError> {

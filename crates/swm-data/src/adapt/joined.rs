@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
 use super::inner::of_inner;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 
 /// A dataset with one more column, which is made of others.
@@ -124,7 +124,18 @@ impl Dataset for Joined {
         Ok(())
     }
 
-    of_inner!(looks, checks);
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.inner.dress(key)
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        let mut origin = self.inner.origin()?;
+        let parts: Vec<usize> = self.parts.iter().map(|part| part.column).collect();
+        origin.choice.push_str(&format!("joined {parts:?};"));
+        Some(origin)
+    }
+
+    of_inner!(checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let (info, parts) = (self.info.clone(), self.parts.clone());
