@@ -128,7 +128,8 @@ pub(super) fn cached(
     };
     let state = state(dataset.info(), &origin)?;
     let targets = targets(dataset.as_ref(), plan, &origin, &state);
-    let folders = folders(dataset.path(), options, cache_folder(|name| std::env::var(name).ok(), std::env::consts::OS));
+    let folders =
+        folders(dataset.path(), options, cache_folder(|name| std::env::var(name).ok(), std::env::consts::OS));
     let found: Vec<Option<Kept>> =
         targets.iter().map(|target| folders.iter().find_map(|folder| target.open(folder))).collect();
     let missing: Vec<&Target> =
@@ -195,8 +196,10 @@ fn targets(dataset: &dyn Dataset, plan: &Plan, origin: &Origin, state: &str) -> 
         let wanted = window.convert.map_or(stored, |convert| convert.wanted);
         let convert = Convert { stored, channels, wanted, channels_first: false };
         let [height, width] = wanted;
-        let view = format!("{} {:?} {wanted:?} {:?} {}", field.name, field.shape, info.opening, origin.choice);
-        let plain: String = field.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let view =
+            format!("{} {:?} {wanted:?} {:?} {}", field.name, field.shape, info.opening, origin.choice);
+        let plain: String =
+            field.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let name = format!("{plain}-{height}x{width}-{}.frames", &sha256(view.as_bytes())[..12]);
         let dim = height * width * channels;
         let mut header = format!(
@@ -226,7 +229,7 @@ fn folders(dataset: &Path, options: &CacheOptions, caches: Option<PathBuf>) -> V
 /// A digest of what the images of a dataset depend on: its files by name, length and time of change, and how it was opened.
 fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataError> {
     let mut text = format!("{:?}\n{:?}\n{}\n", info.lengths, info.opening, origin.choice);
-    let runs = serde_json::to_string(&info.runs).map_err(|error| DataError::record(&info.path, error))?;
+    let runs = serde_json::to_string(&*info.runs).map_err(|error| DataError::record(&info.path, error))?;
     text.push_str(&runs);
     for path in &origin.paths {
         if is_remote(path) {
@@ -295,7 +298,10 @@ fn make(
             let written = write(dataset, target, &part, threads).and_then(|()| {
                 match self::state(dataset.info(), origin)? == *state {
                     true => files::settle(&part, &path).map_err(|error| DataError::io(&path, "write", error)),
-                    false => wrong("cache", "the dataset was changed while its images were decoded; wait until it is written"),
+                    false => wrong(
+                        "cache",
+                        "the dataset was changed while its images were decoded; wait until it is written",
+                    ),
                 }
             });
             if let Err(error) = written {
@@ -304,7 +310,11 @@ fn make(
                 return Err(error);
             }
             let kept = target.open(folder).ok_or_else(|| {
-                DataError::io(&path, "read", io::Error::other("it was replaced while it was opened; try again"))
+                DataError::io(
+                    &path,
+                    "read",
+                    io::Error::other("it was replaced while it was opened; try again"),
+                )
             })?;
             return Ok((kept, Some(began.elapsed().as_secs_f64())));
         }
@@ -338,9 +348,12 @@ fn write(dataset: &dyn Dataset, target: &Target, path: &Path, threads: usize) ->
     let work = |mut dataset: Box<dyn Dataset>| {
         let (mut images, mut darkroom) = (Vec::new(), Darkroom::default());
         while !ended.load(Ordering::Relaxed) {
-            let Some(&(episode, steps, row)) = pieces.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
+            let Some(&(episode, steps, row)) = pieces.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                return;
+            };
             images.resize(steps.count * target.dim, 0);
-            let mut read = |out: &mut [u8]| dataset.read_column(target.column, episode, steps, SliceMut::U8(out));
+            let mut read =
+                |out: &mut [u8]| dataset.read_column(target.column, episode, steps, SliceMut::U8(out));
             let decoded = match target.convert.is_needed() {
                 true => target.convert.run(&mut darkroom, &mut images, read),
                 false => read(&mut images),
@@ -414,7 +427,10 @@ mod tests {
         assert!(far.to_string_lossy().starts_with("/caches/decoded/a.mp4-"), "{far:?}");
         let [only] = &folders(Path::new("https://host/a.npz"), &options, caches())[..] else { panic!() };
         assert!(only.starts_with("/caches/decoded"));
-        assert_eq!(folders(Path::new("/data/a.mp4"), &options.folder(Some("/x".into())), None), [Path::new("/x")]);
+        assert_eq!(
+            folders(Path::new("/data/a.mp4"), &options.folder(Some("/x".into())), None),
+            [Path::new("/x")]
+        );
     }
 
     #[test]

@@ -131,7 +131,10 @@ fn of_trainings_that_begin_in_one_folder_at_once_one_is_made() {
         let won: Vec<u64> = ended.iter().filter(|(_, end)| end.is_ok()).map(|(seed, _)| *seed).collect();
         let lost = ended.iter().filter_map(|(_, end)| end.as_ref().err());
         for message in lost {
-            assert!(message.contains("is being written by ") || message.contains("a run is there already"), "{message}");
+            assert!(
+                message.contains("is being written by ") || message.contains("a run is there already"),
+                "{message}"
+            );
         }
         let config = std::fs::read(bench.path(round).join("config.json")).unwrap();
         let config: Json = serde_json::from_slice(&config).unwrap();
