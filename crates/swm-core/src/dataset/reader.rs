@@ -148,8 +148,7 @@ pub trait Dataset: Send {
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
 
-    /// What its rows are a function of, for whoever keeps something made of them. `None`: they are in memory, or rendered when they are
-    /// read.
+    /// What its rows are a function of. `None`: they are in memory, or rendered when they are read.
     fn origin(&self) -> Option<Origin> {
         Some(Origin { paths: vec![self.path().to_owned()], choice: String::new() })
     }

@@ -4,6 +4,10 @@
 //! whole, so that a kill leaves nothing that is read. The header has a digest of the state of the dataset: its files with their lengths and
 //! times, and what it was opened as. A file of another state is made again.
 
+mod state;
+#[cfg(test)]
+mod tests;
+
 use std::fmt;
 use std::fs::{self, File};
 use std::io;
@@ -11,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::{Duration, Instant, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use swm_core::evaluate::sha256;
 use swm_core::{Dtype, Field, FieldKind, Schema, SliceMut};
@@ -126,7 +130,7 @@ pub(super) fn cached(
                       dataset (`swm convert`) and load the copy";
         return wrong("cache", reason);
     };
-    let state = state(dataset.info(), &origin)?;
+    let state = state::state(dataset.info(), &origin)?;
     let targets = targets(dataset.as_ref(), plan, &origin, &state);
     let folders =
         folders(dataset.path(), options, cache_folder(|name| std::env::var(name).ok(), std::env::consts::OS));
@@ -226,40 +230,6 @@ fn folders(dataset: &Path, options: &CacheOptions, caches: Option<PathBuf>) -> V
     near.into_iter().chain(far).collect()
 }
 
-/// A digest of what the images of a dataset depend on: its files by name, length and time of change, and how it was opened.
-fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataError> {
-    let mut text = format!("{:?}\n{:?}\n{}\n", info.lengths, info.opening, origin.choice);
-    let runs = serde_json::to_string(&*info.runs).map_err(|error| DataError::record(&info.path, error))?;
-    text.push_str(&runs);
-    for path in &origin.paths {
-        if is_remote(path) {
-            text.push_str(&crate::remote::digest(path)?);
-        } else {
-            add_files(path, &mut text).map_err(|error| DataError::io(path, "read", error))?;
-        }
-    }
-    Ok(sha256(text.as_bytes()))
-}
-
-/// A line for each file of a dataset.
-fn add_files(path: &Path, text: &mut String) -> io::Result<()> {
-    let there = fs::metadata(path)?;
-    if there.is_dir() {
-        let mut names = fs::read_dir(path)?
-            .map(|entry| entry.map(|entry| entry.file_name()))
-            .collect::<io::Result<Vec<_>>>()?;
-        names.sort_unstable();
-        text.push_str(&format!("\nfolder of {}", names.len()));
-        return names.iter().try_for_each(|name| {
-            text.push_str(&format!("\n{name:?} "));
-            add_files(&path.join(name), text)
-        });
-    }
-    let changed = there.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
-    text.push_str(&format!("{} {}", there.len(), changed.as_nanos()));
-    Ok(())
-}
-
 /// Makes the file of a column in the first folder that can be written to, or waits for the process that makes it.
 fn make(
     dataset: &dyn Dataset,
@@ -296,7 +266,7 @@ fn make(
             let began = Instant::now();
             let part = beside(&path, ".part");
             let written = write(dataset, target, &part, threads).and_then(|()| {
-                match self::state(dataset.info(), origin)? == *state {
+                match state::state(dataset.info(), origin)? == *state {
                     true => files::settle(&part, &path).map_err(|error| DataError::io(&path, "write", error)),
                     false => wrong(
                         "cache",
@@ -412,44 +382,4 @@ impl Dataset for Decoded {
     }
 
     crate::adapt::inner::of_inner!(looks, checks);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn folders_are_beside_the_dataset_else_among_caches() {
-        let options = CacheOptions::default();
-        let caches = || Some(PathBuf::from("/caches"));
-        let [near, far] = &folders(Path::new("/data/a.mp4"), &options, caches())[..] else { panic!() };
-        assert_eq!(near, Path::new("/data/a.mp4.decoded"));
-        assert!(far.to_string_lossy().starts_with("/caches/decoded/a.mp4-"), "{far:?}");
-        let [only] = &folders(Path::new("https://host/a.npz"), &options, caches())[..] else { panic!() };
-        assert!(only.starts_with("/caches/decoded"));
-        assert_eq!(
-            folders(Path::new("/data/a.mp4"), &options.folder(Some("/x".into())), None),
-            [Path::new("/x")]
-        );
-    }
-
-    #[test]
-    fn a_folder_that_cannot_be_written_to_is_passed_over() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("data.h5");
-        crate::testing::record(&path, crate::WriteMode::Append, 0..2).unwrap();
-        let dataset = crate::open(&path).unwrap();
-        let plan = Plan::new(dataset.as_ref(), &super::super::ClipOptions::default()).unwrap();
-        let origin = dataset.origin().unwrap();
-        let state = state(dataset.info(), &origin).unwrap();
-        let target = &targets(dataset.as_ref(), &plan, &origin, &state)[0];
-        // A file where the folder would be made: also an administrator cannot write there.
-        let (closed, far) = (beside(&path, ".decoded"), folder.path().join("far"));
-        fs::write(&closed, "").unwrap();
-        let folders = [closed.clone(), far.clone()];
-        let (kept, seconds) = make(dataset.as_ref(), target, &folders, &origin, &state, 2).unwrap();
-        assert!(kept.path.starts_with(&far) && seconds.is_some(), "{:?}", kept.path);
-        let refused = make(dataset.as_ref(), target, &folders[..1], &origin, &state, 2).err().unwrap();
-        assert!(refused.to_string().contains("data.h5.decoded"), "{refused}");
-    }
 }
