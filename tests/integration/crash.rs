@@ -1,6 +1,7 @@
 //! A kill at any time loses no committed episode, and appending continues to what an undisturbed run gives.
 
 use std::io::{BufRead as _, BufReader};
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
@@ -8,6 +9,8 @@ use rand::RngExt as _;
 use swm::core::seed::keyed;
 use swm::data::testing::rounds;
 
+#[cfg(target_os = "linux")]
+use crate::preload::Preload;
 use crate::support::{Folder, PUSHT, content, swm, swm_ok};
 
 const EPISODES: u64 = 60;
@@ -53,7 +56,7 @@ fn kills_lose_nothing_that_was_committed() {
         let out = folder.path(&format!("killed{kill}.h5"));
         let delay = Duration::from_secs_f64(undisturbed_seconds * rng.random::<f64>());
         let committed = killed_after(&collect(&out, &["--total", &total]), delay);
-        if std::path::Path::new(&out).exists() {
+        if Path::new(&out).exists() {
             let held =
                 swm::data::open(out.as_ref()).expect("the file opens after a kill").num_episodes() as u64;
             assert!(held >= committed, "kill {kill}: {committed} episodes committed, {held} left");
@@ -65,6 +68,43 @@ fn kills_lose_nothing_that_was_committed() {
         assert_eq!(content(&out), expected, "kill {kill} after {delay:?}");
     }
     assert!(partial > 0, "no kill hit the writing; the times are badly chosen");
+}
+
+/// A kill that falls amid a write is rare: one in thousands of kills. Here each of the first writes is cut.
+#[cfg(target_os = "linux")]
+#[test]
+fn kills_amid_a_write_lose_nothing_that_was_committed() {
+    let Some(preload) = Preload::new() else { return };
+    let folder = Folder::new();
+    let whole = folder.path("whole.h5");
+    swm_ok(&collect(&whole, &["--total", "14", "--quiet"]));
+    let expected = content(&whole);
+    let (mut kept, mut kills) = (0, 0);
+    for count in 0..200 {
+        let out = folder.path(&format!("torn{count}.h5"));
+        let output = preload.torn(swm(&collect(&out, &["--total", "14"])), count).output().unwrap();
+        if output.status.success() {
+            break;
+        }
+        kills += 1;
+        if Path::new(&out).exists() {
+            let committed =
+                String::from_utf8_lossy(&output.stderr).lines().filter(|line| is_commit(line)).count();
+            // Every second file is put right before it is opened.
+            if count % 2 == 0 {
+                swm_ok(&["verify", "--fix", &out]);
+            }
+            let held = swm::data::open(out.as_ref()).expect("the file opens after a kill").num_episodes();
+            assert!(held >= committed, "kill {count}: {committed} episodes committed, {held} left");
+            kept += usize::from(held > 0);
+        }
+        swm_ok(&collect(&out, &["--total", "14", "--mode", "append", "--quiet"]));
+        assert_eq!(content(&out), expected, "kill {count}");
+    }
+    assert!(
+        kills > 10 && kept > 5,
+        "{kills} kills, {kept} of them after an episode: no block lies over a page's end"
+    );
 }
 
 #[cfg(unix)]
@@ -105,7 +145,7 @@ fn nothing_is_left_of_a_recording_without_an_episode() {
             ["collect", PUSHT, "--image-size", "16x16", "--num-envs", "1", "--out", &out, "--episodes", "1"];
         let args = [&base[..], &["--max-steps", "1000000000"]].concat();
         let child = swm(&args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
-        while !std::path::Path::new(&out).exists() {
+        while !Path::new(&out).exists() {
             std::thread::sleep(Duration::from_millis(2));
         }
         // It is still bringing the new name to the disk.
@@ -123,7 +163,7 @@ fn nothing_is_left_of_a_recording_without_an_episode() {
         assert_eq!(left, 0, "{name}");
         swm_ok(&[&base[..], &["--max-steps", "3", "--quiet"]].concat());
         assert_eq!(swm::data::open(out.as_ref()).expect("it opens").num_episodes(), 1);
-        let path = std::path::Path::new(&out);
+        let path = Path::new(&out);
         match path.is_dir() {
             true => std::fs::remove_dir_all(path).expect("the folder is ours"),
             false => std::fs::remove_file(path).expect("the folder is ours"),

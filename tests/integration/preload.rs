@@ -1,4 +1,4 @@
-//! A library that is loaded before the C library and lets calls of the system fail, as the file systems of clusters and full disks do. It
+//! A library that is loaded before the C library and lets calls of the system fail, as the file systems of clusters, full disks and kills do. It
 //! is compiled by the test; where there is no C compiler, tests that need it are left out with a message.
 
 #![cfg(target_os = "linux")]
@@ -12,6 +12,7 @@ const SOURCE: &str = r#"
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -45,18 +46,28 @@ ssize_t writev(int file, const struct iovec *parts, int count) {
     return real(file, parts, count);
 }
 
+/* Whether the process is killed amid this write, which the variable counts: one of HDF5's blocks of a dataset, over a page's end. */
+static int is_torn(const void *bytes, size_t len, size_t in_page) {
+    static long left = -1;
+    static int is_known;
+    const char *count = getenv("SWM_TEST_TEAR");
+    if (!is_known) { is_known = 1; left = count ? atol(count) : -1; }
+    if (left < 0 || len <= in_page || len < 4) return 0;
+    if (memcmp(bytes, "EA", 2) && memcmp(bytes, "OHDR", 4) && memcmp(bytes, "OCHK", 4)) return 0;
+    return left-- == 0;
+}
+
 ssize_t pwrite64(int file, const void *bytes, size_t len, off64_t at) {
     static ssize_t (*real)(int, const void *, size_t, off64_t);
+    size_t in_page = 4096 - at % 4096;
     if (is_full(file)) { errno = ENOSPC; return -1; }
     if (!real) real = (ssize_t (*)(int, const void *, size_t, off64_t))dlsym(RTLD_NEXT, "pwrite64");
+    if (is_torn(bytes, len, in_page)) { real(file, bytes, in_page, at); raise(SIGKILL); }
     return real(file, bytes, len, at);
 }
 
 ssize_t pwrite(int file, const void *bytes, size_t len, off_t at) {
-    static ssize_t (*real)(int, const void *, size_t, off_t);
-    if (is_full(file)) { errno = ENOSPC; return -1; }
-    if (!real) real = (ssize_t (*)(int, const void *, size_t, off_t))dlsym(RTLD_NEXT, "pwrite");
-    return real(file, bytes, len, at);
+    return pwrite64(file, bytes, len, at);
 }
 
 /* Locks that are not there: the variable is the number of the error. */
@@ -96,6 +107,12 @@ impl Preload {
     pub(crate) fn full(&self, mut command: Command, folder: &str) -> Command {
         let folder = Path::new(folder).canonicalize().expect("the folder is there");
         command.env("LD_PRELOAD", &self.library).env("SWM_TEST_FULL", folder);
+        command
+    }
+
+    /// A command that is killed amid the write of a block of a dataset in HDF5, when `count` others have been written.
+    pub(crate) fn torn(&self, mut command: Command, count: usize) -> Command {
+        command.env("LD_PRELOAD", &self.library).env("SWM_TEST_TEAR", count.to_string());
         command
     }
 

@@ -15,6 +15,14 @@ pub enum BatchError {
         /// The name.
         name: String,
     },
+    /// A field of an environment or a policy has a name that worlds or datasets use.
+    #[error(
+        "the field `{name}` has the name of a column that worlds and datasets write themselves; give it another name"
+    )]
+    ReservedField {
+        /// The name.
+        name: String,
+    },
     /// No field has this name.
     #[error("unknown field `{name}`{}; there are{}", did_you_mean(.nearest.as_deref()), or_none(.known))]
     UnknownField {

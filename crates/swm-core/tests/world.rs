@@ -152,6 +152,22 @@ fn an_evaluation_is_indexed_by_episode() {
     assert_eq!(idle.seeds, result.seeds);
 }
 
+#[test]
+fn the_time_of_an_evaluation_has_the_first_plan() {
+    let pause = std::time::Duration::from_millis(20);
+    let plans_once = policy::scripted("plans at the first step", move |view, action| {
+        if view.row.get::<i64>("step_idx")?[0] == 0 {
+            std::thread::sleep(pause);
+        }
+        write_action(action, &[0.0]);
+        Ok(())
+    });
+    let mut world = world(1, 3);
+    world.set_policy(plans_once).unwrap();
+    let took = world.evaluate(&Rollout::new(0..1)).unwrap().wall_time_s;
+    assert!(took >= pause.as_secs_f64(), "{took} s");
+}
+
 /// Does nothing, and says at every other step how many steps there were.
 struct Talks {
     field: &'static str,
@@ -224,6 +240,10 @@ fn a_policy_cannot_take_the_name_of_another_field() {
     assert!(message.contains("talks") && message.contains("`state`"), "{message}");
     world.reset(1, &ResetOptions::default()).unwrap();
     assert!(matches!(world.step(), Err(WorldError::NoPolicy)), "it was not attached");
+    for field in ["ep_idx", "episode_idx", "reward"] {
+        let message = world.set_policy(Talks { field }).unwrap_err().to_string();
+        assert!(message.contains(&format!("`{field}` has the name of a column")), "{message}");
+    }
     world.set_policy(policies::random()).unwrap();
     world.set_policy(Talks { field: "state" }).unwrap_err();
     world.step().expect("the policy before it stays");

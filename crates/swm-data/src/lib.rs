@@ -1,21 +1,5 @@
 //! Datasets: formats, readers, writers, and the windowed loader.
 //!
-//! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension, [`open_in`] and
-//!   [`create_in`] among the formats of a registry;
-//! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
-//! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
-//! * [`recording`]: what all formats do alike when they record, for formats of other crates;
-//! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
-//! * [`remote`]: datasets behind `https://`, `s3://` and `hf://`;
-//! * [`rendered`]: recordings without images, whose images are drawn when they are read;
-//! * [`stats`]: means, standard deviations, extremes and quantiles of columns, kept beside the dataset;
-//! * [`tools`]: copying between formats, verifying, comparing;
-//! * [`testing`]: what a format must stand, for formats of other crates;
-//! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
-//!
-//! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
-//! This crate knows no environment and no solver.
-//!
 //! ```no_run
 //! use std::path::Path;
 //! use swm_data::loader::{BatchOptions, ClipOptions, Loader};
@@ -33,6 +17,22 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension, [`open_in`] and
+//!   [`create_in`] among the formats of a registry;
+//! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
+//! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
+//! * [`recording`]: what all formats do alike when they record, for formats of other crates;
+//! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
+//! * [`remote`]: datasets behind `https://`, `s3://` and `hf://`;
+//! * [`rendered`]: recordings without images, whose images are drawn when they are read;
+//! * [`stats`]: means, standard deviations, extremes and quantiles of columns, kept beside the dataset;
+//! * [`tools`]: copying between formats, verifying, comparing;
+//! * [`testing`]: what a format must stand, for formats of other crates;
+//! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
+//!
+//! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
+//! This crate knows no environment and no solver.
 
 #[macro_use]
 mod setters;

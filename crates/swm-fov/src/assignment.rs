@@ -103,6 +103,7 @@ impl FovSpace {
     ///
     /// An unknown factor, a value out of bounds, or a constraint that 1,000 samples did not meet.
     pub fn sample(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
+        episode.options.check_none(env)?;
         self.try_sample(episode).map_err(|error| {
             let (env, reason) = (env.to_owned(), error.to_string());
             match error {
@@ -216,8 +217,8 @@ impl FovSpace {
         };
         let mut selected = vec![false; self.factors.len()];
         for name in asked {
-            // An environment may sample nothing by default.
-            let mut any = name == "default";
+            // An environment may sample nothing by default, and `none` is alone here.
+            let mut any = ["default", "none"].contains(&name.as_str());
             for (index, factor) in self.factors.iter().enumerate() {
                 let hit = factor.spec.is_selected_by(name);
                 selected[index] |= hit;

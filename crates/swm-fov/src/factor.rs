@@ -1,7 +1,7 @@
 //! The declaration of factors and constraints.
 
 use serde_json::{Map, Value as Json};
-use swm_core::env::{FactorSpec, VARIATION_PREFIX};
+use swm_core::env::{FactorSpec, VARIATION_PREFIX, check_factor_name};
 use swm_core::{Dtype, EnvError, Field, Space, Value};
 
 use crate::assignment::{Fov, FovError};
@@ -158,7 +158,7 @@ fn check_bounds(name: &str, space: &Space) {
         }
         Space::Rgb => {}
         Space::Dict { spaces } => {
-            spaces.iter().for_each(|(part, space)| check_bounds(&format!("{name}.{part}"), space))
+            spaces.iter().for_each(|(part, space)| check_bounds(&format!("{name}.{part}"), space));
         }
     }
 }
@@ -188,11 +188,12 @@ impl FovSpace {
     /// A space without constraints.
     ///
     /// # Panics
-    /// If two factors share a name, bounds are reversed or not finite, or a default lies outside its space: the table is source
+    /// If two factors share a name, a name is one that resets read otherwise ([`check_factor_name`]), bounds are reversed or not finite, or a default lies outside its space: the table is source
     /// code, and the mistake is a bug in it.
     pub fn new(factors: Vec<Factor>) -> Self {
         for (index, factor) in factors.iter().enumerate() {
             let name = &factor.spec.name;
+            check_factor_name(name).unwrap_or_else(|reason| panic!("{reason}"));
             check_bounds(name, &factor.spec.space);
             assert!(
                 factor.spec.space.contains(&factor.default),

@@ -192,7 +192,7 @@ fn none_and_added_names_select_as_in_the_command() {
     assert_eq!(touched(&["none"]), Some([false; 3]));
     assert_eq!(touched(&["+door.number"]), Some([false, true, true]));
     let refused = sample(0, &ResetOptions::default().vary(["none", "wall.color"])).unwrap_err();
-    assert!(refused.contains("unknown factor `none`"), "{refused}");
+    assert!(refused.contains("leave out `none`, or the others"), "{refused}");
 }
 
 #[test]
@@ -223,4 +223,30 @@ fn errors_of_factors_are_errors_of_environments() {
         matches!(error, EnvError::Other(_)) && error.to_string().contains("the saved factors"),
         "{error}"
     );
+}
+
+#[test]
+fn names_that_resets_read_otherwise_are_refused() {
+    for name in ["", "none", "default", "all", "all.color", "a=b", "a,b", "+a", "*.a", "a b", "a."] {
+        let made = std::panic::catch_unwind(|| FovSpace::new(vec![Factor::scalar(name, 0.0, 1.0, 0.5)]));
+        let panic = made.unwrap_err();
+        let message = panic.downcast_ref::<String>().unwrap();
+        assert!(message.starts_with(&format!("the factor name `{name}` ")), "{message}");
+    }
+    for name in ["allowed", "none_left.size", "block.all"] {
+        FovSpace::new(vec![Factor::scalar(name, 0.0, 1.0, 0.5)]);
+    }
+}
+
+#[test]
+fn none_stands_alone() {
+    let space = FovSpace::new(vec![Factor::scalar("a", 0.0, 1.0, 0.5).sampled_by_default()]);
+    let sample = |names: &[&str]| {
+        let variation = Some(names.iter().map(|&name| name.to_owned()).collect());
+        let options = ResetOptions { variation, ..ResetOptions::default() };
+        space.sample("swm/Example-v0", &Episode::new(EpisodeSeed::new(1), &options))
+    };
+    assert_eq!(sample(&["none"]).unwrap(), space.defaults());
+    let message = sample(&["none", "a"]).unwrap_err().to_string();
+    assert!(message.contains("swm/Example-v0") && message.contains("leave out `none`"), "{message}");
 }

@@ -203,7 +203,7 @@ def test_a_published_model_and_a_dataset_come_back_from_the_hub(tmp_path: Path, 
     torch = pytest.importorskip("torch")
     from test_wm import config_of  # type: ignore[import-not-found]
 
-    config = config_of("lewm")
+    config = config_of("lewm_transformers5")
     model = swm.wm.from_config(config)
     swm.save_pretrained(model, tmp_path / "model", config)
     swm.hub.save_model(tmp_path / "model", tmp_path / "model-hub", license="mit")

@@ -145,11 +145,28 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
         wm.save_pretrained(model, folder / "weights.pt", config)
 
 
+def test_a_loaded_model_is_saved_with_its_own_config(tmp_path: Path) -> None:
+    for name in ("lewm_transformers4", "prejepa", "gcbc"):
+        model = wm.load_pretrained(GOLDEN / name)
+        folder = wm.save_pretrained(copy.deepcopy(model), tmp_path / name)
+        assert json.loads((folder / "config.json").read_text()) == config_of(name)
+        again, state = wm.load_pretrained(folder).state_dict(), model.state_dict()
+        assert again.keys() == state.keys() and all(torch.equal(again[key], state[key]) for key in state)
+    built = wm.from_config(config_of("lewm_transformers4"), transformers=4)
+    assert wm.load_pretrained(wm.save_pretrained(built, tmp_path / "built")) is not None
+    with pytest.raises(ValueError, match="config: this model holds none"):
+        wm.save_pretrained(torch.nn.Linear(1, 1), tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
 def test_an_encoder_by_name_is_saved_with_the_model(tmp_path: Path) -> None:
     model, config = wm.load_pretrained(GOLDEN / "prejepa"), config_of("prejepa")
     wm.save_pretrained(model, tmp_path, config, transformers=4)
     stored = torch.load(tmp_path / "weights.pt", weights_only=True)
     assert "backbone.encoder.layer.0.attention.attention.query.weight" in stored
+    heads = tmp_path / "backbone" / "config.json"
+    assert config["encoder"]["name"] == "backbone" and json.loads(heads.read_text())["num_attention_heads"] == HEADS["encoder.heads"]
+    shutil.rmtree(heads.parent)
     with pytest.raises(ValueError, match="how many heads"):
         wm.load_pretrained(tmp_path)
     again, given = wm.load_pretrained(tmp_path, extra_args=HEADS).state_dict(), model.state_dict()

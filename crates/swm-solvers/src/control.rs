@@ -24,7 +24,20 @@ impl Stage<'_> {
     }
 }
 
-/// A system with states of W values, actions of A values, and a cost that is a sum over its stages.
+/// A system with states of W values, actions of A values, and a cost that is a sum over its stages. In a
+/// [`ControlCost`](crate::models::ControlCost), every solver plans with it.
+///
+/// Required are `state_dim`, `action_dim`, `start`, `step` and `cost`. Actions have the units of the plan: those of the action space,
+/// unless plans are scaled. A rollout calls `step` for T actions and `cost` for T + 1 stages; the last one has no action:
+///
+/// ```
+/// # use swm_solvers::models::Stage;
+/// fn cost(at: &Stage<'_>) -> f64 {
+///     let effort: f64 = at.action.iter().map(|value| value * value).sum(); // 0 at the end, where `at.action[0]` would panic
+///     (at.state[0] - 1.0).powi(2) + 0.01 * effort
+/// }
+/// # assert_eq!(cost(&Stage { episode: 0, step: 5, state: &[0.0], action: &[] }), 1.0);
+/// ```
 ///
 /// Derivatives are optional, each of them: where a method returns `false`, [`crate::models::ControlCost`] and iLQR use
 /// finite differences instead.
@@ -45,7 +58,8 @@ pub trait ControlModel: Send + Sync {
         Ok(())
     }
 
-    /// Writes the state, `[W]`, in which `episode` starts.
+    /// Writes the state, `[W]`, in which `episode` starts: the present state, which the model holds or has read in
+    /// [`prepare`](ControlModel::prepare). [`crate::Mpc`] plans one episode, number 0.
     fn start(&self, episode: usize, state: &mut [f64]);
 
     /// Writes the state, `[W]`, after the action of `at`.

@@ -34,6 +34,23 @@ pub enum PlanError {
         /// How many it holds.
         found: usize,
     },
+    /// Part of the problem has a value that is not finite.
+    #[error(
+        "planning problem: `{name}` has the value {value} at {index} (episode {episode}, block {block}); a search starts from finite \
+         values, such as zeros"
+    )]
+    NotFinite {
+        /// Which part.
+        name: &'static str,
+        /// The value.
+        value: f32,
+        /// Its position among all values.
+        index: usize,
+        /// The episode that it belongs to, counted from 0 in the problem.
+        episode: usize,
+        /// The block of the plan that it belongs to, counted from 0.
+        block: usize,
+    },
     /// Actions of another size than the model's.
     #[error(
         "actions of {found} values of a plan, where the model takes actions of {expected} (its `action_dim`); plan in an action space of \

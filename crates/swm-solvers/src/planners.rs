@@ -119,6 +119,7 @@ mod tests {
         let described = |text: &str| describe(text).unwrap();
         assert_eq!(described("cem:samples=20"), "cem:samples=20,elites=10");
         assert_eq!(described("mppi:samples=5"), "mppi:samples=5,elites=2");
+        assert_eq!(described("mppi:samples=1"), "mppi:samples=1,elites=1", "no more than samples");
         assert_eq!(described("cem:samples=30"), "cem:samples=30", "as many as there are by default");
         assert_eq!(described("cem:samples=20,elites=5"), "cem:samples=20,elites=5", "what is given stays");
     }
@@ -175,6 +176,12 @@ mod tests {
         assert!(message("cem:samples=many").contains("setting `samples`: must be a whole number"));
         assert!(message("cem:horizon=3").contains("5 blocks of a plan of 3"));
         assert!(message("cem:sigma=-1").contains("setting `sigma`: -1 is not a positive number"));
+        let message_of_large = message("cem:sigma=1e300");
+        let expected = "setting `sigma`: 1e300 is too large for plans, whose values are f32; use at most 3.4";
+        assert!(message_of_large.contains(expected), "{message_of_large}");
+        assert!(
+            message("cem:sigma_min=-1").contains("setting `sigma_min`: -1 is not a number from 0 on; use 0")
+        );
         assert!(message("cem:success_bonus=-1").contains("setting `success_bonus`"));
         assert!(message("cem:aggregate=worst").contains("`last`, `mean`, `best`"));
         assert!(message("cem:300").contains("write key=value"));

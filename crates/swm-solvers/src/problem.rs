@@ -73,7 +73,7 @@ impl Problem<'_> {
     /// # Errors
     ///
     /// [`PlanError::Setting`]: a horizon or block of 0, or more of them than can be intended; [`PlanError::Size`]: `initial` or `memory` has another
-    /// length.
+    /// length; [`PlanError::NotFinite`]: a value of `initial` is not finite.
     pub fn check(&self) -> Result<(), PlanError> {
         check_length("horizon", self.horizon)?;
         check_length("action_block", self.action_block)?;
@@ -95,6 +95,11 @@ impl Problem<'_> {
         let (expected, found) = (self.keys.len(), self.memory.len());
         if found != 0 && found != expected {
             return Err(PlanError::Size { name: "memory", expected, found });
+        }
+        if let Some(index) = self.initial.iter().position(|value| !value.is_finite()) {
+            let (episode, block) = (index / self.plan_size(), index % self.plan_size() / self.dim());
+            let value = self.initial[index];
+            return Err(PlanError::NotFinite { name: "initial", value, index, episode, block });
         }
         Ok(())
     }

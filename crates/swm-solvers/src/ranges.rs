@@ -54,7 +54,16 @@ pub(crate) fn check_positive(name: &str, value: f64) -> Result<(), PlanError> {
     if value > 0.0 && value <= f64::from(f32::MAX) {
         return Ok(());
     }
-    Err(PlanError::setting(name, format!("{value} is not a positive number")))
+    let reason = match value > 0.0 {
+        true => too_large(value),
+        false => format!("{value} is not a positive number; use a number above 0"),
+    };
+    Err(PlanError::setting(name, reason))
+}
+
+/// Why plans, whose values are f32, cannot hold `value`.
+fn too_large(value: f64) -> String {
+    format!("{value:?} is too large for plans, whose values are f32; use at most {:?}", f32::MAX)
 }
 
 /// 0 or more, and such that plans can hold it.
@@ -62,7 +71,11 @@ pub(crate) fn check_not_negative(name: &str, value: f64) -> Result<(), PlanError
     if (0.0..=f64::from(f32::MAX)).contains(&value) {
         return Ok(());
     }
-    Err(PlanError::setting(name, format!("{value} is not a number from 0 on")))
+    let reason = match value > 0.0 {
+        true => too_large(value),
+        false => format!("{value} is not a number from 0 on; use 0 or more"),
+    };
+    Err(PlanError::setting(name, reason))
 }
 
 /// From 0 to 1, 1 itself excluded.

@@ -61,7 +61,7 @@ pub(crate) fn refuse_rest(given: &Map<String, Json>, known: &[Setting]) -> Resul
     Err(WrongSetting::unknown(name, known.iter().map(|setting| setting.name)).into())
 }
 
-/// Where there are fewer samples than elites by default, half of the samples are elites.
+/// Where there are fewer samples than elites by default, half of the samples are elites: 2 or more, if there are as many samples.
 fn follow_samples(given: &mut Map<String, Json>, known: &[Setting]) {
     let default = known.iter().find(|setting| setting.name == "elites");
     let Some(default) = default.and_then(|setting| setting.default.parse::<u64>().ok()) else { return };
@@ -69,6 +69,6 @@ fn follow_samples(given: &mut Map<String, Json>, known: &[Setting]) {
         && samples < default
         && !given.contains_key("elites")
     {
-        given.insert("elites".to_owned(), (samples / 2).max(2).into());
+        given.insert("elites".to_owned(), (samples / 2).max(2).min(samples).into());
     }
 }

@@ -28,8 +28,8 @@ pub struct ResetOptions {
 
 impl ResetOptions {
     /// Samples these factors (names, groups, `*.` and the end of a name, `default` or `all`) and no others; a further call adds to
-    /// them. `+NAME` samples the default factors, too; `none` alone samples nothing. So it is in the command (`--vary`), in requests
-    /// and in Python (`variation`).
+    /// them. `+NAME` samples the default factors, too; `none` alone samples nothing, and beside other names it is an error of the reset
+    /// ([`ResetOptions::check_none`]). So it is in the command (`--vary`), in requests and in Python (`variation`).
     ///
     /// ```
     /// use swm_core::ResetOptions;
@@ -71,6 +71,24 @@ impl ResetOptions {
     pub fn set(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.variation_values.insert(name.to_owned(), value.into());
         self
+    }
+
+    /// Refuses a `none` beside other names, which contradict it. `env` is for the message. A [`World`](crate::World) and factors of
+    /// `swm-fov` check it at every reset.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Reset`].
+    pub fn check_none(&self, env: &str) -> Result<(), EnvError> {
+        let asked = self.variation.as_deref().unwrap_or_default();
+        if asked.len() < 2 || !asked.iter().any(|name| name == "none") {
+            return Ok(());
+        }
+        let reason = format!(
+            "`none` samples nothing, and is beside other names of factors to sample ({}); leave out `none`, or the others",
+            asked.join(", ")
+        );
+        Err(EnvError::Reset { env: env.to_owned(), reason })
     }
 
     /// Names of the factors that keep their default values because others were asked for by name: they are sampled by default,

@@ -115,6 +115,39 @@ impl FactorSpec {
     }
 }
 
+/// Words that a reset reads otherwise than as the name of a factor or group.
+const RESERVED: [&str; 3] = ["all", "default", "none"];
+
+/// Refuses the name of a factor that [`ResetOptions::vary`](super::ResetOptions::vary) and the command would read otherwise.
+///
+/// ```
+/// use swm_core::env::check_factor_name;
+///
+/// assert!(check_factor_name("block.color").is_ok());
+/// for name in ["", "none", "all.color", "block..color", "+block", "*.color", "a=b", "a,b", "the block"] {
+///     assert!(check_factor_name(name).is_err(), "{name}");
+/// }
+/// ```
+///
+/// # Errors
+///
+/// The name, what it would be read as, and a fix, as a sentence.
+pub fn check_factor_name(name: &str) -> Result<(), String> {
+    let reason = if name.split('.').any(str::is_empty) {
+        "has an empty part; write words with dots between them".to_owned()
+    } else if let Some(word) = RESERVED.iter().find(|word| name.split('.').next() == Some(**word)) {
+        format!("begins with `{word}`, which says what a reset samples; use another word")
+    } else if name.starts_with('+') || name.contains('*') {
+        "has a `+` in front or a `*`, by which resets name several factors; leave it out".to_owned()
+    } else if let Some(found) = name.chars().find(|found| ['=', ','].contains(found) || found.is_whitespace())
+    {
+        format!("has {found:?}, which separates names and values on the command line; use `_` or `.`")
+    } else {
+        return Ok(());
+    };
+    Err(format!("the factor name `{name}` {reason}"))
+}
+
 /// The nearest of what selects some of the factors `names`, if `asked`, which selects none, may be a typing error: a factor, a
 /// group, `*.` and the end of a name, `all` or `default`.
 ///

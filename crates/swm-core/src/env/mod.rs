@@ -16,7 +16,7 @@ use crate::settings::Setting;
 use crate::space::Space;
 
 pub use episode::{Episode, ResetOptions};
-pub use factor::{FactorSpec, VARIATION_PREFIX, nearest_factor, selects};
+pub use factor::{FactorSpec, VARIATION_PREFIX, check_factor_name, nearest_factor, selects};
 pub use state::EnvState;
 
 /// An environment: one simulated world, its observations and its images.

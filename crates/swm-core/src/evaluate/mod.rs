@@ -106,7 +106,7 @@ pub struct DatasetProtocol {
     pub goal_images: Option<GoalImages>,
 }
 
-/// A recorder that builds an [`Evaluation`].
+/// A recorder that builds an [`Evaluation`], whose time runs from when this is made: the first plan is made before a run is recorded.
 pub struct EvaluationRecorder {
     setup: Option<Metadata>,
     ends: BTreeMap<u64, EpisodeEnd>,
@@ -152,7 +152,6 @@ impl EvaluationRecorder {
 impl Recorder for EvaluationRecorder {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.setup = Some(Metadata::of(run));
-        self.started = Instant::now();
         Ok(())
     }
 

@@ -174,6 +174,8 @@ impl From<&Cancel> for Cancel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::TOY;
+    use crate::{World, WorldOptions, policies};
 
     #[test]
     fn factors_are_asked_for_in_all_episodes() {
@@ -190,6 +192,21 @@ mod tests {
     fn missing_options_are_refused() {
         let message = |rollout: Rollout| rollout.check().unwrap_err().to_string();
         assert!(message(Rollout::new(0..3).each(vec![ResetOptions::default()])).contains("1 reset options"));
+    }
+
+    #[test]
+    fn none_stands_alone() {
+        let mut world = World::new(&TOY, WorldOptions::new(1)).unwrap();
+        let mixed = ResetOptions::default().vary(["none", "point.gain"]);
+        let message = world.reset(1, &mixed).unwrap_err().to_string();
+        assert!(message.contains("swm/Toy-v0") && message.contains("leave out `none`"), "{message}");
+        world.set_policy(policies::random()).unwrap();
+        let mixed = Rollout::new(0..1).vary(["point.gain"]).vary(["all", "none"]);
+        let message = world.evaluate(&mixed).unwrap_err().to_string();
+        assert!(message.contains("(point.gain, all, none)"), "{message}");
+        for alone in [vec!["none"], vec!["point.gain"], vec![]] {
+            assert!(world.reset(1, &ResetOptions::default().vary(&alone)).is_ok(), "{alone:?}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::bench::{Bench, value_of};
 use crate::batch::{Batch, Dtype, FieldKind, Slice, Value};
-use crate::env::{EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX};
+use crate::env::{EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX, check_factor_name};
 use crate::registry::{EnvEntry, Registry};
 use crate::run::{Rollout, WorldOptions};
 use crate::seed::EpisodeSeed;
@@ -29,6 +29,7 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
         return Err(format!("the entry is `{}`, the spec says `{}`", entry.id, spec.id));
     }
     for factor in &spec.factors {
+        check_factor_name(&factor.name)?;
         let name = format!("{VARIATION_PREFIX}{}", factor.name);
         let index = bench.row.schema().index(&name).ok_or(format!("no field `{name}`"))?;
         let field = &bench.row.schema().fields()[index];
@@ -110,6 +111,35 @@ pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
             return Err(format!("seed {seed}: `{field}` depends on how often it was observed"));
         }
         starts.push(fresh.into_iter().next().expect("the first row is the reset"));
+    }
+    Ok(())
+}
+
+/// A field that is declared [`Field::episode`](crate::Field::episode) keeps the value that it has after the reset: steps and
+/// observations do not change it, and `write_episode` writes the same after them.
+///
+/// # Errors
+///
+/// A sentence that says what is not so.
+pub fn episode_fields_are_constant(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
+    let mut bench = Bench::new(entry, config)?;
+    bench.reset(0, &ResetOptions::default())?;
+    let at_reset = bench.row.clone();
+    for step in 0..STEPS {
+        bench.step(0, step)?;
+        if step + 1 == STEPS {
+            bench.env.write_episode(&mut bench.row.rows_mut());
+        }
+        for (index, field) in at_reset.schema().fields().iter().enumerate() {
+            if field.kind == FieldKind::Episode && !same_bits(at_reset.column(index), bench.row.column(index))
+            {
+                return Err(format!(
+                    "`{}` is a field of the episode, and has another value after step {step} than after the reset; declare it by \
+                     `Field::step`, or write it in `write_episode` alone",
+                    field.name
+                ));
+            }
+        }
     }
     Ok(())
 }

@@ -19,7 +19,8 @@ use crate::registry::{EnvEntry, literal};
 use crate::settings::Settings;
 
 pub use checks::{
-    deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
+    deterministic, episode_fields_are_constant, every_factor_acts, factors_are_independent,
+    snapshots_are_exact, spec_is_sound,
 };
 pub use goals::{NoPart, goals_look_as_recorded};
 pub use looks::looks_change_images_alone;
@@ -99,6 +100,7 @@ pub fn violations(entry: &EnvEntry, config: &EnvConfig, exceptions: Exceptions<'
     }
     let results = [
         ("deterministic", deterministic(entry, config)),
+        ("episode_fields_are_constant", episode_fields_are_constant(entry, config)),
         ("snapshots_are_exact", snapshots_are_exact(entry, config)),
         ("factors_are_independent", factors_are_independent(entry, config)),
         ("every_factor_acts", every_factor_acts(entry, config, without_effect)),

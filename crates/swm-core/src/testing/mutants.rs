@@ -28,6 +28,9 @@ const FAULTS: &[(&str, &str)] = &[
     ("the seed is ignored", "deterministic"),
     ("observing moves", "deterministic"),
     ("NaN is observed", "deterministic"),
+    ("a factor has a reserved name", "spec_is_sound"),
+    ("a field of the episode is observed", "episode_fields_are_constant"),
+    ("a field of the episode counts steps", "episode_fields_are_constant"),
     ("snapshots lack the velocity", "snapshots_are_exact"),
     ("snapshots lack the goal", "snapshots_are_exact"),
     ("snapshots lack a factor", "snapshots_are_exact"),
@@ -82,6 +85,17 @@ fn each_fault_is_named() {
     });
     let missed: Vec<String> = missed.collect();
     assert!(missed.is_empty(), "not named:\n{}", missed.join("\n"));
+}
+
+#[test]
+fn worlds_refuse_columns_of_datasets() {
+    let made = |fault: &str| {
+        let options = crate::WorldOptions::new(1).setting("fault", fault);
+        crate::World::new(&CART, options).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(made(""), Ok(()));
+    let message = made("a column is one of datasets").unwrap_err();
+    assert!(message.contains("`ep_idx` has the name of a column"), "{message}");
 }
 
 fn found(fault: &str) -> Vec<String> {
@@ -147,7 +161,11 @@ impl Cart {
         let color = if step { Field::step } else { Field::episode };
         let fields = vec![
             Field::step("state", Dtype::F64, &[2]),
-            Field::episode("goal_state", Dtype::F64, &[2]),
+            Field::episode(
+                if has("a column is one of datasets") { "ep_idx" } else { "goal_state" },
+                Dtype::F64,
+                &[2],
+            ),
             Field::episode("variation.cart.gain", Dtype::F64, &[]),
             color(
                 if has("a factor has no field") { "variation.color" } else { name },
@@ -166,7 +184,11 @@ impl Cart {
         let state = |broken: &str| if has(broken) { &["position"] } else { &["state"] };
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), fields)
             .factors(vec![
-                FactorSpec::new("cart.gain", gain, default),
+                FactorSpec::new(
+                    if has("a factor has a reserved name") { "all.gain" } else { "cart.gain" },
+                    gain,
+                    default,
+                ),
                 FactorSpec::new("cart.color", color, 100.0).visual(true),
                 FactorSpec::new("goal.position", goal, 3.0).sampled_by_default(true),
             ])
@@ -358,7 +380,8 @@ impl Env for Cart {
             out.write(GOAL_STATE, &self.state.shown_goal);
         }
         out.write(GAIN, &[self.state.gain]);
-        out.write(GOAL_POSITION, &[self.state.goal_position]);
+        let steps = if self.has("a field of the episode counts steps") { self.state.steps } else { 0 };
+        out.write(GOAL_POSITION, &[self.state.goal_position + f64::from(steps)]);
         let shown = self.look.unwrap_or(self.state.color);
         match self.fault.as_str() {
             "a factor's field has another type" => out.write(COLOR, &[self.state.color as f32]),
@@ -377,6 +400,9 @@ impl Env for Cart {
         let position = if self.has("NaN is observed") && steps > 30 { f64::NAN } else { position };
         let velocity = if self.has("the velocity is not observed") { 0.0 } else { velocity };
         out.write(STATE, &[shown_start.unwrap_or(position), velocity]);
+        if self.has("a field of the episode is observed") {
+            out.write(GAIN, &[position]);
+        }
         self.draw(position, self.look.unwrap_or(color), out.at::<u8>(PIXELS));
     }
 

@@ -3,7 +3,7 @@
 use crate::batch::{Dtype, Field, RowsMut};
 use crate::checkpoint::Checkpoints;
 use crate::env::{Env, EnvSpec, EnvState, Outcome};
-use crate::error::EnvError;
+use crate::error::{BatchError, EnvError};
 use crate::run::{LiveEpisode, Progress};
 
 /// Positions of the common fields in the infos: they stand behind the environment's own, in this order, and
@@ -17,6 +17,19 @@ pub(super) struct CommonFields {
     step_idx: usize,
     seed: usize,
     checkpoints: Option<Checkpoints>,
+}
+
+/// Columns in which datasets number the episodes of their rows: a field of this name would be replaced when it is recorded.
+const OF_DATASETS: [&str; 2] = ["ep_idx", "episode_idx"];
+
+/// Refuses fields of the environment or the policy whose names are those of [datasets](OF_DATASETS) or of the world.
+pub(super) fn check_names(fields: &[Field]) -> Result<(), BatchError> {
+    let reserved = ["action", "reward", "terminated", "truncated", "step_idx", "seed"];
+    let is_reserved = |name: &str| reserved.contains(&name) || OF_DATASETS.contains(&name);
+    match fields.iter().find(|field| is_reserved(&field.name)) {
+        Some(field) => Err(BatchError::ReservedField { name: field.name.clone() }),
+        None => Ok(()),
+    }
 }
 
 impl CommonFields {
@@ -91,5 +104,22 @@ impl CommonFields {
         out.write(self.terminated, &[progress.terminated]);
         out.write(self.truncated, &[progress.truncated]);
         out.write(self.step_idx, &[progress.episode.step as i64]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_of_worlds_and_datasets_are_reserved() {
+        let of = |name: &str| {
+            check_names(&[Field::step("state", Dtype::F64, &[2]), Field::step(name, Dtype::I32, &[])])
+        };
+        for name in ["ep_idx", "episode_idx", "step_idx", "action"] {
+            let message = of(name).unwrap_err().to_string();
+            assert!(message.contains(&format!("`{name}`")) && message.contains("another name"), "{message}");
+        }
+        assert!(of("episode").is_ok());
     }
 }

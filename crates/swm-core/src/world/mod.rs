@@ -27,7 +27,7 @@ pub use saved::SavedSlot;
 
 pub(crate) use parts::{Part, Watcher, Whole};
 
-use fields::CommonFields;
+use fields::{CommonFields, check_names};
 use phases::{OptionsOf, ResetRules, StepRules};
 
 /// Many environments of one kind, and everything they say in one table.
@@ -85,6 +85,7 @@ impl World {
             .map(|_| entry.make(&options.env).map(Slot::new))
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
+        check_names(&spec.fields)?;
         let every = options.checkpoints.map(|every| every as usize);
         let checkpoints = every.map(|every| phases::checkpoints(&mut slots[0], every)).transpose()?;
         let (columns, fields) = CommonFields::append(&spec, checkpoints);
@@ -201,6 +202,7 @@ impl World {
         if fields == old[kept..] {
             return Ok(None);
         }
+        check_names(&fields)?;
         let all: Vec<Field> = old[..kept].iter().chain(&fields).cloned().collect();
         let mut infos = Batch::new(Schema::new(all)?, self.slots.len());
         for index in 0..kept {

@@ -138,6 +138,7 @@ impl Slot {
         out: &mut RowsMut<'_>,
     ) -> Result<(), EnvError> {
         episode.seed = options.seed.unwrap_or(episode.seed);
+        options.check_none(&self.env.spec().id)?;
         let outcome = self.env.reset(&Episode::new(episode.seed, options))?;
         self.env.write_episode(out);
         self.goal_image_is_given = options.goal_image.is_some();

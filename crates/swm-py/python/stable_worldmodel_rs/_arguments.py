@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import operator
 import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, cast
+
+import numpy as np
 
 from ._arrays import require_torch
 
-__all__ = ["device_of", "kind_of", "named_list", "path_of", "require_callable", "whole_number"]
+__all__ = [
+    "as_json",
+    "device_of",
+    "home_path",
+    "kind_of",
+    "named_list",
+    "names_of",
+    "path_of",
+    "request_text",
+    "require_callable",
+    "whole_number",
+]
 
 
 def whole_number(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
@@ -58,6 +74,63 @@ def named_list(name: str, value: Any) -> list[str]:
         return [str(one) for one in value]
     except TypeError:
         raise TypeError(f"{name}={value!r}: give a list of names") from None
+
+
+def names_of(names: Sequence[str] | str | None) -> list[str] | None:
+    """Names as a list; a single text is one name."""
+    return None if names is None else [names] if isinstance(names, str) else list(names)
+
+
+def home_path(name: str, value: Any) -> str | None:
+    """A path as text, with ``~`` as the home folder; None stays None.
+
+    Raises:
+        TypeError: It is no path, such as a dataset that is open.
+    """
+    if value is None:
+        return None
+    opened = getattr(value, "path", None)
+    hint = f"its path, {os.fspath(cast('Any', opened))!r}" if isinstance(opened, (str, os.PathLike)) else "a path"
+    return str(Path(path_of(name, value, hint)).expanduser())
+
+
+def as_json(name: str, value: Any) -> Any:
+    """A setting as JSON has it: arrays, tensors and numbers of NumPy as lists and numbers, paths as text.
+
+    Raises:
+        TypeError: It holds something else; ``name`` is what is named.
+        ValueError: A number in it is NaN or infinite.
+    """
+    if isinstance(value, Mapping):
+        given = cast("Mapping[Any, Any]", value)
+        return {str(key): as_json(f"{name}[{key!r}]", one) for key, one in given.items()}
+    try:
+        return json.loads(json.dumps(value, default=_plain, allow_nan=False))
+    except TypeError:
+        raise TypeError(f"{name} is {kind_of(value)}; give text, numbers, or a list of them") from None
+    except ValueError:
+        raise ValueError(f"{name}={value!r}: a number is NaN or infinite; give a finite one") from None
+
+
+def request_text(request: Mapping[str, Any], arguments: Mapping[str, str] | None = None) -> str:
+    """A request as JSON; ``arguments`` are those that have another name in the core.
+
+    Raises:
+        TypeError: As `as_json`, of the argument.
+        ValueError: As `as_json`, of the argument.
+    """
+    names = arguments or {}
+    return json.dumps({setting: as_json(names.get(setting, setting), value) for setting, value in request.items()})
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know as what it knows."""
+    if hasattr(value, "detach"):
+        value = value.detach().cpu()
+        return value.tolist()
+    if isinstance(value, (np.ndarray, np.generic)):
+        return cast("Any", value).tolist()
+    return os.fspath(cast("os.PathLike[str]", value)) if isinstance(value, os.PathLike) else operator.index(value)
 
 
 def require_callable(name: str, value: Any, of: str) -> None:

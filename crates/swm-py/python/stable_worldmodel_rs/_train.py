@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 from ._access import access_checked
+from ._arguments import home_path, kind_of
 from .track import Tracker
 from .track._follow import following
 from .world.ids import native_id
@@ -113,19 +114,21 @@ def train(
         >>> swm.train("pldm", "pusht.h5", "runs/pldm", preset="small", epochs=1)["run"]  # doctest: +SKIP
         'runs/pldm'
     """
-    request = {
+    if settings is not None and not isinstance(cast("Any", settings), Mapping):
+        raise TypeError(f'settings is {kind_of(settings)}; give a dict of names and values: {{"optim.lr": 1e-3}}')
+    request: dict[str, Any] = {
         "baseline": baseline,
-        "dataset": _path(dataset),
+        "dataset": home_path("dataset", dataset),
         "opening": opening,
-        "out": _path(out),
-        "resume": _path(resume),
+        "out": home_path("out", out),
+        "resume": home_path("resume", resume),
         "preset": preset,
         "set": dict(_flat(settings or {})),
-        "encoder": _path(encoder),
+        "encoder": home_path("encoder", encoder),
         "epochs": epochs,
         "steps": steps,
         "batch": batch,
-        "device": device,
+        "device": None if device is None else str(device),
         "precision": precision,
         "seed": seed,
         "split": split,
@@ -149,7 +152,7 @@ def train(
         "eval_episodes": eval_episodes,
         "threads": threads,
     }
-    run = _path(resume) or _path(out)
+    run = request["resume"] or request["out"]
     with Progress("Training", 0, progress, parts=True, unit="steps") as bar:
         with following(None if run is None else tracker, run or "") as follower:
 
@@ -181,7 +184,3 @@ def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield from _flat(cast("Mapping[str, Any]", value), f"{before}{name}.")
         else:
             yield f"{before}{name}", value
-
-
-def _path(path: AnyPath | None) -> str | None:
-    return None if path is None else str(Path(path).expanduser())

@@ -12,8 +12,11 @@ use crate::problem::Candidates;
 /// The cost of plans for a [`ControlModel`]: the sum of its stages. A plan `[H, D]` is T = H × D / A actions of A
 /// values: blocks of several actions where the problem asks for them
 /// ([`Problem::action_block`](crate::Problem::action_block)). Action spaces of another size than A are refused.
+///
+/// It has gradients (by finite differences where the model gives no derivatives) and the model's constraints, so that every solver
+/// takes it. The crate's first program plans with one.
 pub struct ControlCost<M> {
-    /// The model.
+    /// The model; between plans, write the measured state into it.
     pub model: M,
     tapes: Vec<Tape>,
 }

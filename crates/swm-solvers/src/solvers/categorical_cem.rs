@@ -24,7 +24,10 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and refitting; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that a refit uses; unless given, half of fewer than 30 samples.
+        /// How many of the cheapest samples a refit uses (1 or more); by default 30, or half of the samples if there are fewer.
+        ///
+        /// The half (rounded down, at least 2) is that of settings by name, such as `categorical-cem:samples=20`. A struct has 30 unless it sets both:
+        /// `CategoricalCem { samples: 20, elites: 10, ..Default::default() }`.
         elites: usize = 30,
         /// Added to every category's frequency among the elites; above 0, no category dies out.
         smoothing: f64 = 0.0,

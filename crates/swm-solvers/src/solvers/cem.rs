@@ -17,9 +17,10 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and refitting; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that a refit uses (2 or more); unless given, half of fewer than 30 samples.
+        /// How many of the cheapest samples a refit uses (2 or more); by default 30, or half of the samples if there are fewer.
         ///
-        /// If fewer have a finite cost, only those are used.
+        /// The half (rounded down, at least 2) is that of settings by name, such as `cem:samples=20`. A struct has 30 unless it sets both:
+        /// `Cem { samples: 20, elites: 10, ..Default::default() }`. If fewer have a finite cost, only those are used.
         elites: usize = 30,
         /// Standard deviation of the candidates in the first iteration.
         sigma: f64 = 1.0,

@@ -71,7 +71,7 @@ swm_core::settings! {
         sync_iterations: usize = 10,
         /// With sync=cem: candidate plans of each start.
         sync_samples: usize = 256,
-        /// With sync=cem: the cheapest candidates that a refit uses (2 or more).
+        /// With sync=cem: how many of the cheapest candidates a refit uses (2 or more).
         sync_elites: usize = 25,
         /// With sync=cem: factor from the mean square by which a state left the line from start to goal to the variance of a block's actions.
         sync_scale: f64 = 1.0,

@@ -19,11 +19,12 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and refitting; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that a refit uses (2 or more); unless given, half of fewer than 30 samples.
+        /// How many of the cheapest samples a refit uses (2 or more); by default 30, or half of the samples if there are fewer.
         ///
-        /// If fewer have a finite cost, only those are used.
+        /// The half (rounded down, at least 2) is that of settings by name, such as `icem:samples=20`. A struct has 30 unless it sets both:
+        /// `Icem { samples: 20, elites: 10, ..Default::default() }`. If fewer have a finite cost, only those are used.
         elites: usize = 30,
-        /// Elites that are candidates again in the next iteration.
+        /// How many elites are candidates again in the next iteration (no more than there are elites).
         elites_kept: usize = 5,
         /// Standard deviation of the candidates in the first iteration.
         sigma: f64 = 1.0,

@@ -20,7 +20,10 @@ swm_core::settings! {
         samples: usize = 300,
         /// Rounds of sampling and averaging; 0 returns the initial plan.
         iterations: usize = 30,
-        /// Cheapest candidates that have a weight; 0 for all; unless given, half of fewer than 30 samples.
+        /// How many of the cheapest samples have a weight, 0 for all; by default 30, or half of the samples if there are fewer.
+        ///
+        /// The half (rounded down, at least 2) is that of settings by name, such as `mppi:samples=20`. A struct has 30 unless it sets both:
+        /// `Mppi { samples: 20, elites: 10, ..Default::default() }`.
         elites: usize = 30,
         /// Standard deviation of the candidates, in all iterations.
         sigma: f64 = 1.0,

@@ -97,5 +97,8 @@ fn settings_out_of_range_are_named() {
     let few = CmaEs { samples: 3, ..CmaEs::default() };
     assert!(message(few.validate()).starts_with("setting `samples`: 3 is too few"));
     let sigma = CmaEs { sigma: 0.0, ..CmaEs::default() };
-    assert_eq!(message(sigma.validate()), "setting `sigma`: 0 is not a positive number");
+    assert_eq!(
+        message(sigma.validate()),
+        "setting `sigma`: 0 is not a positive number; use a number above 0"
+    );
 }

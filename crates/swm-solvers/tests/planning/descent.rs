@@ -187,7 +187,7 @@ fn bad_settings_and_problems_are_named() {
     let with = |descent: Descent| message(&Sgd { descent, ..Sgd::default() });
     for (message, part) in [
         (message(&Sgd { lr: f64::NAN, ..Sgd::default() }), "setting `lr`: NaN is not a positive number"),
-        (message(&Adam { lr: f64::INFINITY, ..Adam::default() }), "setting `lr`: inf is not"),
+        (message(&Adam { lr: f64::INFINITY, ..Adam::default() }), "setting `lr`: inf is too large"),
         (
             message(&Sgd { momentum: 1.0, ..Sgd::default() }),
             "setting `momentum`: 1 is not a number from 0 to 1 (excluded)",
@@ -211,7 +211,7 @@ fn bad_settings_and_problems_are_named() {
     for solver in solvers {
         let crossed = Space::Box { dtype: Dtype::F32, shape: vec![1], low: vec![1.0], high: vec![-1.0] };
         let error = solve(solver, &mut cost, (&crossed, 10, 1), 1).unwrap_err().to_string();
-        assert!(error.ends_with("element 0 of the action has the bounds low 1 and high -1"), "{error}");
+        assert!(error.contains("element 0 of the action has the bounds low 1 and high -1;"), "{error}");
         let wide = Space::uniform_box(Dtype::F32, &[3], -1.0, 1.0);
         let error = solve(solver, &mut cost, (&wide, 10, 3), 1).unwrap_err().to_string();
         assert!(

@@ -250,7 +250,7 @@ fn wrong_problems_are_refused() {
         .unwrap_err();
     assert_eq!(
         error.to_string(),
-        "cem cannot plan these actions: element 1 of the action has the bounds low 1 and high -1"
+        "cem cannot plan these actions: element 1 of the action has the bounds low 1 and high -1; low must not be above high"
     );
     let error = cem.check(&Space::Discrete { n: 5, start: 0 }).unwrap_err();
     assert_eq!(

@@ -17,12 +17,14 @@ use super::layout::{EP_LEN, EP_OFFSET, element_of, is_opaque};
 use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
+use super::torn;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::{DataError, FormatError};
 use crate::foreign;
 use crate::formats::element::Element;
 use crate::formats::labels::{Labels, number};
-use crate::recording::EP_IDX;
+use crate::lock::WriterLock;
+use crate::recording::{self, EP_IDX};
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
 /// pauses up to minutes when the file is simply damaged.
@@ -62,12 +64,28 @@ struct Span {
 }
 
 impl Hdf5Dataset {
-    /// Opens a file for reading.
+    /// Opens a file for reading. One whose writer was killed amid a write is repaired, if it may be written.
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
+        Self::open_repaired(path, || WriterLock::take(&recording::resolve(path)?).map(Some))
+    }
+
+    /// As [`Hdf5Dataset::open`], where the caller holds the writer's lock.
+    pub(super) fn open_locked(path: &Path) -> Result<Self, DataError> {
+        Self::open_repaired(path, || Ok(None))
+    }
+
+    fn open_repaired(
+        path: &Path,
+        lock: impl FnOnce() -> Result<Option<WriterLock>, DataError>,
+    ) -> Result<Self, DataError> {
         let superblock = superblock::ensure_readable(path)?;
+        let is_unclean = superblock.is_unclean();
+        let opened = Self::open_as(path, is_unclean).or_else(|error| match (is_unclean, lock()) {
+            (true, Ok(_lock)) if torn::repair(path).unwrap_or(false) => Self::open_as(path, true),
+            _ => Err(error),
+        });
         // The library's words for a file without its end depend on what it meets first.
-        Self::open_as(path, superblock.is_unclean())
-            .map_err(|error| superblock.missing_end(path).unwrap_or(error))
+        opened.map_err(|error| superblock.missing_end(path).unwrap_or(error))
     }
 
     fn open_as(path: &Path, unclean: bool) -> Result<Self, DataError> {

@@ -19,7 +19,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     if !superblock::ensure_readable(&path)?.is_unclean() {
         return Ok(Vec::new());
     }
-    let old = Hdf5Dataset::open(&path)?;
+    let old = Hdf5Dataset::open_locked(&path)?;
     let episodes = old.num_episodes();
     let steps = vec![
         "clear the flag that HDF5 sets while a file is open for writing, so that h5py opens it without `swmr=True`"

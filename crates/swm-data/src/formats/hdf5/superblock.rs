@@ -197,7 +197,7 @@ pub(super) fn repair(path: &Path, chunks_end: u64) -> Result<(), DataError> {
 
 /// Bob Jenkins' lookup3 (`hashlittle` with initial value 0), the checksum of HDF5 metadata:
 /// <http://burtleburtle.net/bob/c/lookup3.c>.
-fn lookup3(key: &[u8]) -> u32 {
+pub(super) fn lookup3(key: &[u8]) -> u32 {
     let start = 0xdead_beef_u32.wrapping_add(key.len() as u32);
     let [mut a, mut b, mut c] = [start; 3];
     let word = |key: &[u8], index: usize| {

@@ -58,7 +58,7 @@ impl Backend for Hdf5Backend {
     }
 
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
-        Ok(Box::new(Hdf5Dataset::open(path)?))
+        Ok(Box::new(Hdf5Dataset::open_locked(path)?))
     }
 
     fn refuses(&self, name: &str) -> Option<&'static str> {
@@ -81,7 +81,7 @@ impl Backend for Hdf5Backend {
             Existing::Continued => {
                 // Closed again before the library opens the file for writing.
                 let end = {
-                    let old = Hdf5Dataset::open(path)?;
+                    let old = Hdf5Dataset::open_locked(path)?;
                     check_old(path, &old, fields, metadata)?;
                     EndOfData {
                         episodes: old.num_episodes(),

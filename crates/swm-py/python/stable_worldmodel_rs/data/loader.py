@@ -6,11 +6,11 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, NoReturn, cast
 
 import numpy as np
 
-from .._arguments import device_of, named_list, require_callable, whole_number
+from .._arguments import device_of, kind_of, named_list, require_callable, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from ._tensors import Output, Rewards, converter, require_torch, stack, sums_rewards
@@ -163,6 +163,8 @@ class Loader:
         inner: Any = dataset.dataset if isinstance(dataset, GoalDataset) else dataset
         first: Any = inner.datasets[0] if hasattr(inner, "datasets") else inner
         reader, names = native_reader(dataset)
+        if keys is not None and len(keys) == 0:
+            raise ValueError("keys is empty; name columns, such as keys=['pixels', 'action'], or leave it out for all")
         wanted = named_list("keys", keys) if keys is not None else names
         self._goal_names: dict[str, str] = {}
         self.num_steps: int = first.num_steps if num_steps is None else num_steps
@@ -338,6 +340,8 @@ class Loader:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Goes on where another loader of the same dataset and settings was."""
+        if not isinstance(cast("Any", state), Mapping) or not isinstance(state.get("position"), Mapping):
+            raise ValueError(f"load_state_dict was given {kind_of(state)} without the position of a loader; give what state_dict() of one returned")
         position = dict(state["position"])
         rest = self.num_clips // self._options["shard"][1]
         if self._options["drop_last"]:
@@ -345,6 +349,13 @@ class Loader:
         if position["clip"] >= rest:
             position |= {"epoch": position["epoch"] + 1, "clip": 0}
         self._restart(position)
+
+    def __getitem__(self, index: object) -> NoReturn:
+        """None: it makes whole batches itself, in its own order."""
+        raise TypeError(
+            f"loader[{index!r}]: a Loader makes batches itself: iterate over it; torch.utils.data.DataLoader takes its dataset, with "
+            "collate_fn=swm.data.collate"
+        )
 
     def close(self) -> None:
         """Ends its threads; batches stay valid."""

@@ -473,7 +473,7 @@ class NativeDataset(Dataset):
 
     def subset(self, episodes: Sequence[int]) -> Self:
         """The same dataset with some of its episodes, in this order. Nothing is copied but merged columns."""
-        wanted = [int(episode) for episode in episodes]
+        wanted = [whole_number("episodes", episode, least=-(2**63)) for episode in episodes]
         count = len(self.lengths)
         missing = [episode for episode in wanted if not 0 <= episode < count]
         if missing:

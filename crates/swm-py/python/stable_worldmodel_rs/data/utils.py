@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from .._access import access_checked, checked_access
+from .._arguments import path_of
 from .._arrays import image_sides
 from .._core import core as _swm
 from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, get_cache_dir
@@ -175,12 +176,17 @@ def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> 
     """
     if not isinstance(cast("Any", dataset), NativeDataset):
         raise TypeError(f"split divides a dataset, not {dataset!r}; open it first: split(load_dataset(…), [0.9, 0.1])")
+    if isinstance(cast("Any", fractions), (int, float)):
+        raise TypeError(f"fractions={fractions!r}: give one for each part, such as [0.9, 0.1]")
     if any(isinstance(part, bool) or not isinstance(cast("Any", part), (int, float, np.number)) for part in fractions):
         raise TypeError(f"fractions={list(fractions)!r}: give parts of 1 as numbers, such as [0.9, 0.1]")
     if not 0 < sum(fractions) <= 1 + 1e-9 or min(fractions) < 0:
         raise ValueError(f"fractions {list(fractions)} must be 0 or more and sum to at most 1")
     order = np.random.default_rng(seed).permutation(len(dataset.lengths))
     ends = np.rint(np.cumsum([0.0, *fractions]) * len(order)).astype(int)
+    for share, first, end in zip(fractions, ends[:-1], ends[1:], strict=True):
+        if share > 0 and first == end:
+            logger.warning("%s: the part of %g has none of the %d episodes; give it a larger fraction", dataset.path, share, len(order))
     return [dataset.subset(np.sort(order[first:end]).tolist()) for first, end in zip(ends[:-1], ends[1:], strict=True)]
 
 
@@ -420,6 +426,8 @@ def verify(
     Returns:
         ``ok``; ``fixed`` and ``to_fix``, steps of a repair; ``report``: ``problems``, ``notes`` and counts.
     """
+    if not isinstance(cast("Any", source), (str, os.PathLike)):
+        path_of("source", source, "the path of a dataset")
     path = str(source) if _swm.is_remote(str(source)) else _find(str(source), datasets_folder(cache_dir))
     if isinstance(path, Path) and path.is_file():
         path.open("rb").close()  # What may not be read is no damaged dataset.
@@ -463,6 +471,9 @@ def _copy_request(
     target = Path(dest).expanduser()
     name = _format_of(target, dest_format)
     sides = None if image_size is None else image_sides("image_size", image_size)
+    for wrong, right in (("format", "dest_format"), ("overwrite", "mode='overwrite'")):
+        if wrong in options:
+            raise TypeError(f"{wrong}={options[wrong]!r} is no argument; give {right}{'' if '=' in right else f'={options[wrong]!r}'}")
     probe = get_format(name).open_writer(target, **options)
     native = isinstance(probe, NativeWriter) and all(isinstance(dataset, NativeDataset) for dataset in datasets)
     if not native or any(dataset.episode_column_names or not _is_detected(dataset) for dataset in datasets):

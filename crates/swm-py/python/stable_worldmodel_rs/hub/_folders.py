@@ -11,6 +11,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, cast
 
+from .._arguments import path_of
 from ..data.format import detect_format
 from ..data.utils import load_dataset
 from ..world.receipts import read_receipt
@@ -67,7 +68,7 @@ def save_model(
         FileExistsError: The folder is there.
         ValueError: The source is no model, or a result is of another one or of files that were changed since.
     """
-    where = Path(source).expanduser()
+    where = Path(path_of("source", source, "the folder of a model: save_pretrained writes one of a torch module")).expanduser()
     kind, found = _kind_of_model(where)
     receipts = [read_receipt(one) if isinstance(one, (str, os.PathLike)) else one for one in results]
     known = env or next((str(one["manifest"]["env"]) for one in receipts), found)

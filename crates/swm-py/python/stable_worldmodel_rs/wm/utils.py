@@ -16,6 +16,7 @@ from .._access import access_checked
 
 if TYPE_CHECKING:
     from ._torch import Tensor, nn
+    from ._vit import VitSizes
 
 __all__ = ["download_model", "from_config", "load_pretrained", "save_pretrained"]
 
@@ -37,7 +38,10 @@ def from_config(config: Mapping[str, Any], *, transformers: int = 5) -> nn.Modul
     """
     from ._config import build
 
-    return build(_plain(config), transformers)
+    settings = _plain(config)
+    model: Any = build(settings, transformers)
+    model.pretrained_config = settings
+    return cast("nn.Module", model)
 
 
 @access_checked
@@ -84,7 +88,9 @@ def load_pretrained(
         model, tensors = _of_archive(hydra, tensors, file, encoder, extra)
     elif "_target_" in config:
         heads = extra.pop("encoder.heads", None)
-        model = _of_config(overridden(config, extra), tensors, file, heads)
+        config = overridden(config, extra)
+        model = _of_config(config, tensors, file, heads)
+        cast("Any", model).pretrained_config = config
     else:
         model = _of_training(config, tensors, file, kind, extra)
     _fill(model, tensors, file)
@@ -278,7 +284,7 @@ def _plain(config: Any) -> dict[str, Any]:
 def save_pretrained(
     model: nn.Module,
     folder: str | os.PathLike[str],
-    config: Any,
+    config: Any = None,
     *,
     filename: str = "weights.pt",
     transformers: int | None = None,
@@ -288,7 +294,8 @@ def save_pretrained(
     Args:
         model: Its state is written without what wraps it (``torch.compile``, several GPUs).
         folder: Made if missing; files of these names are replaced, each as a whole.
-        config: What makes the model: a dict, or OmegaConf's node, with ``_target_``. It must fit the model.
+        config: What makes the model: a dict, or OmegaConf's node, with ``_target_``. It must fit the model. None: that of a model of
+            :func:`load_pretrained` or :func:`from_config`.
         filename: Of the weights.
         transformers: The version, 4 or 5, whose names the encoder's tensors get; None: those that the model has.
 
@@ -300,17 +307,23 @@ def save_pretrained(
     from ._vit import Vit
     from ._weights import unwrapped
 
-    settings = _plain(config)
     if not callable(getattr(model, "state_dict", None)):
         raise TypeError(f"the model is {type(model).__name__}; give the torch module itself, not its state_dict()")
     state = {name: value.detach().cpu() for name, value in unwrapped(cast("Any", model).state_dict()).items()}
     inner: Any = model
     while hasattr(inner, "_orig_mod") or type(inner).__name__ == "DistributedDataParallel":
         inner = inner._orig_mod if hasattr(inner, "_orig_mod") else inner.module
+    known = getattr(inner, "pretrained_config", None)
+    if config is None and known is None:
+        raise ValueError("config: this model holds none; give the settings that make it, a dict with _target_")
+    settings = _plain(known if config is None else config)
     state = _renamed(inner, state, transformers)
     own = [part.sizes for part in inner.modules() if isinstance(part, Vit)]
 
+    named: list[str] = []
+
     def backbone(place: str, values: Mapping[str, Any]) -> nn.Module:
+        named.append(str(values.get("name")))
         if not own:
             raise ValueError(f"config: {place} is an encoder by name ({values.get('name')}), and the model has none that is known here")
         return Vit(own[0])
@@ -332,9 +345,24 @@ def save_pretrained(
         os.replace(draft, where / filename)
         draft.write_text(json.dumps(settings, indent=2), encoding="utf-8")
         os.replace(draft, where / "config.json")
+        for name in named:
+            _write_heads(where, name, own[0])
     finally:
         draft.unlink(missing_ok=True)
     return where
+
+
+def _write_heads(where: Path, name: str, sizes: VitSizes) -> None:
+    """The sizes of an encoder whose name says none of them, in the file where :func:`load_pretrained` looks for its heads."""
+    from ._vit import KNOWN
+
+    file = where / name / "config.json"
+    if name in KNOWN or file.exists() or not file.resolve().is_relative_to(where.resolve()):
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    known = {"model_type": "dinov2" if sizes.dinov2 else "vit", "hidden_size": sizes.dim, "num_hidden_layers": sizes.depth}
+    known |= {"num_attention_heads": sizes.heads, "image_size": sizes.positions_for, "patch_size": sizes.patch}
+    file.write_text(json.dumps(known, indent=2), encoding="utf-8")
 
 
 def download_model(repo: str, *, revision: str | None = None, cache_dir: str | os.PathLike[str] | None = None) -> Path:

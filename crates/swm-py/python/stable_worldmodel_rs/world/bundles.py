@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._access import access_checked
+from .._arguments import path_of, request_text
 from .._core import core as _swm
 from .manifests import AnyPath, existing
 from .progress import Progress
@@ -46,13 +47,13 @@ def bundle(
         SwmError: ``out`` is there; a file of the model is gone or was changed since; the receipt was edited.
     """
     request = {
-        "result": existing(result, "receipt"),
+        "result": existing(path_of("result", result, "the folder `out` of evaluate, or the receipt in it"), "receipt"),
         "out": str(Path(out).expanduser()),
         "license": license,
         "reported": reported,
         "source": source,
     }
-    made, notes = _swm.make_bundle(json.dumps(request))
+    made, notes = _swm.make_bundle(request_text(request))
     for note in notes:
         logger.warning("%s", note)
     return dict(json.loads(made))
@@ -99,7 +100,7 @@ def board(
         "threads": threads,
     }
     with Progress("Verifying", 0, progress, parts=True) as bar:
-        made, notes = _swm.make_board(json.dumps(request), bar.begin, bar.tick)
+        made, notes = _swm.make_board(request_text(request), bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
     return dict(json.loads(made))

@@ -6,8 +6,9 @@ import difflib
 import logging
 import sys
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
+from .._arguments import kind_of
 from .._core import core as _swm
 from .._files import offer_metaworld, offer_ogbench
 
@@ -37,6 +38,8 @@ def native_id(env_name: str) -> str | None:
     ``swm/…`` means what the reference calls so (its ``TwoRoom-v1`` is our ``TwoRoom-v2``), ``swm_rs/…`` this package's
     own numbering.
     """
+    if not isinstance(cast("Any", env_name), str):
+        raise TypeError(f"env_name is {kind_of(env_name)}; give the id of an environment, such as 'swm/PushT-v1'")
     if env_name.startswith(_OURS):
         name = "swm/" + env_name[len(_OURS) :]
         name = aliases().get(name, name)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
-import operator
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from .._access import access_checked
+from .._arguments import names_of, request_text
 from .._core import core as _swm
 from .ids import need, native_id
 from .native import checked_shape
@@ -63,9 +61,8 @@ def _chosen(pair: str | tuple[int, int, int]) -> str:
     return f"{episode}:{start}-{goal}"
 
 
-def plain(value: Any) -> Any:
-    """Arrays and numbers of NumPy, and what else counts as an integer, as JSON has them."""
-    return cast("Any", value).tolist() if isinstance(value, (np.ndarray, np.generic)) else operator.index(value)
+# The arguments of settings that have another name in the core.
+_ARGUMENTS = {"env_option": "settings", "distractor": "distractors", "vary": "variation", "set": "variation_values"}
 
 
 @access_checked
@@ -85,8 +82,8 @@ def make_manifest(
     clear: AnyPath | None = None,
     frame_skip: int | None = None,
     image_shape: tuple[int, int] | None = None,
-    distractors: Sequence[str] = (),
-    variation: Sequence[str] | None = None,
+    distractors: Sequence[str] | str = (),
+    variation: Sequence[str] | str | None = None,
     variation_values: Mapping[str, Any] | None = None,
     overwrite: bool = False,
     **settings: Any,
@@ -140,12 +137,12 @@ def make_manifest(
         "budget": budget,
         "frame_skip": frame_skip,
         "image_size": None if shape is None else {"height": shape[0], "width": shape[1]},
-        "distractor": list(distractors),
-        "vary": None if variation is None else list(variation),
+        "distractor": names_of(distractors),
+        "vary": names_of(variation),
         "set": dict(variation_values or {}),
         "overwrite": overwrite,
     }
-    text, hash, notes = _swm.make_manifest(json.dumps(request, default=plain, allow_nan=False))
+    text, hash, notes = _swm.make_manifest(request_text(request, _ARGUMENTS))
     for note in notes:
         logger.warning("%s", note)
     return Manifest(json.loads(text), hash)

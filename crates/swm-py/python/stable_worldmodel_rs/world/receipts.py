@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
-from .._arguments import path_of
+from .._arguments import path_of, request_text
 from .._core import core as _swm
 from ..track import Tracker, tracked
 from .given import compared_by_name, given_policy, networks_of
@@ -176,7 +176,7 @@ def _evaluated(
             "shard": None if shard is None else f"{shard[0]}/{shard[1]}",
             "join": join,
         }
-        receipt, notes = _swm.evaluate_manifest(json.dumps(request), foreign, bar.begin, bar.tick)
+        receipt, notes = _swm.evaluate_manifest(request_text(request, {"reference": "references"}), foreign, bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
     return receipt

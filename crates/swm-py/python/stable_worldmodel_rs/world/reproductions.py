@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from os import PathLike
+from typing import Any, cast
 
 from .._access import access_checked
+from .._arguments import home_path, kind_of, request_text
 from .._core import core as _swm
 from .manifests import AnyPath
 from .progress import Progress
@@ -23,10 +24,6 @@ def recipes() -> list[dict[str, Any]]:
     for recipe in found:
         recipe["figures"] = recipe.pop("figure")
     return found
-
-
-def _path(path: AnyPath | None) -> str | None:
-    return None if path is None else str(Path(path).expanduser())
 
 
 @access_checked
@@ -80,25 +77,27 @@ def reproduce(
     Example:
         >>> table = swm.reproduce("lewm-pusht", "lewm-pusht", figures=["moderate"], pairs=10)  # doctest: +SKIP
     """
+    if not isinstance(cast("Any", name), (str, PathLike)):
+        raise TypeError(f"name is {kind_of(name)}; give a name, such as 'lewm-pusht': recipes() lists them; or the path of a recipe")
     is_file = str(name).endswith(".toml")
     request = {
         "name": "" if is_file else str(name),
-        "recipe": _path(name) if is_file else None,
-        "folder": _path(folder),
-        "checkpoint": str(checkpoint) if str(checkpoint).startswith("hf:") else _path(checkpoint),
-        "dataset": _path(dataset),
+        "recipe": home_path("name", name) if is_file else None,
+        "folder": home_path("folder", folder),
+        "checkpoint": str(checkpoint) if str(checkpoint).startswith("hf:") else home_path("checkpoint", checkpoint),
+        "dataset": home_path("dataset", dataset),
         "figure": [figures] if isinstance(figures, str) else list(figures),
         "pairs": pairs,
-        "device": device,
+        "device": str(device),
         "num_envs": num_envs,
         "threads": threads,
-        "out": _path(out) or "",
+        "out": home_path("out", out) or "",
         "fetch": fetch,
         "again": again,
         "check_only": check_only,
     }
     with Progress("Evaluating", 0, progress, parts=True) as bar:
-        made, notes = _swm.reproduce(json.dumps(request), bar.begin, bar.tick)
+        made, notes = _swm.reproduce(request_text(request, {"figure": "figures"}), bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
     return dict(json.loads(made))

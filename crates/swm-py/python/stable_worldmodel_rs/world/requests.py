@@ -6,13 +6,13 @@ import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from .._access import access_checked
+from .._arguments import home_path, names_of, request_text
 from .._core import core as _swm
 from .ids import native_id
-from .manifests import Manifest, existing, plain
+from .manifests import Manifest, existing
 from .native import checked_shape
 from .progress import Progress
 
@@ -27,24 +27,25 @@ def asked(
     tick: Callable[[int, int, int], None] | None = None,
 ) -> Any:
     """What the core makes of a request of this name; settings that are None have their defaults. Notes are logged."""
-    given = {setting: _own(value) for setting, value in request.items() if value is not None}
-    made, notes = _swm.run_request(name, json.dumps(given, default=plain, allow_nan=False), begin, tick)
+    given = {setting: value for setting, value in request.items() if value is not None}
+    made, notes = _swm.run_request(name, request_text(given, _ARGUMENTS.get(name)), begin, tick)
     for note in notes:
         logger.warning("%s", note)
     return json.loads(made)
 
 
-def _own(value: Any) -> Any:
-    return dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
+# The arguments of settings that have another name in the core.
+_ARGUMENTS = {
+    "train": {"set": "settings", "env_option": "env_options"},
+    "measure": {"env_option": "settings"},
+    "plan": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
+    "render": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
+}
 
 
 def _size(image_shape: tuple[int, int] | None) -> dict[str, int] | None:
     shape = checked_shape(image_shape)
     return None if shape is None else {"height": shape[0], "width": shape[1]}
-
-
-def _path(path: AnyPath | None) -> str | None:
-    return None if path is None else str(Path(path).expanduser())
 
 
 @access_checked
@@ -54,8 +55,8 @@ def measure(
     dataset: AnyPath | None = None,
     *,
     image_shape: tuple[int, int] | None = None,
-    probe: Sequence[str] | None = None,
-    violation: Sequence[str] | None = None,
+    probe: Sequence[str] | str | None = None,
+    violation: Sequence[str] | str | None = None,
     episodes: int | None = None,
     rows: int | None = None,
     horizon: int | None = None,
@@ -105,11 +106,11 @@ def measure(
         "env": native_id(env_name) or env_name,
         "env_option": settings,
         "model": model,
-        "dataset": _path(dataset),
+        "dataset": home_path("dataset", dataset),
         "opening": opening,
         "image_size": _size(image_shape),
-        "probe": None if probe is None else list(probe),
-        "violation": None if violation is None else list(violation),
+        "probe": names_of(probe),
+        "violation": names_of(violation),
         "episodes": episodes,
         "rows": rows,
         "horizon": horizon,
@@ -139,7 +140,7 @@ def plan(
     video_format: str | None = None,
     image_shape: tuple[int, int] | None = None,
     frame_skip: int | None = None,
-    variation: Sequence[str] | None = None,
+    variation: Sequence[str] | str | None = None,
     variation_values: Mapping[str, Any] | None = None,
     threads: int | None = None,
     progress: bool = True,
@@ -192,14 +193,14 @@ def plan(
         "seed": seed,
         "budget": budget,
         "plan_only": plan_only,
-        "trace": _path(trace),
+        "trace": home_path("trace", trace),
         "overwrite": overwrite,
         "details": details,
         "drawn": drawn,
         "video_format": video_format,
         "image_size": _size(image_shape),
         "frame_skip": frame_skip,
-        "vary": None if variation is None else list(variation),
+        "vary": names_of(variation),
         "set": variation_values,
         "threads": threads,
     }
@@ -217,7 +218,7 @@ def render(
     seed: int | None = None,
     steps: int | None = None,
     image_shape: tuple[int, int] | None = None,
-    variation: Sequence[str] | None = None,
+    variation: Sequence[str] | str | None = None,
     variation_values: Mapping[str, Any] | None = None,
     threads: int | None = None,
     **settings: Any,
@@ -252,9 +253,9 @@ def render(
         "seed": seed,
         "steps": steps,
         "image_size": _size(image_shape),
-        "vary": None if variation is None else list(variation),
+        "vary": names_of(variation),
         "set": variation_values,
         "threads": threads,
-        "out": _path(out),
+        "out": home_path("out", out),
     }
     return dict(asked("render", request))

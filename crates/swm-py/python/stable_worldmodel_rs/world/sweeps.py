@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
+from .._arguments import request_text
 from .._core import core as _swm
 from .given import given_policy
 from .ids import need
@@ -130,7 +131,7 @@ def sweep(
             "shard": None if shard is None else f"{shard[0]}/{shard[1]}",
             "join": join,
         }
-        swept, notes = _swm.sweep_manifest(json.dumps(request), foreign, bar.begin, bar.tick)
+        swept, notes = _swm.sweep_manifest(request_text(request), foreign, bar.begin, bar.tick)
     for note in notes:
         logger.warning("%s", note)
     return None if swept is None else Sweep(json.loads(swept))

@@ -132,6 +132,7 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         self._id = int(self.env.unwrapped.np_random.integers(0, np.iinfo(np.int64).max))
         if options and "variation" in options:
             names = options["variation"]
+            names = [names] if isinstance(names, str) else names
             whole = list(names) == ["all"]
             self._watched = tuple(self._variations().names()) if whole else tuple(names)
         self._promised = frozenset()

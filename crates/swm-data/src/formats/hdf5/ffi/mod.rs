@@ -1,17 +1,18 @@
-//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, Blosc's compression, types of elements
+//! Calls of C libraries that their Rust interfaces lack: writing a chunk as it is stored, where objects lie, Blosc's compression, types of elements
 //! that the interface has no name for, and the stored form of an attribute of any length.
 #![expect(unsafe_code, reason = "calls of C libraries")]
 
-use std::ffi::{CStr, c_int, c_void};
+use std::ffi::{CStr, CString, c_int, c_void};
 use std::sync::OnceLock;
 
 use hdf5_metno::filters::BloscShuffle;
 use hdf5_metno::types::VarLenUnicode;
-use hdf5_metno::{Attribute, Dataset, Datatype, h5check, sync};
+use hdf5_metno::{Attribute, Dataset, Datatype, File, h5check, sync};
 use hdf5_metno_sys::h5::{H5free_memory, herr_t, hsize_t};
 use hdf5_metno_sys::h5a::H5Aread;
 use hdf5_metno_sys::h5d::H5Dwrite_chunk;
 use hdf5_metno_sys::h5i::hid_t;
+use hdf5_metno_sys::h5l::{H5L_info2_t, H5L_type_t, H5Lget_info2};
 use hdf5_metno_sys::h5p::H5P_DEFAULT;
 use hdf5_metno_sys::h5t::{
     H5T_cdata_t, H5T_class_t, H5T_pers_t, H5Tclose, H5Tcreate, H5Tget_class, H5Tget_fields, H5Tget_size,
@@ -47,6 +48,26 @@ pub(super) fn write_row(
         H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, skipped, offset, stored.len(), bytes.cast())
     });
     h5check(written).map(|_| ())
+}
+
+/// Addresses of the headers of what a file's root group holds by hard links. The headers themselves are not read.
+pub(super) fn addresses_of_members(file: &File) -> hdf5_metno::Result<Vec<u64>> {
+    let addresses = file.member_names()?.into_iter().filter_map(|name| {
+        let name = CString::new(name).ok()?;
+        let mut info = H5L_info2_t::default();
+        // SAFETY: the file is open, the name ends with NUL, and `info` is a place for what is told.
+        let told =
+            sync::sync(|| unsafe { H5Lget_info2(file.id(), name.as_ptr(), &raw mut info, H5P_DEFAULT) });
+        if let Err(error) = h5check(told) {
+            return Some(Err(error));
+        }
+        (info.type_ == H5L_type_t::H5L_TYPE_HARD).then(|| {
+            // SAFETY: a hard link's token is told, of 16 bytes, the first 8 of which are the address in files on a disk.
+            let address = unsafe { info.u.token().cast::<[u8; 8]>().read_unaligned() };
+            Ok(u64::from_le_bytes(address))
+        })
+    });
+    addresses.collect()
 }
 
 /// Compresses `values` of one byte each by Blosc with LZ4, as the filter of the library does, and returns how many bytes of `out`
