@@ -101,7 +101,7 @@ pub(super) fn factors_of_goals(bench: &mut Bench) -> Result<Vec<String>, String>
 pub struct NoPart<'a> {
     /// The column.
     pub column: &'a str,
-    /// Why. The environment's page tells users.
+    /// Why, as the environment's page states it.
     pub reason: &'a str,
 }
 

@@ -19,13 +19,14 @@ pub(super) struct CommonFields {
     checkpoints: Option<Checkpoints>,
 }
 
+/// Names of the common fields, in their order.
+const OF_WORLDS: [&str; 6] = ["action", "reward", "terminated", "truncated", "step_idx", "seed"];
 /// Columns in which datasets number the episodes of their rows: a field of this name would be replaced when it is recorded.
 const OF_DATASETS: [&str; 2] = ["ep_idx", "episode_idx"];
 
-/// Refuses fields of the environment or the policy whose names are those of [datasets](OF_DATASETS) or of the world.
+/// Refuses fields of the environment or the policy whose names are those of [datasets](OF_DATASETS) or of [worlds](OF_WORLDS).
 pub(super) fn check_names(fields: &[Field]) -> Result<(), BatchError> {
-    let reserved = ["action", "reward", "terminated", "truncated", "step_idx", "seed"];
-    let is_reserved = |name: &str| reserved.contains(&name) || OF_DATASETS.contains(&name);
+    let is_reserved = |name: &str| OF_WORLDS.contains(&name) || OF_DATASETS.contains(&name);
     match fields.iter().find(|field| is_reserved(&field.name)) {
         Some(field) => Err(BatchError::ReservedField { name: field.name.clone() }),
         None => Ok(()),
@@ -37,13 +38,14 @@ impl CommonFields {
     pub(super) fn append(spec: &EnvSpec, checkpoints: Option<Checkpoints>) -> (Vec<Field>, Self) {
         let first = spec.fields.len();
         let action_dtype = spec.action.dtype().unwrap_or(Dtype::F32);
+        let [action, reward, terminated, truncated, step_idx, seed] = OF_WORLDS;
         let fields = spec.fields.iter().cloned().chain([
-            Field::step("action", action_dtype, &spec.action.shape()),
-            Field::step("reward", Dtype::F64, &[]),
-            Field::step("terminated", Dtype::Bool, &[]),
-            Field::step("truncated", Dtype::Bool, &[]),
-            Field::step("step_idx", Dtype::I64, &[]),
-            Field::episode("seed", Dtype::I64, &[]),
+            Field::step(action, action_dtype, &spec.action.shape()),
+            Field::step(reward, Dtype::F64, &[]),
+            Field::step(terminated, Dtype::Bool, &[]),
+            Field::step(truncated, Dtype::Bool, &[]),
+            Field::step(step_idx, Dtype::I64, &[]),
+            Field::episode(seed, Dtype::I64, &[]),
         ]);
         let fields = fields.chain(checkpoints.map(|checkpoints| checkpoints.field()));
         let common = Self {

@@ -80,9 +80,14 @@ impl Hdf5Dataset {
     ) -> Result<Self, DataError> {
         let superblock = superblock::ensure_readable(path)?;
         let is_unclean = superblock.is_unclean();
-        let opened = Self::open_as(path, is_unclean).or_else(|error| match (is_unclean, lock()) {
-            (true, Ok(_lock)) if torn::repair(path).unwrap_or(false) => Self::open_as(path, true),
-            _ => Err(error),
+        let opened = Self::open_as(path, is_unclean).or_else(|error| {
+            if is_unclean
+                && let Ok(_lock) = lock()
+                && torn::repair(path).unwrap_or(false)
+            {
+                return Self::open_as(path, true);
+            }
+            Err(error)
         });
         // The library's words for a file without its end depend on what it meets first.
         opened.map_err(|error| superblock.missing_end(path).unwrap_or(error))

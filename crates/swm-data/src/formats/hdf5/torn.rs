@@ -3,17 +3,18 @@
 //! neither. In SWMR mode blocks of a dataset only grow: what belongs to finished episodes is the same in both halves, so that a
 //! new checksum makes the block valid again, and rows behind the last finished episode are cut by whoever continues the file.
 //!
-//! Blocks are found from the dataset's object header on: its continuations, and the extensible array that tells where chunks lie. Source:
+//! Blocks are found from the dataset's object header on: its continuations, and the extensible array of the addresses of its chunks. Source:
 //! HDF5 file format specification 3.0, sections IV.A.1.b, IV.A.2.i and VII.C.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::io;
 use std::path::Path;
 
 use super::ffi;
 use super::reader::open_library;
 use super::superblock::lookup3;
 use crate::error::DataError;
+use crate::formats::disk::{read_exact_at, write_all_at};
 
 const CHECKSUM: usize = 4;
 /// No block is longer: one of a chunk index has up to a thousand elements, or a few thousand addresses.
@@ -29,19 +30,21 @@ pub(super) fn repair(path: &Path) -> Result<bool, DataError> {
     let headers = ffi::addresses_of_members(&open_library(path, true)?);
     let failed = |source| DataError::io(path, "repair", source);
     let headers = headers.map_err(|error| failed(io::Error::other(error)))?;
-    let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
-    let mut found = Vec::new();
-    for at in headers {
-        let mut walk = Walk { file: &file, found: &mut found };
-        walk.object(at).map_err(failed)?;
-    }
+    let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+    let found = blocks(&file, headers).map_err(failed)?;
+    let mut is_repaired = false;
     for &Found { at, len, checksum, .. } in found.iter().filter(|block| block.stored != block.checksum) {
-        let end = at + (len - CHECKSUM) as u64;
-        file.seek(SeekFrom::Start(end))
-            .and_then(|_| file.write_all(&checksum.to_le_bytes()))
-            .map_err(failed)?;
+        write_all_at(&file, &checksum.to_le_bytes(), at + (len - CHECKSUM) as u64).map_err(failed)?;
+        is_repaired = true;
     }
-    Ok(found.iter().any(|block| block.stored != block.checksum))
+    Ok(is_repaired)
+}
+
+/// The blocks of the datasets whose headers lie at these addresses.
+fn blocks(file: &File, headers: Vec<u64>) -> io::Result<Vec<Found>> {
+    let mut walk = Walk { file, unread: file.metadata()?.len(), found: Vec::new() };
+    headers.into_iter().try_for_each(|at| walk.object(at))?;
+    Ok(walk.found)
 }
 
 /// A block that ends with a checksum.
@@ -52,21 +55,22 @@ struct Found {
     checksum: u32,
 }
 
-/// The blocks of a dataset. What does not look like a block is left alone, with all that lies behind it.
+/// The blocks of datasets. What does not look like a block is left alone, with all that lies behind it.
 struct Walk<'a> {
     file: &'a File,
-    found: &'a mut Vec<Found>,
+    /// Blocks do not overlap: no more bytes than these can be blocks, which ends a walk in a circle.
+    unread: u64,
+    found: Vec<Found>,
 }
 
 impl Walk<'_> {
     /// Bytes of the file, if it has them.
-    fn bytes(&mut self, at: u64, len: usize) -> io::Result<Option<Vec<u8>>> {
-        let mut bytes = vec![0; len.min(MAX_BLOCK)];
+    fn bytes(&self, at: u64, len: usize) -> io::Result<Option<Vec<u8>>> {
         if at == UNDEFINED || len > MAX_BLOCK {
             return Ok(None);
         }
-        self.file.seek(SeekFrom::Start(at))?;
-        match self.file.read_exact(&mut bytes) {
+        let mut bytes = vec![0; len];
+        match read_exact_at(self.file, &mut bytes, at) {
             Ok(()) => Ok(Some(bytes)),
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
             Err(error) => Err(error),
@@ -75,7 +79,12 @@ impl Walk<'_> {
 
     /// A block that begins with `begin` and ends with a checksum, which is noted.
     fn block(&mut self, at: u64, len: usize, begin: &[u8]) -> io::Result<Option<Vec<u8>>> {
-        let bytes = self.bytes(at, len)?.filter(|bytes| bytes.starts_with(begin));
+        let Some(unread) = self.unread.checked_sub(len as u64) else { return Ok(None) };
+        let read = self.bytes(at, len)?;
+        if read.is_some() {
+            self.unread = unread;
+        }
+        let bytes = read.filter(|bytes| bytes.starts_with(begin));
         if let Some((content, stored)) = bytes.as_deref().and_then(<[u8]>::split_last_chunk::<CHECKSUM>) {
             let stored = u32::from_le_bytes(*stored);
             self.found.push(Found { at, len, stored, checksum: lookup3(content) });
@@ -93,12 +102,11 @@ impl Walk<'_> {
         let (begin, size) = (begin + width, number(&size) as usize);
         let whole = begin.saturating_add(size).saturating_add(CHECKSUM);
         let Some(header) = self.block(at, whole, b"OHDR")? else { return Ok(()) };
-        // Continuations, which are not nested deeper than there are bytes.
         let mut messages = vec![header[begin..begin + size].to_vec()];
         while let Some(part) = messages.pop() {
             for (kind, message) in split(&part, flags & 4 != 0) {
                 match (kind, message) {
-                    (0x10, [.., _]) if message.len() >= 16 && self.found.len() < MAX_BLOCK => {
+                    (0x10, _) if message.len() >= 16 => {
                         let (at, len) = (number(&message[..8]), number(&message[8..16]) as usize);
                         if let Some(block) = self.block(at, len, b"OCHK")?
                             && block.len() > 8
@@ -272,11 +280,22 @@ mod tests {
         copy
     }
 
-    fn blocks(path: &Path) -> Vec<Found> {
+    fn blocks_of(path: &Path) -> Vec<Found> {
         let headers = ffi::addresses_of_members(&open_library(path, true).unwrap()).unwrap();
-        let (file, mut found) = (File::open(path).unwrap(), Vec::new());
-        headers.into_iter().for_each(|at| Walk { file: &file, found: &mut found }.object(at).unwrap());
-        found
+        blocks(&File::open(path).unwrap(), headers).unwrap()
+    }
+
+    #[test]
+    fn a_walk_in_a_circle_ends() {
+        // A header of 31 bytes, and a continuation of 28 behind it that is its own.
+        let message = [&[0x10, 16, 0, 0][..], &31_u64.to_le_bytes(), &28_u64.to_le_bytes()].concat();
+        let header = [&b"OHDR\x02\0\x14"[..], &message, &[0; CHECKSUM]].concat();
+        assert_eq!(header.len(), 31);
+        let bytes = [&header[..], b"OCHK", &message, &[0; 1000]].concat();
+        let mut file = tempfile::tempfile().unwrap();
+        io::Write::write_all(&mut file, &bytes).unwrap();
+        let found = blocks(&file, vec![0]).unwrap();
+        assert!((2..50).contains(&found.len()), "{} blocks", found.len());
     }
 
     #[test]
@@ -284,7 +303,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = unclean(folder.path());
         let bytes = fs::read(&path).unwrap();
-        let found = blocks(&path);
+        let found = blocks_of(&path);
         assert!(found.iter().all(|block| block.stored == block.checksum), "a block is none");
         let begins = |block: &&Found, begin: &[u8]| bytes[block.at as usize..].starts_with(begin);
         for (begin, least) in [(b"OHDR", 2), (b"EAHD", 2), (b"EAIB", 2), (b"EASB", 2), (b"EADB", 100)] {

@@ -55,14 +55,14 @@ pub(super) fn addresses_of_members(file: &File) -> hdf5_metno::Result<Vec<u64>> 
     let addresses = file.member_names()?.into_iter().filter_map(|name| {
         let name = CString::new(name).ok()?;
         let mut info = H5L_info2_t::default();
-        // SAFETY: the file is open, the name ends with NUL, and `info` is a place for what is told.
-        let told =
+        // SAFETY: the file is open, the name ends with NUL, and `info` is where the call writes.
+        let status =
             sync::sync(|| unsafe { H5Lget_info2(file.id(), name.as_ptr(), &raw mut info, H5P_DEFAULT) });
-        if let Err(error) = h5check(told) {
+        if let Err(error) = h5check(status) {
             return Some(Err(error));
         }
         (info.type_ == H5L_type_t::H5L_TYPE_HARD).then(|| {
-            // SAFETY: a hard link's token is told, of 16 bytes, the first 8 of which are the address in files on a disk.
+            // SAFETY: a hard link has a token of 16 bytes, the first 8 of which are the address in files on a disk.
             let address = unsafe { info.u.token().cast::<[u8; 8]>().read_unaligned() };
             Ok(u64::from_le_bytes(address))
         })
