@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use swm_core::{Batch, Metadata, Schema, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Origin, Steps, copy_rows};
+use crate::dataset::{Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::DataError;
 
 /// Episodes in memory. Handles share them.
@@ -56,10 +56,6 @@ impl Dataset for MemoryDataset {
     ) -> Result<(), DataError> {
         copy_rows(self.episodes[episode].column(column), self.info.field(column).dim(), steps, out);
         Ok(())
-    }
-
-    fn origin(&self) -> Option<Origin> {
-        None
     }
 
     fn share(&self) -> Box<dyn Dataset> {

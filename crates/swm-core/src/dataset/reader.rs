@@ -1,5 +1,6 @@
 //! Reading recorded episodes: what an open dataset holds, and single columns of it at a stride.
 
+use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -103,23 +104,35 @@ impl DatasetInfo {
     }
 }
 
-/// What the rows of a dataset are a function of, besides its [`DatasetInfo`].
+/// What the rows of a dataset are a function of: files, and what is taken from them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Origin {
     /// The files and folders that it is read from, or their addresses.
     pub paths: Vec<PathBuf>,
-    /// Which of their episodes and columns it has; empty: all.
+    /// How they were opened, and which of their episodes and columns it has.
     pub choice: String,
 }
 
 impl Origin {
+    /// All of the dataset at `info.path`.
+    #[must_use]
+    pub fn of(info: &DatasetInfo) -> Self {
+        Self { paths: vec![info.path.to_path_buf()], choice: format!("opened {:?};", info.opening) }
+    }
+
+    /// That of a dataset that makes this of the rows.
+    #[must_use]
+    pub fn with(mut self, choice: fmt::Arguments<'_>) -> Self {
+        self.choice.push_str(&format!("{choice};"));
+        self
+    }
+
     /// That of a dataset made of two.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {
         self.paths.extend(other.paths);
-        self.choice.push('|');
-        self.choice.push_str(&other.choice);
-        self
+        self.with(format_args!("and ({})", other.choice))
     }
 }
 
@@ -148,9 +161,9 @@ pub trait Dataset: Send {
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
 
-    /// What its rows are a function of. `None`: they are in memory, or rendered when they are read.
+    /// What its rows are a function of, so that what is computed from them can be kept. `None`: not of files alone.
     fn origin(&self) -> Option<Origin> {
-        Some(Origin { paths: vec![self.path().to_owned()], choice: String::new() })
+        None
     }
 
     /// Chooses the look of images that are rendered when they are read: reads that follow show a look that depends on `key` (of the

@@ -72,9 +72,7 @@ impl Dataset for Columns {
     }
 
     fn origin(&self) -> Option<Origin> {
-        let mut origin = self.first.origin()?.and(self.second.origin()?);
-        origin.choice.push_str(&format!("columns {:?};", self.added));
-        Some(origin)
+        Some(self.first.origin()?.and(self.second.origin()?).with(format_args!("columns {:?}", self.added)))
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {

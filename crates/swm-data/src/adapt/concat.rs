@@ -118,12 +118,8 @@ impl Dataset for Concat {
     }
 
     fn origin(&self) -> Option<Origin> {
-        let of = |part: &Part| {
-            let mut origin = part.dataset.origin()?;
-            origin.choice.push_str(&format!("from {} columns {:?};", part.first, part.columns));
-            Some(origin)
-        };
-        self.parts.iter().map(of).try_fold(Origin::default(), |all, part| Some(all.and(part?)))
+        let of = |part: &Part| Some(part.dataset.origin()?.with(format_args!("columns {:?}", part.columns)));
+        self.parts.iter().map(of).reduce(|all, part| Some(all?.and(part?))).flatten()
     }
 
     fn share(&self) -> Box<dyn Dataset> {

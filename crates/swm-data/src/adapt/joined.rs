@@ -17,7 +17,7 @@ pub struct Joined {
     scratch: Vec<Column>,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Part {
     column: usize,
     /// Values on the last axis.
@@ -124,18 +124,11 @@ impl Dataset for Joined {
         Ok(())
     }
 
-    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
-        self.inner.dress(key)
-    }
-
     fn origin(&self) -> Option<Origin> {
-        let mut origin = self.inner.origin()?;
-        let parts: Vec<usize> = self.parts.iter().map(|part| part.column).collect();
-        origin.choice.push_str(&format!("joined {parts:?};"));
-        Some(origin)
+        Some(self.inner.origin()?.with(format_args!("joined {:?}", self.parts)))
     }
 
-    of_inner!(checks);
+    of_inner!(looks, checks);
 
     fn share(&self) -> Box<dyn Dataset> {
         let (info, parts) = (self.info.clone(), self.parts.clone());

@@ -99,9 +99,7 @@ impl Dataset for Subset {
     }
 
     fn origin(&self) -> Option<Origin> {
-        let mut origin = self.inner.origin()?;
-        origin.choice.push_str(&format!("episodes {:?};", self.episodes));
-        Some(origin)
+        Some(self.inner.origin()?.with(format_args!("episodes {:?}", self.episodes)))
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use swm_core::{Cancel, SliceMut};
 
 use super::inner::of_inner;
-use crate::dataset::{Dataset, EncodedRows, Origin, Steps};
+use crate::dataset::{Dataset, EncodedRows, Steps};
 use crate::error::DataError;
 
 /// A dataset that is read until a flag is set; from then on, reading is an error.
@@ -29,15 +29,11 @@ impl Watched {
 }
 
 impl Dataset for Watched {
-    of_inner!(info);
+    of_inner!(info, origin);
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
         self.check()?;
         self.inner.dress(key)
-    }
-
-    fn origin(&self) -> Option<Origin> {
-        self.inner.origin()
     }
 
     fn rows(

@@ -442,10 +442,6 @@ impl Dataset for Rendered {
         }
     }
 
-    fn origin(&self) -> Option<crate::dataset::Origin> {
-        None
-    }
-
     fn share(&self) -> Box<dyn Dataset> {
         let Self { inner, script, info, columns, .. } = self;
         let (script, info, columns) = (script.clone(), info.clone(), columns.clone());

@@ -11,9 +11,9 @@ use crate::dataset::{DatasetInfo, Origin};
 use crate::error::DataError;
 use crate::remote::is_remote;
 
-/// A digest of what the images of a dataset depend on: its files by name, length and time of change, and how it was opened.
+/// A digest of what may change in a dataset: its files by length and time of change, its episodes and runs.
 pub(super) fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataError> {
-    let mut text = format!("{:?}\n{:?}\n{}\n", info.lengths, info.opening, origin.choice);
+    let mut text = format!("{:?}\n", info.lengths);
     let runs = serde_json::to_string(&*info.runs).map_err(|error| DataError::record(&info.path, error))?;
     text.push_str(&runs);
     for path in &origin.paths {
