@@ -236,14 +236,14 @@ fn absolute(path: &Path) -> PathBuf {
 
 /// Where files of decoded images may be, the preferred folder first.
 fn folders(dataset: &Path, options: &CacheOptions, caches: Option<PathBuf>) -> Vec<PathBuf> {
+    let name = dataset.file_name().unwrap_or_default().to_string_lossy();
+    let digest = sha256(absolute(dataset).as_os_str().as_encoded_bytes());
+    let own = format!("{name}-{}", &digest[..12]);
     if let Some(folder) = &options.folder {
-        return vec![folder.clone()];
+        return vec![folder.join(own)];
     }
     let near = (!is_remote(dataset)).then(|| beside(dataset, ".decoded"));
-    let name = dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let digest = sha256(absolute(dataset).as_os_str().as_encoded_bytes());
-    let far = caches.map(|caches| caches.join("decoded").join(format!("{name}-{}", &digest[..12])));
-    near.into_iter().chain(far).collect()
+    near.into_iter().chain(caches.map(|caches| caches.join("decoded").join(own))).collect()
 }
 
 impl Source<'_> {

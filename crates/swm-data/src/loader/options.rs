@@ -54,7 +54,7 @@ setters!(ClipOptions {
 pub struct CacheOptions {
     /// The most bytes that a loader writes.
     pub limit: u64,
-    /// Their folder; `None`: `DATASET.decoded` beside the dataset, or, where nothing can be written there, `decoded` in the folder of caches
+    /// The folder of their folder; `None`: `DATASET.decoded` beside the dataset, or, where nothing can be written there, `decoded` in the folder of caches
     /// (`SWM_CACHE`, `SWM_HOME/cache`, or that of the system).
     pub folder: Option<PathBuf>,
 }
