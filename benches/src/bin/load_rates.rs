@@ -1,5 +1,6 @@
-//! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE]`: shuffled clips per
-//! second out of a dataset, in batches of 64, as JSON. For `peers/data.py`. With `--draw`, images are not read but drawn.
+//! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE] [--cache]`: shuffled clips per
+//! second out of a dataset, in batches of 64, as JSON. For `peers/data.py`. With `--draw`, images are not read but drawn. With `--cache`,
+//! they are decoded once into files beside the dataset, before the clock starts.
 
 use std::path::Path;
 
@@ -7,7 +8,7 @@ use anyhow::{Context as _, Result, bail};
 use serde::Serialize;
 use swm_benches::{Clock, Elapsed};
 use swm_core::{ImageSize, Registry};
-use swm_data::loader::{BatchOptions, ClipOptions, Images, Loader};
+use swm_data::loader::{BatchOptions, CacheOptions, ClipOptions, Images, Loader};
 use swm_data::{Dataset, RenderOptions, Rendered};
 use swm_envs_2d::ENVS;
 
@@ -34,12 +35,11 @@ fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let usage =
-        "usage: load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE]";
+    let usage = "usage: load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE] [--cache]";
     let file = arguments.next().context(usage)?;
     let num_steps: usize = arguments.next().context(usage)?.parse().context("NUM_STEPS must be a number")?;
     let (mut keys, mut threads, mut seconds) = (vec!["pixels".to_owned()], vec![1], 1.0);
-    let (mut images, mut draw) = (Images::ChannelsLast, None);
+    let (mut images, mut draw, mut cache) = (Images::ChannelsLast, None, None);
     while let Some(option) = arguments.next() {
         let mut value = || arguments.next().context(usage);
         match option.as_str() {
@@ -47,6 +47,7 @@ fn main() -> Result<()> {
             "--threads" => threads = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
             "--seconds" => seconds = value()?.parse()?,
             "--draw" => draw = Some(value()?.parse()?),
+            "--cache" => cache = Some(CacheOptions::default()),
             "--first" => images = Images::ChannelsFirst,
             _ => bail!(usage),
         }
@@ -57,7 +58,8 @@ fn main() -> Result<()> {
             .num_steps(num_steps)
             .keys(Some(keys.clone()))
             .images(images)
-            .threads(Some(threads));
+            .threads(Some(threads))
+            .cache(cache.clone());
         let loader = Loader::new(open(Path::new(&file), draw)?, &options)?;
         let stream = BatchOptions::default().size(SIZE).shuffle(Some(1));
         let mut batches = loader.batches(&stream)?;

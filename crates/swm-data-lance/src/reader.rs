@@ -11,7 +11,7 @@ use arrow_array::types::Int32Type;
 use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
-use swm_data::dataset::{CHANGED, DatasetInfo};
+use swm_data::dataset::{CHANGED, DatasetInfo, Origin};
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
 use swm_data::recording::EP_IDX;
 use swm_data::video::{self, VideoReader};
@@ -201,6 +201,10 @@ fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Ve
 impl Dataset for LanceDataset {
     fn info(&self) -> &DatasetInfo {
         &self.shared.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.shared.info))
     }
 
     fn rows(

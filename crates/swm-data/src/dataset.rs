@@ -8,7 +8,9 @@ use std::str::FromStr;
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Schema, Slice, SliceMut};
 
-pub use swm_core::dataset::{Dataset, DatasetInfo, EncodedBatch, EncodedRow, EncodedRows, RowEncoder, Steps};
+pub use swm_core::dataset::{
+    Dataset, DatasetInfo, EncodedBatch, EncodedRow, EncodedRows, Origin, RowEncoder, Steps,
+};
 
 /// A dataset that is being recorded.
 pub trait DatasetWriter: EpisodeSink {

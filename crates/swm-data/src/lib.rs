@@ -39,6 +39,7 @@ mod setters;
 
 pub mod adapt;
 pub mod buffer;
+mod cache_folder;
 pub mod dataset;
 mod entry;
 pub mod error;
@@ -64,7 +65,7 @@ pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetInfo, DatasetWriter, LastRow, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
 pub use format::{FORMATS, Format, create, create_in, create_with, open, open_in, open_with};
-pub use loader::{BatchOptions, ClipOptions, Loader};
+pub use loader::{BatchOptions, CacheOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
 pub use open_options::{Flip, OpenOptions};
 pub use rendered::{Looks, RenderOptions, Rendered};

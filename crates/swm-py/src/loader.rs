@@ -6,14 +6,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
-use swm::core::{Batch, ImageSize, Schema};
+use swm::core::{Batch, Cancel, ImageSize, Schema};
+use swm::data::adapt::Watched;
 use swm::data::loader::{Batches, Clips, GoalOptions, GoalWeights, Images, Position, Rewards};
-use swm::data::{BatchOptions, ClipOptions, Loader};
+use swm::data::{BatchOptions, CacheOptions, ClipOptions, Loader};
 
 use crate::arrays::{describe, lock};
 use crate::dataset::Reader;
 use crate::errors::OrRaise as _;
 use crate::fork::Process;
+use crate::interrupt::interruptible;
 use crate::memory::tables::{AnyTable, ForeignTable, Pool, lend};
 use crate::whole;
 
@@ -38,11 +40,12 @@ pub(crate) struct ClipReader {
 #[pymethods]
 impl ClipReader {
     /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes images; with `action_rewards`,
-    /// rewards are beside the actions that earn them; with `float32`, columns of f64 are f32.
+    /// rewards are beside the actions that earn them; with `float32`, columns of f64 are f32. With `cache_limit`, images are
+    /// decoded once into files of at most so many bytes.
     #[new]
     #[pyo3(signature = (
         reader, num_steps=1, frameskip=1, keys=None, channels_first=true, image=None, paper=false, threads=None,
-        goals=None, action_rewards=false, float32=false,
+        goals=None, action_rewards=false, float32=false, cache_limit=None,
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
@@ -58,6 +61,7 @@ impl ClipReader {
         goals: Option<Goals>,
         action_rewards: bool,
         float32: bool,
+        cache_limit: Option<u64>,
     ) -> PyResult<Self> {
         let goals = goals.map(|((random, geometric, uniform, current), gamma, offset, keys, seed)| {
             let weights = GoalWeights { random, geometric, uniform, current };
@@ -73,8 +77,17 @@ impl ClipReader {
             .threads(threads)
             .rewards(if action_rewards { Rewards::OfActions } else { Rewards::Recorded })
             .float32(float32)
-            .goals(goals);
-        let loader = Loader::new(reader.share(py)?, &options).or_raise()?;
+            .goals(goals)
+            .cache(cache_limit.map(|limit| CacheOptions::default().limit(limit)));
+        let (dataset, cancel) = (reader.share(py)?, Cancel::new());
+        let loader = match cache_limit {
+            None => Loader::new(dataset, &options).or_raise()?,
+            // Decoding takes long.
+            Some(_) => {
+                let watched = Box::new(Watched::new(dataset, cancel.clone()));
+                interruptible(py, &cancel, || Loader::new(watched, &options))?.or_raise()?
+            }
+        };
         let fields = loader.schema().fields().iter();
         let names = fields.map(|field| PyString::intern(py, &field.name).unbind()).collect();
         Ok(Self { process: Process::current(), loader, names, pool: Arc::default() })
@@ -88,6 +101,12 @@ impl ClipReader {
     #[getter]
     fn fields(&self) -> Vec<(String, &'static str, Vec<usize>, &'static str)> {
         self.loader.schema().fields().iter().map(describe).collect()
+    }
+
+    /// `(message, whether it was written now)` for each file of decoded images.
+    #[getter]
+    fn cached(&self) -> Vec<(String, bool)> {
+        self.loader.cached().iter().map(|images| (images.to_string(), images.seconds.is_some())).collect()
     }
 
     /// The episode and the first row of a clip.

@@ -1,7 +1,8 @@
 //! Reading recorded episodes: what an open dataset holds, and single columns of it at a stride.
 
+use std::fmt;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
@@ -103,6 +104,38 @@ impl DatasetInfo {
     }
 }
 
+/// What the rows of a dataset are a function of: files, and what is taken from them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Origin {
+    /// The files and folders that it is read from, or their addresses.
+    pub paths: Vec<PathBuf>,
+    /// How they were opened, and which of their episodes and columns it has.
+    pub choice: String,
+}
+
+impl Origin {
+    /// All of the dataset at `info.path`.
+    #[must_use]
+    pub fn of(info: &DatasetInfo) -> Self {
+        Self { paths: vec![info.path.to_path_buf()], choice: format!("opened {:?};", info.opening) }
+    }
+
+    /// That of a dataset that makes this of the rows.
+    #[must_use]
+    pub fn with(mut self, choice: fmt::Arguments<'_>) -> Self {
+        self.choice.push_str(&format!("{choice};"));
+        self
+    }
+
+    /// That of a dataset made of two.
+    #[must_use]
+    pub fn and(mut self, other: Self) -> Self {
+        self.paths.extend(other.paths);
+        self.with(format_args!("and ({})", other.choice))
+    }
+}
+
 /// An open dataset: rows of recorded episodes.
 ///
 /// A new kind of dataset has a [`DatasetInfo`], reads rows of its columns, and shares itself; everything else follows
@@ -127,6 +160,11 @@ pub trait Dataset: Send {
 
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
+
+    /// What its rows are a function of, so that what is computed from them can be kept. `None`: not of files alone.
+    fn origin(&self) -> Option<Origin> {
+        None
+    }
 
     /// Chooses the look of images that are rendered when they are read: reads that follow show a look that depends on `key` (of the
     /// loader: epoch and clip) alone; with `None`, that of the recording. Datasets without looks do nothing.
@@ -258,6 +296,10 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
 
     fn share(&self) -> Box<dyn Dataset> {
         (**self).share()
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        (**self).origin()
     }
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {

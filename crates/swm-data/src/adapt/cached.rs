@@ -58,7 +58,7 @@ impl Cached {
 }
 
 impl Dataset for Cached {
-    of_inner!(info, looks, checks);
+    of_inner!(info, looks, origin, checks);
 
     fn rows(
         &mut self,

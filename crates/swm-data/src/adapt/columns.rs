@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swm_core::{Schema, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 
 /// The columns of two datasets as one. Where both have a column, the first one's is taken.
@@ -69,6 +69,10 @@ impl Dataset for Columns {
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
         self.first.dress(key)?;
         self.second.dress(key)
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.first.origin()?.and(self.second.origin()?).with(format_args!("columns {:?}", self.added)))
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use swm_core::{Metadata, Schema, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 use crate::recording::EP_IDX;
 
@@ -115,6 +115,11 @@ impl Dataset for Concat {
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
         self.parts.iter_mut().try_for_each(|part| part.dataset.dress(key))
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        let of = |part: &Part| Some(part.dataset.origin()?.with(format_args!("columns {:?}", part.columns)));
+        self.parts.iter().map(of).reduce(|all, part| Some(all?.and(part?))).flatten()
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -6,7 +6,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Column, EnvConfig, Field, FieldKind, Registry, Schema, SliceMut, Value};
 
 use super::inner::of_inner;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 
 /// A dataset with constant columns behind its own.
@@ -58,6 +58,10 @@ impl Dataset for Constants {
             assert!(row.copy_from(value.as_slice()), "the value was cast to the column's type");
         }
         Ok(())
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.inner.origin()?.with(format_args!("constants {:?}", self.values)))
     }
 
     of_inner!(looks, checks);

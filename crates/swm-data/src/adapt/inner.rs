@@ -1,7 +1,7 @@
 //! Methods of datasets that a dataset of a dataset passes on.
 
 /// Passes methods of [`Dataset`](crate::Dataset) on to the dataset `inner`: `info` where it has no other, `rows` and the looks of
-/// their images, `checks` of an episode and of the whole, `encodings` of rows as they are stored.
+/// their images, their `origin`, `checks` of an episode and of the whole, `encodings` of rows as they are stored.
 macro_rules! of_inner {
     ($($part:ident),+) => {
         $(crate::adapt::inner::of_inner!(@$part);)+
@@ -27,6 +27,11 @@ macro_rules! of_inner {
     (@looks) => {
         fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), crate::error::DataError> {
             self.inner.dress(key)
+        }
+    };
+    (@origin) => {
+        fn origin(&self) -> Option<crate::dataset::Origin> {
+            self.inner.origin()
         }
     };
     (@checks) => {

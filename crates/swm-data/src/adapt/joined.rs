@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
 use super::inner::of_inner;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 
 /// A dataset with one more column, which is made of others.
@@ -17,7 +17,7 @@ pub struct Joined {
     scratch: Vec<Column>,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Part {
     column: usize,
     /// Values on the last axis.
@@ -122,6 +122,10 @@ impl Dataset for Joined {
             at += 1;
         }
         Ok(())
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.inner.origin()?.with(format_args!("joined {:?}", self.parts)))
     }
 
     of_inner!(looks, checks);

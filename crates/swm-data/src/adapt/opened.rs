@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swm_core::{Metadata, Schema};
 
 use super::inner::of_inner;
-use crate::dataset::{Dataset, DatasetInfo};
+use crate::dataset::{Dataset, DatasetInfo, Origin};
 use crate::error::DataError;
 use crate::foreign::{RewardsAt, source_record};
 use crate::open_options::OpenOptions;
@@ -90,6 +90,10 @@ impl Dataset for Opened {
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { inner: self.inner.share(), info: self.info.clone() })
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.inner.origin()?.with(format_args!("opened {:?}", self.info.opening)))
     }
 
     of_inner!(rows, checks, encodings);

@@ -9,7 +9,7 @@ use swm_core::{Dtype, Field, ImageSize, Metadata, Schema, SliceMut};
 
 use super::area::Area;
 use super::inner::of_inner;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 use crate::open_options::OpenOptions;
 
@@ -204,6 +204,10 @@ impl Dataset for Resized {
     fn share(&self) -> Box<dyn Dataset> {
         let (info, changes) = (self.info.clone(), self.changes.clone());
         Box::new(Self { inner: self.inner.share(), info, changes, stored: Vec::new() })
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.inner.origin()?.with(format_args!("resized {:?}", self.changes)))
     }
 
     of_inner!(looks, checks);

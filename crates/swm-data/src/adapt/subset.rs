@@ -7,7 +7,7 @@ use rand::seq::SliceRandom;
 use swm_core::seed::keyed;
 use swm_core::{Metadata, SliceMut};
 
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
 
 /// The chosen episodes of a dataset, in the chosen order.
@@ -96,6 +96,10 @@ impl Dataset for Subset {
 
     fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
         self.inner.dress(key)
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(self.inner.origin()?.with(format_args!("episodes {:?}", self.episodes)))
     }
 
     fn check_whole(&mut self) -> Result<(), DataError> {

@@ -29,7 +29,12 @@ impl Watched {
 }
 
 impl Dataset for Watched {
-    of_inner!(info, looks);
+    of_inner!(info, origin);
+
+    fn dress(&mut self, key: Option<[u64; 2]>) -> Result<(), DataError> {
+        self.check()?;
+        self.inner.dress(key)
+    }
 
     fn rows(
         &mut self,

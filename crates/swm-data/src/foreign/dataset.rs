@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swm_core::SliceMut;
 
 use super::array::{Scratch, Shared};
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::{At as _, DataError, Result, invalid};
 
 /// Where the rows of an episode are: the first of them end to end in an array, then perhaps one in another; the rest is missing.
@@ -93,6 +93,10 @@ impl ForeignDataset {
 impl Dataset for ForeignDataset {
     fn info(&self) -> &DatasetInfo {
         &self.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.info))
     }
 
     fn rows(

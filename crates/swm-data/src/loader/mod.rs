@@ -7,6 +7,7 @@
 
 mod batches;
 mod clips;
+mod decoded;
 mod floats;
 mod goals;
 mod images;
@@ -26,7 +27,8 @@ use crate::error::DataError;
 
 pub use batches::{Batches, Position};
 pub use clips::{Clip, Clips};
-pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Images, Rewards};
+pub use decoded::CachedImages;
+pub use options::{BatchOptions, CacheOptions, ClipOptions, GoalOptions, GoalWeights, Images, Rewards};
 pub use table::Table;
 
 use plan::Plan;
@@ -62,6 +64,7 @@ pub struct Loader {
     dataset: Mutex<Box<dyn Dataset>>,
     /// Handles that no call uses.
     idle: Mutex<Vec<Reader>>,
+    cached: Vec<CachedImages>,
 }
 
 impl Loader {
@@ -69,16 +72,28 @@ impl Loader {
     ///
     /// # Errors
     ///
-    /// Unknown columns, options out of their bounds, or no episode that is long enough for a clip.
+    /// Unknown columns, options out of their bounds, or no episode that is long enough for a clip. With [`ClipOptions::cache`]: the images
+    /// need more bytes than its limit, cannot be decoded or written, or are not those of files.
     pub fn new(dataset: Box<dyn Dataset>, options: &ClipOptions) -> Result<Self, DataError> {
-        let plan = Plan::new(dataset.as_ref(), options)?;
+        let mut plan = Plan::new(dataset.as_ref(), options)?;
         let threads = match options.threads {
             Some(0) => return wrong("threads", "0; use 1 or more"),
             Some(threads @ 1..=MAX_THREADS) => threads,
             Some(threads) => return wrong("threads", format!("{threads} is more than {MAX_THREADS}")),
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
-        Ok(Self { plan: Arc::new(plan), threads, dataset: Mutex::new(dataset), idle: Mutex::default() })
+        let (mut dataset, mut cached) = (dataset, Vec::new());
+        if let Some(cache) = &options.cache {
+            (dataset, cached) = decoded::cached(dataset, &plan, cache, threads)?;
+            plan = Plan::new(dataset.as_ref(), options)?;
+        }
+        let (plan, dataset) = (Arc::new(plan), Mutex::new(dataset));
+        Ok(Self { plan, threads, dataset, idle: Mutex::default(), cached })
+    }
+
+    /// The files of decoded images that clips are read from, with what they cost: one per column.
+    pub fn cached(&self) -> &[CachedImages] {
+        &self.cached
     }
 
     /// So many readers that no other call uses.

@@ -1,5 +1,7 @@
 //! What a clip is, which goal it gets, and how clips are put into batches: the settings of a loader.
 
+use std::path::PathBuf;
+
 use swm_core::ImageSize;
 
 use super::Clips;
@@ -28,6 +30,8 @@ pub struct ClipOptions {
     pub float32: bool,
     /// Threads that read; `None`: one per core. Results do not depend on it.
     pub threads: Option<usize>,
+    /// Decodes images once into files, from which all clips are then read; `None`: decodes them for every clip.
+    pub cache: Option<CacheOptions>,
 }
 
 setters!(ClipOptions {
@@ -41,7 +45,31 @@ setters!(ClipOptions {
     rewards: Rewards,
     float32: bool,
     threads: Option<usize>,
+    cache: Option<CacheOptions>,
 });
+
+/// Where decoded images are kept, and how many.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct CacheOptions {
+    /// The most bytes that a loader writes.
+    pub limit: u64,
+    /// The folder of their folder; `None`: `DATASET.decoded` beside the dataset, or, where nothing can be written there, `decoded` in the folder of caches
+    /// (`SWM_CACHE`, `SWM_HOME/cache`, or that of the system).
+    pub folder: Option<PathBuf>,
+}
+
+setters!(CacheOptions {
+    limit: u64,
+    folder: Option<PathBuf>,
+});
+
+impl Default for CacheOptions {
+    /// 20 GB, beside the dataset.
+    fn default() -> Self {
+        Self { limit: 20_000_000_000, folder: None }
+    }
+}
 
 /// Which rewards a clip holds in its column `reward`.
 ///
@@ -83,6 +111,7 @@ impl Default for ClipOptions {
             rewards: Rewards::default(),
             float32: false,
             threads: None,
+            cache: None,
         }
     }
 }

@@ -151,7 +151,7 @@ impl Dataset for Elsewhere {
         self.named(read)
     }
 
-    of_inner!(looks);
+    of_inner!(looks, origin);
 
     fn share(&self) -> Box<dyn Dataset> {
         let (info, found, copy) = (self.info.clone(), self.found.clone(), self.copy.clone());

@@ -4,6 +4,8 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::cache_folder::cache_folder;
+
 /// Everything that is set.
 #[derive(Clone, Debug)]
 pub(super) struct Settings {
@@ -73,17 +75,6 @@ impl Settings {
             (Some(key), Some(secret)) => Some(Credentials { key, secret, session: set("AWS_SESSION_TOKEN") }),
             _ => None,
         };
-        let below_home = |path: &str| set("HOME").map(|home| PathBuf::from(home).join(path));
-        let system = || match os {
-            "macos" => below_home("Library/Caches"),
-            "windows" => set("LOCALAPPDATA").map(PathBuf::from),
-            _ => set("XDG_CACHE_HOME")
-                .map(PathBuf::from)
-                .filter(|path| path.is_absolute())
-                .or_else(|| below_home(".cache")),
-        };
-        let own = set("SWM_CACHE").map(PathBuf::from);
-        let data = || set("SWM_HOME").map(|home| PathBuf::from(home).join("cache"));
         let gigabytes =
             set("SWM_CACHE_GB").and_then(|text| text.parse::<f64>().ok()).filter(|size| *size >= 0.0);
         Self {
@@ -97,7 +88,7 @@ impl Settings {
                 endpoint: set("HF_ENDPOINT").map_or_else(|| "https://huggingface.co".to_owned(), address),
                 token: set("HF_TOKEN"),
             },
-            cache: own.or_else(data).or_else(|| Some(system()?.join("stable-worldmodel"))),
+            cache: cache_folder(&variable, os),
             cache_bytes: (gigabytes.unwrap_or(20.0) * 1e9) as u64,
             certificates: set("SSL_CERT_FILE").map(PathBuf::from),
             timeout: Duration::from_secs(30),

@@ -27,6 +27,7 @@ mod layouts;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;
+mod loader_cache;
 mod loader_properties;
 mod loader_sharing;
 mod mcap_order;

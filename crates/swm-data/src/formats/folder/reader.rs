@@ -10,7 +10,7 @@ use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, INDEX, Manifest};
-use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps};
 use crate::error::{DataError, FormatError, wrong_type};
 use crate::formats::labels::{Labels, number};
 use crate::formats::npz::Array;
@@ -311,6 +311,10 @@ fn spans(
 impl Dataset for FolderDataset {
     fn info(&self) -> &DatasetInfo {
         &self.shared.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.shared.info))
     }
 
     fn rows(

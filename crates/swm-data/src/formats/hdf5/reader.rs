@@ -18,7 +18,7 @@ use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use super::torn;
-use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
+use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Origin, Steps};
 use crate::error::{DataError, FormatError};
 use crate::foreign;
 use crate::formats::element::Element;
@@ -203,6 +203,10 @@ impl Hdf5Dataset {
 impl Dataset for Hdf5Dataset {
     fn info(&self) -> &DatasetInfo {
         &self.shared.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.shared.info))
     }
 
     fn rows(

@@ -15,7 +15,7 @@ use super::images;
 use super::rows::Place;
 use super::table::Table;
 use super::tasks::TASK_INDEX;
-use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::read_regular;
 use crate::open_options::OpenOptions;
@@ -199,6 +199,10 @@ fn check_file(path: &Path, files: &EpisodeFiles) -> Result<()> {
 impl Dataset for LeRobotDataset {
     fn info(&self) -> &DatasetInfo {
         &self.shared.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.shared.info))
     }
 
     fn rows(

@@ -12,7 +12,7 @@ use super::foxglove;
 use super::index::{Episode, Index, MessageAt, OUTSIDE, STEP_TOPIC, is_image, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD, Reader};
 use super::rows::from_json;
-use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 use crate::foreign;
 use crate::formats::disk::{ReadAt as _, Readable};
@@ -197,6 +197,10 @@ impl Shared {
 impl Dataset for McapDataset {
     fn info(&self) -> &DatasetInfo {
         &self.shared.info
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        Some(Origin::of(&self.shared.info))
     }
 
     fn rows(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, Literal, NoReturn, cast
 
 import numpy as np
 
@@ -102,6 +103,10 @@ class Loader:
             dataset's, which is ``"recorded"``: row t holds the reward of arriving at t.
         float32: Give columns of 64-bit floating point in 32 bit, which is what models are planned with. False: as stored,
             which is also what an item of the dataset is.
+        cache: ``"decoded"`` decodes images once, at the size of ``image``, into files in ``DATASET.decoded`` beside the
+            dataset, or in ``$SWM_HOME/cache`` where nothing can be written there, and reads clips from them. Batches are
+            the same. A note on stderr names the file and what it cost.
+        cache_limit: The most bytes that it writes; default: 20 GB.
 
     Example:
         >>> loader = Loader("pusht.h5", batch_size=64, num_steps=4, frameskip=5, device="cuda")
@@ -134,6 +139,8 @@ class Loader:
         paper: bool = False,
         rewards: Rewards | None = None,
         float32: bool = True,
+        cache: Literal["decoded"] | None = None,
+        cache_limit: int | None = None,
     ) -> None:
         if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
@@ -173,7 +180,11 @@ class Loader:
             goals=self._goals(goals),
             action_rewards=sums_rewards(getattr(first, "rewards", "recorded") if rewards is None else rewards),
             float32=float32,
+            cache_limit=_cache_limit(cache, cache_limit),
         )
+        for message, is_new in self._clips.cached:
+            if is_new:
+                print(f"note: {message}", file=sys.stderr)
         self._fields = {name: (dtype, shape) for name, dtype, shape, _ in self._clips.fields}
         self._options: dict[str, Any] = {
             "size": batch_size,
@@ -362,6 +373,17 @@ class Loader:
     def __repr__(self) -> str:
         columns = ", ".join(f"{name} {dtype} {(self.batch_size, *shape)}" for name, (dtype, shape) in self._fields.items())
         return f"Loader({self.num_clips} clips, {len(self)} batches of {self.batch_size}: {columns})"
+
+
+def _cache_limit(cache: str | None, limit: int | None) -> int | None:
+    """The bytes of decoded images that may be written; ``None`` without a cache."""
+    if cache is None:
+        if limit is not None:
+            raise ValueError(f"cache_limit={limit!r}: nothing is cached; give cache='decoded', too, or leave it out")
+        return None
+    if cache != "decoded":
+        raise ValueError(f"cache={cache!r}: give 'decoded', or None to decode images for every clip")
+    return 20_000_000_000 if limit is None else whole_number("cache_limit", limit)
 
 
 class _Epoch(Iterator[dict[str, Any]]):
