@@ -135,7 +135,7 @@ pub(super) fn draw<T: Target>(
         return;
     }
     let large = Large {
-        edges: edges.each_ref().map(Edges::to_arrays),
+        edges: edges.each_ref().map(|edge| edge.to_arrays()),
         corner: [x[0], y[0], nearness[0]].map(Lanes::to_array),
         slope: [by_x, by_y].map(Lanes::to_array),
         columns: [left, right].map(Lanes::to_array),
@@ -224,8 +224,8 @@ impl Edges<Lanes> {
     }
 
     #[inline]
-    fn to_arrays(&self) -> Edges<[f32; LANES]> {
-        let Self { by_x, by_y, constant, bound } = *self;
+    fn to_arrays(self) -> Edges<[f32; LANES]> {
+        let Self { by_x, by_y, constant, bound } = self;
         let [by_x, by_y, constant, bound] = [by_x, by_y, constant, bound].map(Lanes::to_array);
         Edges { by_x, by_y, constant, bound }
     }

@@ -307,7 +307,7 @@ mod tests {
         ) {
             // Some are small, some are large, and they share corners with none.
             let shrunk = |[a, b, c]: [Corner; 3], k: usize| {
-                let by = if k % 2 == 0 { small } else { 1.0 };
+                let by = if k.is_multiple_of(2) { small } else { 1.0 };
                 let toward = |p: Corner| [a[0] + by * (p[0] - a[0]), a[1] + by * (p[1] - a[1]), p[2], p[3]];
                 [a, toward(b), toward(c)]
             };
