@@ -55,6 +55,8 @@ async fn ask(app: Arc<App>, body: Bytes, begins: bool) -> Answer {
         let Asked { request, name } = serde_json::from_slice(&body)
             .map_err(|error| Refusal::bad(format!("the page sent `{error}`")))?;
         let out = app.roots.writable(&name)?;
+        // Before a file is looked at that another request writes.
+        app.requests.check_name(&name)?;
         let request = read(&app.registry, &app.roots, request)?.at(out.clone());
         let needs = request.needs(&app.registry, &mut ())?;
         needs.inputs.iter().try_for_each(|input| app.roots.check_path(input))?;

@@ -72,6 +72,15 @@ impl Requests {
         Ok(())
     }
 
+    /// Refuses a name whose result is being made.
+    ///
+    /// # Errors
+    ///
+    /// It is.
+    pub(crate) fn check_name(&self, name: &str) -> Result<(), Refusal> {
+        check_name(&self.all(), name)
+    }
+
     /// Begins a request whose result has this name; its number.
     ///
     /// # Errors
@@ -85,18 +94,10 @@ impl Requests {
         name: String,
     ) -> Result<usize, Refusal> {
         let mut all = self.all();
-        let running = all.iter().filter(|one| one.is_running());
-        if running.clone().any(|one| one.name == name) {
-            return Err(Refusal::new(
-                StatusCode::CONFLICT,
-                format!("`{name}` is being made; wait, stop it, or choose another name"),
-            ));
-        }
-        if running.count() >= MAX_RUNNING {
-            return Err(Refusal::new(
-                StatusCode::CONFLICT,
-                format!("{MAX_RUNNING} requests run already; wait for one, or stop it"),
-            ));
+        check_name(&all, &name)?;
+        if all.iter().filter(|one| one.is_running()).count() >= MAX_RUNNING {
+            let reason = format!("{MAX_RUNNING} requests run already; wait for one, or stop it");
+            return Err(Refusal::new(StatusCode::CONFLICT, reason));
         }
         let number = all.last().map_or(1, |last| last.number + 1);
         let one = Arc::new(Running {
@@ -143,6 +144,14 @@ impl Requests {
         };
         self.all().iter().rev().map(one).collect()
     }
+}
+
+fn check_name(all: &[Arc<Running>], name: &str) -> Result<(), Refusal> {
+    if !all.iter().any(|one| one.is_running() && one.name == name) {
+        return Ok(());
+    }
+    let reason = format!("`{name}` is being made; wait, stop it, or choose another name");
+    Err(Refusal::new(StatusCode::CONFLICT, reason))
 }
 
 impl Running {

@@ -148,6 +148,7 @@ fn few_requests_run_at_once_and_a_stopped_one_keeps_what_it_wrote() {
     assert_eq!(page.post("/api/requests", &long("a.h5")).0, 200);
     let (code, answer) = page.post("/api/requests", &long("a.h5"));
     assert!(code == 409 && answer["error"].as_str().unwrap().contains("is being made"), "{answer}");
+    assert_eq!(page.post("/api/requests/check", &long("a.h5")).0, 409);
     assert_eq!(page.post("/api/requests", &long("b.h5")).0, 200);
     let (code, answer) = page.post("/api/requests", &long("c.h5"));
     assert!(code == 409 && answer["error"].as_str().unwrap().contains("2 requests run already"), "{answer}");
