@@ -379,11 +379,13 @@ def test_floating_point_is_of_32_bit_as_in_planning(path: Path) -> None:
     assert batch["action"].dtype == np.float32 and batch["count"].dtype == np.int64 and batch["pixels"].dtype == np.uint8
 
 
-def test_a_cache_of_decoded_images_gives_the_same_batches(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cache_of_decoded_images_gives_the_same_batches(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "stable_worldmodel_rs")
     plain = [copied(batch) for batch in swm.data.Loader(path, batch_size=4, num_steps=2, image=(16, 16), seed=3)]
     for noted in (True, False):
         cached = swm.data.Loader(path, batch_size=4, num_steps=2, image=(16, 16), seed=3, cache="decoded")
-        assert ("note: decoded 29 images of column `pixels`" in capsys.readouterr().err) == noted
+        assert ("decoded 29 images of column `pixels`" in caplog.text) == noted
+        caplog.clear()
         assert all(same(batch, wanted) for batch, wanted in zip(cached, plain, strict=True))
     with pytest.raises(swm.DataError, match=r"cache_limit.* need 27760 bytes .*limit of 1000"):
         swm.data.Loader(path, image=(17, 16), cache="decoded", cache_limit=1000)

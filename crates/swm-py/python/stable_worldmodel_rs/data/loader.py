@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NoReturn, cast
@@ -23,6 +23,8 @@ from .utils import load_dataset
 from .writers import as_column
 
 __all__ = ["Loader", "collate"]
+
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 def collate(items: Any) -> Any:
@@ -105,7 +107,7 @@ class Loader:
             which is also what an item of the dataset is.
         cache: ``"decoded"`` decodes images once, at the size of ``image``, into files in ``DATASET.decoded`` beside the
             dataset, or in ``$SWM_HOME/cache`` where nothing can be written there, and reads clips from them. Batches are
-            the same. A note on stderr names the file and what it cost.
+            the same. The log (level INFO) names the file and what it cost.
         cache_limit: The most bytes that it writes; default: 20 GB.
 
     Example:
@@ -184,7 +186,7 @@ class Loader:
         )
         for message, is_new in self._clips.cached:
             if is_new:
-                print(f"note: {message}", file=sys.stderr)
+                logger.info("%s", message)
         self._fields = {name: (dtype, shape) for name, dtype, shape, _ in self._clips.fields}
         self._options: dict[str, Any] = {
             "size": batch_size,
