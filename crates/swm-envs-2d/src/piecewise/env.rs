@@ -12,17 +12,13 @@ use crate::dot_room::{
     target,
 };
 use crate::tworoom_v2::dot::Dot;
-use crate::tworoom_v2::room::{IMAGE_PX, SIDE, SUCCESS_PX, distance_f32};
+use crate::tworoom_v2::room::{self, IMAGE_PX, SIDE, distance_f32, to_target};
 
 /// Walk to a target over zones that push. See the module's documentation.
 pub(super) struct Piecewise {
     zones: Zones,
     /// The setting asks for far targets.
     asks_for_far_targets: bool,
-}
-
-fn to_target(state: &Dots) -> f64 {
-    f64::from(distance_f32(state.agent, state.target))
 }
 
 impl Scene for Piecewise {
@@ -74,8 +70,7 @@ impl Scene for Piecewise {
     }
 
     fn outcome(&self, state: &Dots) -> Outcome {
-        let success = to_target(state) < SUCCESS_PX;
-        Outcome { reward: 0.0, terminated: success, success: Some(success) }
+        room::outcome(state)
     }
 
     fn write_episode(&self, state: &Dots, out: &mut RowsMut<'_>) {

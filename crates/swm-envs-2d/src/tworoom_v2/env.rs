@@ -6,7 +6,7 @@ use swm_fov::{Fov, FovSpace, Scene, SceneError};
 use super::dot::Dot;
 use super::factors::factors;
 use super::rendering::Look;
-use super::room::{Room, SIDE, SUCCESS_PX, WALL_CENTER_PX, distance_f32};
+use super::room::{self, Room, SIDE, WALL_CENTER_PX, to_target};
 use super::route;
 use super::settings::Settings;
 use crate::dot_room::{
@@ -17,10 +17,6 @@ use crate::dot_room::{
 pub(super) struct TwoRoom {
     settings: Settings,
     room: Room,
-}
-
-fn to_target(state: &Dots) -> f64 {
-    f64::from(distance_f32(state.agent, state.target))
 }
 
 impl TwoRoom {
@@ -92,8 +88,7 @@ impl Scene for TwoRoom {
     }
 
     fn outcome(&self, state: &Dots) -> Outcome {
-        let success = to_target(state) < SUCCESS_PX;
-        Outcome { reward: 0.0, terminated: success, success: Some(success) }
+        room::outcome(state)
     }
 
     fn write_episode(&self, state: &Dots, out: &mut RowsMut<'_>) {

@@ -1,7 +1,10 @@
 //! The two rooms as an agent meets them: walls, doors, and how a step moves it. Positions are `[x, y]` in pixels of the
 //! 224-px image, y down. Where to go is `route.rs`.
 
+use swm_core::Outcome;
 use swm_fov::Fov;
+
+use crate::dot_room::Dots;
 
 /// Height and width of the image, and of the world.
 pub(crate) const IMAGE_PX: usize = 224;
@@ -126,6 +129,17 @@ impl Room {
 /// The distance of two positions, px.
 pub(super) fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
     ((ax - bx) * (ax - bx) + (ay - by) * (ay - by)).sqrt()
+}
+
+/// Pixels from the agent to the target, as the crow flies.
+pub(crate) fn to_target(state: &Dots) -> f64 {
+    f64::from(distance_f32(state.agent, state.target))
+}
+
+/// Near the target is success, and ends the episode; nothing is rewarded.
+pub(crate) fn outcome(state: &Dots) -> Outcome {
+    let success = to_target(state) < SUCCESS_PX;
+    Outcome { reward: 0.0, terminated: success, success: Some(success) }
 }
 
 /// The distance of two positions as the reference computes it: in f32, where the second square is added without having
