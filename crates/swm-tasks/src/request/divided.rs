@@ -142,18 +142,21 @@ impl Divided {
     /// the result.
     #[must_use]
     pub fn part(&self, shard: Shard, out: PathBuf) -> Self {
-        let mut part = self.clone();
-        match &mut part {
-            Self::Record(request) => {
-                (request.shard, request.mode, request.out) = (Some(shard), swm_data::WriteMode::Append, out);
-            }
-            Self::Evaluate(request) => (request.shard, request.out) = (Some(shard), Some(out)),
-            Self::Sweep(request) => (request.shard, request.out) = (Some(shard), Some(out)),
+        let mut part = match self {
             Self::Train(runs) => {
                 let (index, _) = shard.numbers();
-                let run = runs.get(index as usize - 1).map(|run| run.in_folder(out));
-                *runs = run.into_iter().collect();
+                Self::Train(runs.get(index as usize - 1).cloned().into_iter().collect())
             }
+            whole => whole.clone(),
+        }
+        .at(out);
+        match &mut part {
+            Self::Record(request) => {
+                (request.shard, request.mode) = (Some(shard), swm_data::WriteMode::Append);
+            }
+            Self::Evaluate(request) => request.shard = Some(shard),
+            Self::Sweep(request) => request.shard = Some(shard),
+            Self::Train(_) => {}
         }
         part
     }
@@ -189,11 +192,11 @@ impl Divided {
     /// The request that joins the parts in the folder `out`; `None` of recordings, which are merged, and of trainings.
     #[must_use]
     pub fn join(&self, out: PathBuf) -> Option<Self> {
-        let mut joined = self.clone();
+        let mut joined = self.at(out);
         match &mut joined {
             Self::Record(_) | Self::Train(_) => return None,
-            Self::Evaluate(request) => (request.join, request.out) = (true, Some(out)),
-            Self::Sweep(request) => (request.join, request.out) = (true, Some(out)),
+            Self::Evaluate(request) => request.join = true,
+            Self::Sweep(request) => request.join = true,
         }
         Some(joined)
     }
