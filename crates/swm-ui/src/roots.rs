@@ -169,26 +169,6 @@ impl Roots {
         self.all().any(|root| real.starts_with(root))
     }
 
-    /// Refuses arguments of policies and environments that name files elsewhere.
-    ///
-    /// # Errors
-    ///
-    /// Such an argument.
-    pub(crate) fn check_text(&self, text: &str) -> Result<(), Refusal> {
-        let path = Path::new(text);
-        let is_path = text.contains(['/', '\\']) || text.starts_with('@') || path.exists();
-        match fs::canonicalize(path) {
-            _ if !is_path => Ok(()),
-            Ok(real) if self.holds(&real) => self.check_links(&real),
-            _ => {
-                let fix = "give that path to `swm ui` as well";
-                Err(Refusal::forbidden(format!(
-                    "`{text}` is outside of the paths that `swm ui` was given; {fix}"
-                )))
-            }
-        }
-    }
-
     /// Refuses a file or folder elsewhere, whatever leads to it.
     ///
     /// # Errors
@@ -197,11 +177,27 @@ impl Roots {
     pub(crate) fn check_path(&self, path: &Path) -> Result<(), Refusal> {
         let real =
             fs::canonicalize(path).map_err(|error| Refusal::bad(format!("{}: {error}", path.display())))?;
-        match self.holds(&real) {
-            true => self.check_links(&real),
-            false => Err(Refusal::forbidden(format!(
-                "{} is outside of the paths that `swm ui` was given; give that path to `swm ui` as well",
-                path.display()
+        self.check_real(Some(&real), path)
+    }
+
+    /// Refuses arguments of policies and environments that name files elsewhere.
+    ///
+    /// # Errors
+    ///
+    /// Such an argument.
+    pub(crate) fn check_text(&self, text: &str) -> Result<(), Refusal> {
+        let path = Path::new(text);
+        let is_path = text.contains(['/', '\\']) || text.starts_with('@') || path.exists();
+        if is_path { self.check_real(fs::canonicalize(path).ok().as_deref(), path) } else { Ok(()) }
+    }
+
+    /// Refuses a path, links resolved, that is outside of the roots or leads out of them; `named` is how the user wrote it.
+    fn check_real(&self, real: Option<&Path>, named: &Path) -> Result<(), Refusal> {
+        match real {
+            Some(real) if self.holds(real) => self.check_links(real),
+            _ => Err(Refusal::forbidden(format!(
+                "`{}` is outside of the paths that `swm ui` was given; give that path to `swm ui` as well",
+                named.display()
             ))),
         }
     }
