@@ -1,7 +1,7 @@
 //! Latent dynamics: what a world model network provides for planning, and how its latents and predictions are computed.
 //!
-//! On a CPU, observations go through the network one by one, latents in groups of a fixed size, padded with zeros: the bits of
-//! a latent do not depend on other latents. Other devices take many at once.
+//! On a CPU, observations and latents go through the network in groups that its caches hold. The bits of a latent do not depend on
+//! other latents, since those of a [product](crate::kernels) do not depend on other rows. Other devices take many at once.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -50,33 +50,14 @@ pub(crate) trait LatentDynamics: Module + Sync {
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2>;
 }
 
-/// How many candidates go through a network at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct GroupSize {
-    /// At most so many.
-    most: usize,
-    /// Whether others are filled up with zeros to as many, since the bits of a result depend on their number.
-    padded: bool,
-}
-
-impl GroupSize {
-    /// That of a model on `device`.
-    pub(crate) fn of<M: LatentDynamics>(device: &Device) -> Self {
-        match Placement::of(device) {
-            Placement::Host => Self { most: M::GROUP, padded: true },
-            Placement::Device => Self { most: M::GROUP_ON_DEVICE, padded: false },
-        }
-    }
-
-    /// The greatest group of `count` candidates.
-    pub(crate) fn most(self, count: usize) -> usize {
-        self.most.min(count.max(1))
-    }
-
-    /// How many candidates the network gets for a group of `count`.
-    pub(crate) fn filled(self, count: usize) -> usize {
-        if self.padded { self.most } else { count }
-    }
+/// How many of `count` candidates go through a network at once: groups of about one size, on a CPU one for each thread at least.
+pub(crate) fn group_size<M: LatentDynamics>(device: &Device, count: usize) -> usize {
+    let count = count.max(1);
+    let most = match Placement::of(device) {
+        Placement::Host => M::GROUP.min(count.div_ceil(rayon::current_num_threads())),
+        Placement::Device => M::GROUP_ON_DEVICE,
+    };
+    count.div_ceil(count.div_ceil(most))
 }
 
 /// Work on each of `groups`: on a CPU by all threads, on other devices one after another, as the device is parallel itself.
@@ -110,10 +91,11 @@ pub(crate) fn encode<M: LatentDynamics>(
     let pixels = images::to_tensor("pixels", &seen.pixels, (form.image, form.normalization), device)?;
     let proprio = form.state("proprio", seen.proprio.as_ref(), count, device)?;
     let dim = model.latent_dim().max(1);
-    // One by one on a CPU: the bits of a latent must not depend on the others.
+    /// Images of a group on a CPU.
+    const IMAGES: usize = 8;
     let most = match Placement::of(device) {
-        Placement::Host => 1,
-        Placement::Device => M::GROUP_ON_DEVICE.min(count.max(1)),
+        Placement::Host => count.div_ceil(rayon::current_num_threads()).clamp(1, IMAGES),
+        Placement::Device => group_size::<M>(device, count),
     };
     let groups: Vec<_> = latents.chunks_mut(most * dim).enumerate().collect();
     for_each_group(device, groups, |(index, latents)| {
@@ -135,18 +117,11 @@ pub(crate) fn predict<M: LatentDynamics>(
     let (dim, block) = (model.latent_dim().max(1), model.form().action);
     check(latents.len(), actions.len() / block.max(1), dim)?;
     let block = block.max(1);
-    let size = GroupSize::of::<M>(device);
-    let most = size.most(actions.len() / block);
+    let most = group_size::<M>(device, actions.len() / block);
     let groups: Vec<_> = latents.chunks_mut(most * dim).zip(actions.chunks(most * block)).collect();
     for_each_group(device, groups, |(latents, actions)| {
-        let count = size.filled(actions.len() / block);
-        let full = |values: &[f32], dim: usize| {
-            let mut values = values.to_vec();
-            values.resize(count * dim, 0.0);
-            Tensor::<2>::from_data(TensorData::new(values, [count, dim]), device)
-        };
-        let next = host(model.next(full(latents, dim), full(actions, block)));
-        latents.copy_from_slice(&next[..latents.len()]);
+        let next = model.next(rows(latents, dim, device), rows(actions, block, device));
+        latents.copy_from_slice(&host(next));
     });
     Ok(())
 }
@@ -164,31 +139,29 @@ pub(crate) fn step_toward<M: LatentDynamics>(
     for values in [latents.len(), targets.len(), next.len()] {
         check(values, actions.len() / block, dim)?;
     }
-    let size = GroupSize::of::<M>(device);
-    let most = size.most(actions.len() / block);
+    let most = group_size::<M>(device, actions.len() / block);
     let given = latents.chunks(most * dim).zip(actions.chunks(most * block)).zip(targets.chunks(most * dim));
     let found = next.chunks_mut(most * dim).zip(gradient.chunks_mut(most * block));
     for_each_group(
         device,
         given.zip(found).collect(),
         |(((latents, actions), targets), (next, gradient))| {
-            let count = size.filled(actions.len() / block);
-            let full = |values: &[f32], dim: usize| {
-                let mut values = values.to_vec();
-                values.resize(count * dim, 0.0);
-                Tensor::<2>::from_data(TensorData::new(values, [count, dim]), device)
-            };
-            let actions = full(actions, block).autodiff().require_grad();
-            let reached = model.next(full(latents, dim).autodiff(), actions.clone());
+            let actions = rows(actions, block, device).autodiff().require_grad();
+            let reached = model.next(rows(latents, dim, device).autodiff(), actions.clone());
             // Rows do not interact, so the derivative of the sum holds that of each.
-            let off = reached.clone() - full(targets, dim).autodiff();
+            let off = reached.clone() - rows(targets, dim, device).autodiff();
             let gradients = (off.clone() * off).sum().backward();
-            next.copy_from_slice(&host(reached)[..next.len()]);
+            next.copy_from_slice(&host(reached));
             let by_action = actions.grad(&gradients).map(host).unwrap_or_default();
             gradient.iter_mut().zip(by_action).for_each(|(out, value)| *out = value);
         },
     );
     Ok(())
+}
+
+/// Rows of so many values.
+fn rows(values: &[f32], width: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / width, width]), device)
 }
 
 fn check(values: usize, count: usize, dim: usize) -> Result<(), BaselineError> {

@@ -1,8 +1,7 @@
 //! Planning with any world model that computes costs per planning problem.
 //!
-//! On a CPU, candidates go through the network in groups of a fixed size, each from one problem and padded with zeros.
-//! So the bits of a cost depend only on the candidate: not on other problems, not on threads. On other devices, all
-//! candidates of a problem are one group.
+//! On a CPU, candidates go through the network in groups, each from one problem. The bits of a cost depend only on the
+//! candidate: not on its group, not on threads. On other devices, all candidates of a problem are one group.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -10,7 +9,7 @@ use swm_solvers::{Aggregate, Candidates, Outputs};
 
 use crate::baseline::PlanModel;
 use crate::data::{Observations, PlanningBatch, Start};
-use crate::dynamics::{self, GroupSize, LatentDynamics, for_each_group};
+use crate::dynamics::{self, LatentDynamics, for_each_group, group_size};
 use crate::error::BaselineError;
 use crate::params::{device_of, host};
 use crate::placement::Placement;
@@ -30,7 +29,7 @@ impl<M: LatentDynamics> Planner<M> {
     }
 
     fn groups<'a>(&self, candidates: &Candidates<'a>) -> Result<Groups<'a>, BaselineError> {
-        let size = GroupSize::of::<M>(&self.device);
+        let size = group_size::<M>(&self.device, candidates.samples);
         Groups::new(candidates, self.problems.len(), self.block_dim(), size)
     }
 
@@ -92,8 +91,7 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
     fn rollout(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), BaselineError> {
         self.groups(candidates)?;
         let &Candidates { actions, samples, horizon, dim, .. } = candidates;
-        let size = GroupSize::of::<M>(&self.device);
-        let (most, values) = (size.most(samples), self.latent_dim());
+        let (most, values) = (group_size::<M>(&self.device, samples), self.latent_dim());
         if states.len() * dim != actions.len() * values {
             let reason =
                 format!("room for {} values of {} actions' states of {values}", states.len(), actions.len());
@@ -109,13 +107,8 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
             &self.device,
             groups.collect(),
             |(row, states, plans): (usize, &mut [f32], &[f32])| {
-                let count = size.filled(plans.len() / (horizon * dim));
-                let mut plans = plans.to_vec();
-                plans.resize(count * horizon * dim, 0.0);
-                let plans =
-                    Tensor::<3>::from_data(TensorData::new(plans, [count, horizon, dim]), &self.device);
-                let found = host(self.model.states(&self.problems[row], plans));
-                states.copy_from_slice(&found[..states.len()]);
+                let plans = plans_of(plans, [horizon, dim], &self.device);
+                states.copy_from_slice(&host(self.model.states(&self.problems[row], plans)));
             },
         );
         Ok(())
@@ -123,7 +116,6 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
 
     fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError> {
         let start = Start::new(batch, self.model.form(), &self.device)?;
-        // One by one: the bits of an encoded problem must not depend on the others.
         let mut problems: Vec<Option<M::Problem>> = (0..batch.pixels.rows).map(|_| None).collect();
         let rows = problems.iter_mut().enumerate().collect();
         for_each_group(&self.device, rows, |(row, problem)| *problem = Some(self.model.problem(&start, row)));
@@ -141,19 +133,23 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
     }
 }
 
+/// `[C, H, D]`: plans of H blocks of D values.
+fn plans_of(plans: &[f32], [horizon, dim]: [usize; 2], device: &Device) -> Tensor<3> {
+    let count = plans.len() / (horizon * dim);
+    Tensor::from_data(TensorData::new(plans.to_vec(), [count, horizon, dim]), device)
+}
+
 /// Some candidates of one planning problem.
 struct Group<'a> {
     /// The problem.
     row: usize,
     /// H and D.
     shape: [usize; 2],
-    /// C: candidates that the network gets.
-    size: usize,
-    /// `[up to C, H, D]`.
+    /// `[C, H, D]`.
     plans: &'a [f32],
-    /// `[up to C]`.
+    /// `[C]`.
     costs: &'a mut [f64],
-    /// `[up to C, H, D]`.
+    /// `[C, H, D]`.
     gradient: Option<&'a mut [f32]>,
 }
 
@@ -162,12 +158,9 @@ type Found = (Tensor<1>, Option<Tensor<3>>);
 
 impl Group<'_> {
     /// Computes its costs, and their gradient if it has one, by a function from `[C, H, D]` to `[C]` that treats candidates
-    /// apart. A group that is not full is filled up with zeros.
+    /// apart.
     fn start(&self, device: &Device, costs: impl Fn(Tensor<3>) -> Tensor<1>) -> Found {
-        let [horizon, dim] = self.shape;
-        let mut plans = self.plans.to_vec();
-        plans.resize(self.size * horizon * dim, 0.0);
-        let plans = Tensor::<3>::from_data(TensorData::new(plans, [self.size, horizon, dim]), device);
+        let plans = plans_of(self.plans, self.shape, device);
         if self.gradient.is_none() {
             return (costs(plans), None);
         }
@@ -191,7 +184,7 @@ impl Group<'_> {
 /// How candidates are cut into groups.
 struct Groups<'a> {
     candidates: Candidates<'a>,
-    size: GroupSize,
+    size: usize,
 }
 
 impl<'a> Groups<'a> {
@@ -200,7 +193,7 @@ impl<'a> Groups<'a> {
         candidates: &Candidates<'a>,
         problems: usize,
         dim: usize,
-        size: GroupSize,
+        size: usize,
     ) -> Result<Self, BaselineError> {
         let shape = candidates.shape();
         if candidates.dim != dim {
@@ -223,7 +216,7 @@ impl<'a> Groups<'a> {
     /// The groups, each with its part of the outputs.
     fn of(&self, outputs: &'a mut Outputs<'_>) -> Vec<Group<'a>> {
         let Candidates { actions, samples, horizon, dim, .. } = self.candidates;
-        let (of_one, most) = (horizon * dim, self.size.most(samples));
+        let (of_one, most) = (horizon * dim, self.size);
         let Outputs { costs, gradient, .. } = outputs;
         let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
         let groups = rows.flat_map(|(row, (costs, plans))| {
@@ -231,7 +224,6 @@ impl<'a> Groups<'a> {
             parts.map(move |(costs, plans)| Group {
                 row,
                 shape: [horizon, dim],
-                size: self.size.filled(costs.len()),
                 plans,
                 costs,
                 gradient: None,

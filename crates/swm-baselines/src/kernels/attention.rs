@@ -6,7 +6,6 @@ use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::flex::{FlexTensor, Layout};
-use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::ops::AttentionModuleOptions;
@@ -14,7 +13,8 @@ use burn::tensor::{DType, Shape, Tensor, module};
 use rayon::prelude::*;
 
 use super::few::Few;
-use super::{attention_scale, is_ours, owned, tensor_of, values_mut, values_of, vector};
+use super::product::{Matrix, as_matrix, product};
+use super::{attention_scale, is_ours, tensor_of, vector};
 
 /// The most weights of a head that [`Few`] is for.
 const FEW: usize = 64;
@@ -77,7 +77,7 @@ enum Weights {
     /// Of few tokens: `[B, heads, N, M]`.
     Together(Vec<f32>),
     /// Of each head: `[N, M]`.
-    Apart(Vec<FlexTensor>),
+    Apart(Vec<Vec<f32>>),
 }
 
 impl<C: CheckpointStrategy> Attend for Autodiff<Flex, C> {
@@ -158,12 +158,13 @@ impl Heads {
     }
 
     /// The weights of a head, `[N, M]`, and its outputs, `[N, E]`.
-    fn forward(self, head: usize, qkv: [&FlexTensor; 3], causal: bool) -> (FlexTensor, FlexTensor) {
-        let [q, k, v] = qkv.map(|tensor| self.one(tensor, head));
-        let mut weights = owned(Flex::float_matmul(q, k.transpose(0, 1)));
-        let [_, keys] = weights.layout().shape().dims();
-        vector::softmax(values_mut(&mut weights), keys, attention_scale(self.dim), causal);
-        let outputs = Flex::float_matmul(weights.clone(), v);
+    fn forward(self, head: usize, qkv: [&FlexTensor; 3], causal: bool) -> (Vec<f32>, Vec<f32>) {
+        let qkv = qkv.map(|tensor| self.one(tensor, head));
+        let [q, k, v] = qkv.each_ref().map(Matrix::of);
+        let mut weights = product(q, k.transposed(), None);
+        let keys = weights.len() / self.tokens;
+        vector::softmax(&mut weights, keys, attention_scale(self.dim), causal);
+        let outputs = product(Matrix::new(&weights, keys), v, None);
         (weights, outputs)
     }
 
@@ -172,37 +173,37 @@ impl Heads {
         self,
         head: usize,
         qkv: [&FlexTensor; 3],
-        weights: &FlexTensor,
+        weights: &[f32],
         given: &FlexTensor,
-    ) -> [FlexTensor; 3] {
-        let [q, k, v] = qkv.map(|tensor| self.one(tensor, head));
-        let given = self.one(given, head);
-        let of_v = Flex::float_matmul(weights.transpose(0, 1), given.clone());
-        let mut scores = owned(Flex::float_matmul(given, v.transpose(0, 1)));
-        let [_, keys] = scores.layout().shape().dims();
-        vector::softmax_back(values_mut(&mut scores), values_of(weights), keys, attention_scale(self.dim));
-        let of_k = Flex::float_matmul(scores.transpose(0, 1), q);
-        [Flex::float_matmul(scores, k), of_k, of_v]
+    ) -> [Vec<f32>; 3] {
+        let (qkv, given) = (qkv.map(|tensor| self.one(tensor, head)), self.one(given, head));
+        let ([q, k, v], given) = (qkv.each_ref().map(Matrix::of), Matrix::of(&given));
+        let keys = weights.len() / self.tokens;
+        let of_v = product(Matrix::new(weights, keys).transposed(), given, None);
+        let mut scores = product(given, v.transposed(), None);
+        vector::softmax_back(&mut scores, weights, keys, attention_scale(self.dim));
+        let scores = Matrix::new(&scores, keys);
+        [product(scores, k, None), product(scores.transposed(), q, None), of_v]
     }
 
-    /// One head of a tensor, without a copy: `[N, E]`.
+    /// One head of a tensor, without a copy unless its rows are in pieces: `[N, E]`.
     fn one(self, tensor: &FlexTensor, head: usize) -> FlexTensor {
         let [_, _, tokens, dim] = tensor.layout().shape().dims();
         let strides = tensor.layout().strides();
         let offset = (head / self.heads) as isize * strides[0] + (head % self.heads) as isize * strides[1];
         let start = tensor.layout().start_offset() as isize + offset;
         let layout = Layout::new(Shape::new([tokens, dim]), strides[2..].to_vec(), start as usize);
-        FlexTensor::from_arc(tensor.data_arc(), layout, DType::F32)
+        as_matrix(FlexTensor::from_arc(tensor.data_arc(), layout, DType::F32))
     }
 
     /// `[B, heads, N, E]` of its heads. In memory the heads of a token stand beside each other: to join them costs nothing.
-    fn joined<'a>(self, heads: impl Iterator<Item = &'a FlexTensor>) -> FlexTensor {
+    fn joined<'a>(self, heads: impl Iterator<Item = &'a Vec<f32>>) -> FlexTensor {
         let Self { batch, heads: count, tokens, dim } = self;
         let mut values = vec![0.0; batch * count * tokens * dim];
         for (index, head) in heads.enumerate() {
             let image = &mut values[index / count * count * tokens * dim..];
             let places = image[index % count * dim..].chunks_mut(count * dim);
-            for (place, token) in places.zip(values_of(head).chunks_exact(dim)) {
+            for (place, token) in places.zip(head.chunks_exact(dim)) {
                 place[..dim].copy_from_slice(token);
             }
         }

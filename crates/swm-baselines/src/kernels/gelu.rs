@@ -10,7 +10,7 @@ use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::{Tensor, TensorData, activation};
 use rayon::prelude::*;
 
-use super::{TASK, is_ours, multiply, owned, values_mut, vector};
+use super::{TASK, is_ours, multiply_values, owned, values_mut, vector};
 
 /// x Φ(x), where Φ is the normal distribution: the form with the error function, as PyTorch's default. Within 2⁻²¹ |x| of it on a
 /// CPU.
@@ -62,7 +62,7 @@ impl Backward<Flex, 1> for Gated {
     fn backward(self, ops: Ops<FlexTensor, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let [Some(parent)] = ops.parents else { return };
         let mut given = owned(gradients.consume::<Flex>(&ops.node));
-        multiply(&mut given, &ops.state);
+        multiply_values(&mut given, &ops.state);
         gradients.register::<Flex>(parent.id, given);
     }
 }

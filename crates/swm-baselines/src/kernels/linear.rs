@@ -1,20 +1,17 @@
-//! Linear layers, with a GELU after them if that is what follows: groups of rows at a time, so that the bias and the GELU find the
-//! product of a group in the cache of a core.
-//!
-//! A product of burn's makes memory of zeros, copies it and fills the copy. Where it is large, that takes as long as the product.
+//! Linear layers, with a GELU after them if that is what follows: it finds the values of the product in the cache of a core.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::backend::flex::{FlexTensor, Layout};
-use burn::backend::ops::FloatTensorOps;
+use burn::backend::flex::FlexTensor;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
-use burn::tensor::{DType, Shape, Tensor, activation, module};
+use burn::tensor::{Shape, Tensor, activation, module};
 use rayon::prelude::*;
 
-use super::{is_ours, multiply, owned, rows_of_task, tensor_of, values_of, vector};
+use super::product::{Matrix, as_matrix, multiply, product, rows_of_thread};
+use super::{is_ours, multiply_values, owned, rows_of_task, tensor_of, values_of, vector};
 
 /// What follows a linear layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,7 +122,7 @@ impl<const N: usize> Backward<Flex, N> for Projected {
         let mut given = owned(gradients.consume::<Flex>(&ops.node));
         let Seen { shape, x, weight, derivatives } = ops.state;
         if let Some(derivatives) = derivatives {
-            multiply(&mut given, &derivatives);
+            multiply_values(&mut given, &derivatives);
         }
         let given = rows_of(&given);
         for (index, parent) in ops.parents.into_iter().enumerate() {
@@ -135,7 +132,10 @@ impl<const N: usize> Backward<Flex, N> for Projected {
                     let back = Product::of(&given, &weight.transpose(0, 1), None, Then::Nothing, false);
                     reshaped(&back.outputs, shape.clone())
                 }
-                1 => Flex::float_matmul(x.transpose(0, 1), given.clone()),
+                1 => {
+                    let [x, given] = [&x, &given].map(Matrix::of);
+                    tensor_of(product(x.transposed(), given, None), weight.layout().shape().dims::<2>())
+                }
                 _ => sum_of_rows(&given),
             };
             gradients.register::<Flex>(parent.id, gradient);
@@ -173,9 +173,10 @@ impl Product {
         then: Then,
         with_derivatives: bool,
     ) -> Self {
+        let weight = as_matrix(weight.clone());
         let ([rows, inputs], [_, width]) = (x.layout().shape().dims(), weight.layout().shape().dims());
-        let bias = bias.map(values_of);
-        let group = group_of(width);
+        let (x, weight, bias) = (Matrix::of(x), Matrix::of(&weight), bias.map(values_of));
+        let group = rows_of_thread(rows, inputs * width);
         let mut outputs = vec![0.0; rows * width];
         let has_derivatives = with_derivatives && then == Then::Gelu;
         let mut derivatives = vec![0.0; if has_derivatives { rows * width } else { 0 }];
@@ -183,22 +184,16 @@ impl Product {
         of_groups.resize_with(rows.div_ceil(group), || &mut []);
         let parts = outputs.par_chunks_mut(group * width).zip(of_groups).enumerate();
         parts.for_each(|(index, (outputs, derivatives))| {
-            let count = outputs.len() / width;
-            let start = x.layout().start_offset() + index * group * inputs;
-            let layout = Layout::new(Shape::new([count, inputs]), vec![inputs as isize, 1], start);
-            let x = FlexTensor::from_arc(x.data_arc(), layout, DType::F32);
-            let product = Flex::float_matmul(x, weight.clone());
-            let product = values_of(&product);
+            let x = x.rows_from(index * group);
             match then {
-                Then::Nothing => vector::add_to_rows(product, bias, width, outputs),
+                Then::Nothing => multiply(x, weight, bias, outputs, |_, _, _| ()),
                 Then::Gelu if has_derivatives => {
-                    vector::add_to_rows(product, bias, width, derivatives);
-                    vector::gelu_and_derivative(derivatives, outputs);
+                    multiply(x, weight, bias, derivatives, |row, column, values| {
+                        let at = row * width + column;
+                        vector::gelu_and_derivative(values, &mut outputs[at..at + values.len()]);
+                    });
                 }
-                Then::Gelu => {
-                    vector::add_to_rows(product, bias, width, outputs);
-                    vector::gelu(outputs);
-                }
+                Then::Gelu => multiply(x, weight, bias, outputs, |_, _, values| vector::gelu(values)),
             }
         });
         Self {
@@ -206,13 +201,6 @@ impl Product {
             derivatives: has_derivatives.then(|| tensor_of(derivatives, [rows, width])),
         }
     }
-}
-
-/// Rows of a group whose product stays in the cache of a core; a multiple of those that kernels of products take at a time.
-fn group_of(width: usize) -> usize {
-    const VALUES: usize = 1 << 17;
-    const ROWS: usize = 96;
-    (VALUES / width / ROWS).max(1) * ROWS
 }
 
 /// The sum of all rows of `[R, W]`: `[W]`.

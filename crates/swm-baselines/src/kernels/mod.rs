@@ -6,14 +6,15 @@
 //! `flex`; whatever else comes, on other devices and in other precisions, goes to burn's own operations, which also are what the
 //! tests compare with.
 //!
-//! [`vector`] has the loops. The bits of an output depend on its own row, not on threads, on the CPU or on other rows; products
-//! of matrices are burn's, and depend on the CPU.
+//! [`vector`] has the loops, [`product`](mod@product) the products of matrices, which convolutions use, too. The bits of an output depend on its own row,
+//! not on threads, on other rows or on the CPU, if it has fused multiply-adds.
 
 mod attention;
 mod few;
 mod gelu;
 mod linear;
 mod norm;
+mod product;
 mod sigreg;
 #[cfg(test)]
 mod tests;
@@ -28,6 +29,7 @@ pub(crate) use attention::attention;
 pub(crate) use gelu::gelu;
 pub(crate) use linear::{Then, linear};
 pub(crate) use norm::layer_norm;
+pub(crate) use product::{Matrix, multiply, product};
 pub(crate) use sigreg::epps_pulley;
 pub(crate) use vector::{add_rows, relu_back};
 
@@ -64,7 +66,7 @@ fn owned(tensor: FlexTensor) -> FlexTensor {
 }
 
 /// Multiplies the values of an owned tensor by those of a contiguous one.
-fn multiply(tensor: &mut FlexTensor, factors: &FlexTensor) {
+fn multiply_values(tensor: &mut FlexTensor, factors: &FlexTensor) {
     let parts = values_mut(tensor).par_chunks_mut(TASK).zip(values_of(factors).par_chunks(TASK));
     parts.for_each(|(values, factors)| vector::multiply(values, factors));
 }

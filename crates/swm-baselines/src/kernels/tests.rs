@@ -301,6 +301,104 @@ fn linear_layers_agree_with_burns_on_views_and_odd_sizes() {
     }
 }
 
+/// Sizes at and beside what tiles, blocks and parts of the depth take.
+const SIZES: [[usize; 3]; 9] = [
+    [1, 1, 1],
+    [2, 0, 5],
+    [5, 17, 15],
+    [6, 16, 16],
+    [13, 511, 17],
+    [24, 512, 33],
+    [25, 513, 100],
+    [49, 1030, 7],
+    [60, 5, 3000],
+];
+
+#[test]
+fn products_are_chains_of_fused_sums_in_any_layout() {
+    let device = Device::flex();
+    for [rows, depth, columns] in SIZES {
+        let [a, b] =
+            [([rows, depth], 1), ([depth, columns], 2)].map(|(shape, seed)| host(wild(shape, seed, &device)));
+        let bias = host(wild([columns], 3, &device));
+        let turned = |values: &[f32], width: usize| -> Vec<f32> {
+            (0..width).flat_map(|column| values.iter().skip(column).step_by(width).copied()).collect()
+        };
+        let [a_turned, b_turned] = [turned(&a, depth), turned(&b, columns)];
+        for with_bias in [true, false] {
+            let bias = with_bias.then_some(&bias[..]);
+            let wanted: Vec<f32> = (0..rows * columns)
+                .map(|place| {
+                    let (row, column) = (place / columns, place % columns);
+                    let begin = bias.map_or(0.0, |bias| bias[column]);
+                    (0..depth)
+                        .fold(begin, |sum, at| a[row * depth + at].mul_add(b[at * columns + column], sum))
+                })
+                .collect();
+            let plain = |values, columns| Matrix::new(values, columns);
+            let lefts = [plain(&a, depth), plain(&a_turned, rows).transposed()];
+            let rights = [plain(&b, columns), plain(&b_turned, depth).transposed()];
+            if depth == 0 {
+                // Nothing tells how many rows there are.
+                continue;
+            }
+            for left in lefts {
+                for right in rights {
+                    let found = product(left, right, bias);
+                    if cfg!(target_arch = "aarch64") || is_fused() {
+                        assert_eq!(found, wanted, "[{rows}, {depth}] by [{depth}, {columns}]");
+                    } else {
+                        agree("product", &found, &wanted, 1e-5);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn is_fused() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// What CPUs with AVX-512 do, by whatever instructions there are here.
+#[test]
+fn tiles_of_any_height_have_the_same_bits() {
+    let device = Device::flex();
+    for [rows, depth, columns] in SIZES.into_iter().filter(|[_, depth, columns]| *depth > 0 && *columns < 200)
+    {
+        let [a, b] =
+            [([rows, depth], 1), ([depth, columns], 2)].map(|(shape, seed)| host(wild(shape, seed, &device)));
+        for a in
+            [Matrix::new(&a, depth), Matrix::new(&host(wild([depth, rows], 1, &device)), rows).transposed()]
+        {
+            let [low, six, eight] = product::by_height(a, Matrix::new(&b, columns));
+            assert_eq!(six, eight, "[{rows}, {depth}] by [{depth}, {columns}]");
+            agree("sums that round twice", &low, &six, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn what_follows_a_product_gets_each_value_once() {
+    let device = Device::flex();
+    for [rows, depth, columns] in SIZES.into_iter().filter(|[_, depth, _]| *depth > 0) {
+        let [a, b] =
+            [([rows, depth], 1), ([depth, columns], 2)].map(|(shape, seed)| host(wild(shape, seed, &device)));
+        let (a, b) = (Matrix::new(&a, depth), Matrix::new(&b, columns));
+        let (plain, mut out, mut seen) =
+            (product(a, b, None), vec![0.0; rows * columns], vec![f32::NAN; rows * columns]);
+        multiply(a, b, None, &mut out, |row, column, values| {
+            seen[row * columns + column..][..values.len()].copy_from_slice(values);
+            values.iter_mut().for_each(|value| *value += 1.0);
+        });
+        assert_eq!(seen, plain);
+        assert!(out.iter().zip(&plain).all(|(out, plain)| *out == plain + 1.0));
+    }
+}
+
 #[test]
 fn the_statistic_agrees_with_its_plain_form() {
     let device = Device::flex();
@@ -363,6 +461,12 @@ fn bits_do_not_depend_on_threads_or_on_the_rest_of_a_batch() {
     on_threads(|| gradients(std::slice::from_ref(&x), all));
     on_threads(|| gradients(std::slice::from_ref(&x), |x| epps_pulley(x[0].clone(), 17)));
     let whole = all(std::slice::from_ref(&x));
+    for (first, count) in [(3, 7), (20, 20)] {
+        assert_eq!(
+            host(all(&[x.clone().narrow(0, first, count)])),
+            host(whole.clone().narrow(0, first, count))
+        );
+    }
     for row in [0, 17, 39] {
         assert_eq!(host(all(&[x.clone().narrow(0, row, 1)])), host(whole.clone().narrow(0, row, 1)));
     }

@@ -119,9 +119,9 @@ impl Attention {
     }
 
     fn queries_keys_values(&self, input: Tensor<3>) -> [Tensor<4>; 3] {
-        let qkv = self.to_qkv.forward_narrow(self.norm.forward(input)).chunk(3, 2);
-        let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a dim that three divides");
-        qkv.map(|part| split(part, self.heads))
+        // As parts of all heads: to split a part into heads would copy it.
+        let all = split(self.to_qkv.forward_narrow(self.norm.forward(input)), 3 * self.heads);
+        [0, 1, 2].map(|part| all.clone().narrow(1, part * self.heads, self.heads))
     }
 
     fn project(&self, heads: Tensor<4>, pass: &mut Pass) -> Tensor<3> {

@@ -9,7 +9,6 @@ use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::flex::FlexTensor;
-use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, DispatchDevice, Flex, backend_extension};
 use burn::tensor::module::conv2d;
@@ -18,7 +17,7 @@ use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
 use super::activation::Activation;
-use crate::kernels::add_rows;
+use crate::kernels::{Matrix, add_rows, multiply, product};
 
 /// A square kernel that goes over images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,27 +167,26 @@ impl Seen {
         backs.resize_with(form.count.div_ceil(form.group()), || &mut []);
         let group_out = form.group() * form.values_out();
         let groups = values_of(sums).par_chunks(group_out).zip(values_of(given).par_chunks(group_out));
-        let transposed = weight.transpose(0, 1);
-        let parts: Vec<(FlexTensor, Vec<f32>)> = groups
+        let transposed = Matrix::of(weight).transposed();
+        let parts: Vec<[Vec<f32>; 2]> = groups
             .zip(values_of(images).par_chunks(group))
             .zip(backs)
             .map(|(((sums, given), images), back)| {
                 let passed = activation.pass_all_back(sums, given);
                 let mut bias = vec![0.0; form.outputs];
                 add_rows(&mut bias, &passed);
-                let places = passed.len() / form.outputs;
-                let passed = tensor(passed, [places, form.outputs]);
+                let passed = Matrix::new(&passed, form.outputs);
                 if !back.is_empty() {
-                    let patches = Flex::float_matmul(passed.clone(), transposed.clone());
-                    form.add_patches(values_of(&patches), back);
+                    form.add_patches(&product(passed, transposed, None), back);
                 }
-                (Flex::float_matmul(form.patches(images).transpose(0, 1), passed), bias)
+                let patches = form.patches(images);
+                [product(Matrix::new(&patches, form.seen()).transposed(), passed, None), bias]
             })
             .collect();
         // In order: the same bits on any number of threads.
         let mut sums = (vec![0.0; form.seen() * form.outputs], vec![0.0; form.outputs]);
-        for (weight, bias) in &parts {
-            add(&mut sums.0, values_of(weight));
+        for [weight, bias] in &parts {
+            add(&mut sums.0, weight);
             add(&mut sums.1, bias);
         }
         let shape = [form.count, form.height, form.width, form.inputs];
@@ -261,17 +259,14 @@ impl Form {
         bias: &FlexTensor,
         after: impl Fn(f32) -> f32 + Sync,
     ) -> FlexTensor {
-        let bias = values_of(bias);
+        let (weight, bias) = (Matrix::of(weight), values_of(bias));
         let mut outputs = vec![0.0; self.count * self.values_out()];
         let groups = values_of(images).par_chunks(self.group() * self.values_in());
         groups.zip(outputs.par_chunks_mut(self.group() * self.values_out())).for_each(|(images, outputs)| {
-            let product = Flex::float_matmul(self.patches(images), weight.clone());
-            let sums = values_of(&product).chunks_exact(self.outputs);
-            for (out, sums) in outputs.chunks_exact_mut(self.outputs).zip(sums) {
-                for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
-                    *out = after(sum + bias);
-                }
-            }
+            let patches = self.patches(images);
+            multiply(Matrix::new(&patches, self.seen()), weight, Some(bias), outputs, |_, _, sums| {
+                sums.iter_mut().for_each(|sum| *sum = after(*sum));
+            });
         });
         tensor(outputs, self.shape_out())
     }
@@ -282,7 +277,7 @@ impl Form {
     }
 
     /// `[n, H, W, in]` → `[n × H' × W', K × K × in]`: what the kernel sees at each place.
-    fn patches(&self, images: &[f32]) -> FlexTensor {
+    fn patches(&self, images: &[f32]) -> Vec<f32> {
         let places = images.len() / self.values_in() * self.rows * self.columns;
         let mut patches = vec![0.0; places * self.seen()];
         for (patches, image) in
@@ -292,7 +287,7 @@ impl Form {
                 patches[patch..patch + length].copy_from_slice(&image[image_at..image_at + length]);
             });
         }
-        tensor(patches, [places, self.seen()])
+        patches
     }
 
     /// Adds what belongs to each place to the pixels that the kernel sees from there.

@@ -25,8 +25,7 @@ pub(crate) struct Problem {
 }
 
 impl LatentDynamics for Joint {
-    /// A multiple of the rows that matrix-product kernels take at a time.
-    const GROUP: usize = 32;
+    const GROUP: usize = 100;
 
     type Problem = Problem;
 
