@@ -12,6 +12,7 @@ way of a server on this machine, in another process, with an empty cache; next t
 
 import argparse
 import http.server
+import io
 import json
 import multiprocessing
 import os
@@ -106,9 +107,16 @@ def image(rng, side):
     return np.clip(pixels + rng.normal(0, 1, pixels.shape), 0, 255).astype(np.uint8)
 
 
+def images(rng, side, count):
+    """So many, out of a hundred: making them all takes longer than the measurement."""
+    some = np.stack([image(rng, side) for _ in range(100)])
+    return some[rng.integers(0, len(some), count)]
+
+
 def robomimic(folder, compression, cache=None):
     path = folder / f"image-{compression}-{cache}.hdf5"
     rng = np.random.default_rng(0)
+    seen = images(rng, 84, 4000)
     with h5py.File(path, "w") as file:
         data = file.create_group("data")
         data.attrs["env_args"] = json.dumps({"env_name": "Lift", "env_type": 1, "env_kwargs": {"control_freq": 20}})
@@ -119,8 +127,8 @@ def robomimic(folder, compression, cache=None):
             demo.create_dataset("rewards", data=np.zeros(100))
             demo.create_dataset("dones", data=np.arange(100) == 99)
             demo.create_dataset("obs/robot0_eef_pos", data=rng.uniform(-1, 1, (100, 3)))
-            images = np.stack([image(rng, 84) for _ in range(100)])
-            demo.create_dataset("obs/agentview_image", data=images, compression=compression)
+            pixels = seen[episode * 100 : (episode + 1) * 100]
+            demo.create_dataset("obs/agentview_image", data=pixels, compression=compression)
         data.attrs["total"] = 4000
 
     def there():
@@ -148,10 +156,9 @@ def diffusion_policy(folder, transform=None):
     path = folder / f"pusht-{transform is not None}.zarr"
     rng = np.random.default_rng(0)
     buffer = ReplayBuffer.create_from_path(str(path), mode="w")
-    for _ in range(30):
-        images = np.stack([image(rng, 96) for _ in range(120)]).astype(np.float32)
+    for seen in np.split(images(rng, 96, 3600), 30):
         state, action = (rng.uniform(0, 512, (120, dim)).astype(np.float32) for dim in (5, 2))
-        buffer.add_episode({"img": images, "state": state, "action": action}, compressors="disk")
+        buffer.add_episode({"img": seen.astype(np.float32), "state": state, "action": action}, compressors="disk")
 
     # Its class decodes the whole file into memory; the cache of the loader here, once, into a file beside it.
     def there():
@@ -181,10 +188,10 @@ def lance(folder):
     path.parent.mkdir(parents=True)
     rng = np.random.default_rng(0)
     files, rows = [], 4000
-    for row in range(rows):
-        file = folder / "row.jpg"
-        Image.fromarray(image(rng, 96)).save(file, quality=95)
-        files.append(file.read_bytes())
+    for pixels in images(rng, 96, rows):
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "JPEG", quality=95)
+        files.append(file.getvalue())
     lists = {"state": 7, "action": 2}
     columns = {"episode_idx": pa.array(np.arange(rows) // 100, pa.int32()), "step_idx": pa.array(np.arange(rows) % 100, pa.int32())}
     for name, dim in lists.items():

@@ -12,7 +12,7 @@ use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
 use swm_data::dataset::{CHANGED, DatasetInfo, Origin};
-use swm_data::episodes::{StepNumbers, TableEpisodes};
+use swm_data::episodes::{Blocks, StepNumbers, TableEpisodes};
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_data::recording::EP_IDX;
 use swm_data::video::{self, VideoReader};
@@ -190,7 +190,7 @@ fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Ve
         move |take: &mut dyn FnMut(&[i64]) -> Result<()>| integers(reader, id, STEP, take)
     });
     let behind = reader.behind_deleted();
-    let counted = StepNumbers::of(&found.lengths, behind, steps.as_ref().map(|steps| steps as _))?;
+    let counted = StepNumbers::of(&found.lengths, behind, steps.as_ref().map(|steps| steps as Blocks<'_>))?;
     let note = found.divide(&counted.gaps);
     let mut first = 0;
     let range = |&length: &usize| {
@@ -327,7 +327,7 @@ mod tests {
         table.delete(2, (0..300).filter(|row| row % 3 == 1)).unwrap();
         // Of 5 rows of episode 0, the rows 1, 2 and 4; of the 300 of episode 2, two of three.
         let mut left = vec![(0, vec![1, 2]), (0, vec![4]), (2, vec![0])];
-        left.extend((2..300).step_by(3).map(|row| (2, (row..(row + 2).min(300)).collect())));
+        left.extend((2_usize..300).step_by(3).map(|row| (2, (row..(row + 2).min(300)).collect())));
         let mut dataset = LanceDataset::open(&path, LANCE.name).unwrap();
         let lengths: Vec<usize> = (0..dataset.num_episodes()).map(|at| dataset.episode_len(at)).collect();
         assert_eq!(lengths, left.iter().map(|(_, rows)| rows.len()).collect::<Vec<_>>());
