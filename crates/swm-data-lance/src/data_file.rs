@@ -1,7 +1,7 @@
 //! Files of rows: writing one, and reading rows of a column from those of a table. Which rows are an episode is not known
 //! here.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::num::NonZeroU64;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -129,6 +129,12 @@ impl DataReader {
     /// The rows of each fragment.
     pub(crate) fn fragments(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         self.firsts.windows(2).map(|ends| ends[0]..ends[1])
+    }
+
+    /// The rows in front of which some are deleted.
+    pub(crate) fn behind_deleted(&self) -> BTreeSet<usize> {
+        let rows = self.firsts.iter().zip(&self.deleted);
+        rows.flat_map(|(first, deleted)| deleted.iter().map(move |&before| first + before as usize)).collect()
     }
 
     /// Hands rows of the field with this id to `take`, array by array.

@@ -12,7 +12,8 @@ use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
 use swm_data::dataset::{CHANGED, DatasetInfo, Origin};
-use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
+use swm_data::episodes::{Blocks, StepNumbers, TableEpisodes};
+use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_data::recording::EP_IDX;
 use swm_data::video::{self, VideoReader};
 use swm_data::{DataError, Dataset, Steps};
@@ -21,7 +22,7 @@ use swm_media::jpeg;
 use crate::arrays::{file, from_array, infer, stored_type, sum_up};
 use crate::committed::{self, is_recorded};
 use crate::data_file::{DataReader, Rows};
-use crate::manifest::{EPISODE, Manifest};
+use crate::manifest::{EPISODE, Manifest, STEP};
 use crate::table::Table;
 use crate::videos::{self, Videos};
 
@@ -87,11 +88,17 @@ impl Shared {
         let videos = Table::exists(&beside).then(|| Videos::open(&beside)).transpose()?;
         let ours = Manifest::read(table.about())?;
         let reader = DataReader::new(table)?;
-        let (episodes, numbers) = episodes(&reader, ours.is_some())?;
+        let (episodes, numbers, note) = episodes(&reader, ours.is_some())?;
+        if videos.is_some() && (note.is_some() || reader.table().has_deletions()) {
+            return Err(unsupported(
+                "rows of it are missing, and its videos count the rows that were recorded; write the table anew from its source",
+            ));
+        }
         let lengths = episodes.iter().map(Range::len).collect();
         let mut info = DatasetInfo::new(path, format, Arc::new(Schema::default()), lengths);
         info.runs = ours.as_ref().map(|ours| ours.runs.clone().into()).unwrap_or_default();
         info.has_checksums = ours.is_some();
+        info.notes = note.into_iter().collect();
         let mut shared = Self { info, columns: Vec::new(), episodes, numbers, reader, videos, ours };
         let mut fields = match &shared.ours {
             Some(ours) => shared.own_columns(ours)?,
@@ -164,38 +171,52 @@ impl Shared {
     }
 }
 
-/// Where episodes lie, and their numbers.
-fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>)> {
+/// Where episodes lie, their numbers, and what a user has to know of them.
+fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>, Option<String>)> {
     let table = reader.table();
     // As we recorded it, and nobody has put its files together or deleted rows since.
     if is_ours && is_recorded(table.fragments()) && !table.has_deletions() {
-        return Ok((reader.fragments().collect(), (0..table.fragments().len() as i32).collect()));
+        let numbers = (0..table.fragments().len() as i32).collect();
+        return Ok((reader.fragments().collect(), numbers, None));
     }
     let field = reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
     let field = field.ok_or_else(|| {
         missing(format!("it has no column `{EPISODE}` of int32, which says what an episode is"))
     })?;
-    let (mut episodes, mut numbers): (Vec<Range<usize>>, Vec<i32>) = (Vec::new(), Vec::new());
-    let mut row = 0;
-    for array in reader.read_all(field.id)? {
+    let mut found = TableEpisodes::of([EPISODE, STEP], &|take| integers(reader, field.id, EPISODE, take))?;
+    let step = table.schema().field(STEP).filter(|field| field.data_type() == DataType::Int32);
+    let steps = step.map(|field| {
+        let id = field.id;
+        move |take: &mut dyn FnMut(&[i64]) -> Result<()>| integers(reader, id, STEP, take)
+    });
+    let behind = reader.behind_deleted();
+    let counted = StepNumbers::of(&found.lengths, behind, steps.as_ref().map(|steps| steps as Blocks<'_>))?;
+    let note = found.divide(&counted.gaps);
+    let mut first = 0;
+    let range = |&length: &usize| {
+        first += length;
+        first - length..first
+    };
+    let episodes = found.lengths.iter().map(range).collect();
+    let number = |number: i64| i32::try_from(number).map_err(FormatError::other);
+    let numbers = found.numbers.into_iter().map(number).collect::<Result<_>>()?;
+    Ok((episodes, numbers, note))
+}
+
+/// The values of a column of int32, batch by batch.
+fn integers(
+    reader: &DataReader,
+    id: i32,
+    name: &str,
+    take: &mut dyn FnMut(&[i64]) -> Result<()>,
+) -> Result<()> {
+    reader.read(id, Rows { first: 0, count: reader.rows(), stride: 1 }, &mut |array| {
         if array.null_count() > 0 {
-            return Err(missing(format!("some values of `{EPISODE}` are missing")));
+            return Err(missing(format!("some values of `{name}` are missing")));
         }
-        for &number in array.as_primitive::<Int32Type>().values() {
-            match (numbers.last(), episodes.last_mut()) {
-                (Some(&last), Some(episode)) if last == number => episode.end = row + 1,
-                (Some(&last), _) if last > number => {
-                    return Err(invalid(format!("episodes are not in order at row {row}")));
-                }
-                _ => {
-                    episodes.push(row..row + 1);
-                    numbers.push(number);
-                }
-            }
-            row += 1;
-        }
-    }
-    Ok((episodes, numbers))
+        let values = array.as_primitive::<Int32Type>().values();
+        take(&values.iter().map(|&value| value.into()).collect::<Vec<i64>>())
+    })
 }
 
 impl Dataset for LanceDataset {
@@ -295,7 +316,7 @@ mod tests {
 
     /// Rows by their numbers, in one list and in one that is so long that it is stored as a bitmap.
     #[test]
-    fn deleted_rows_are_not_there_and_such_a_table_is_not_continued() {
+    fn deleted_rows_divide_episodes_and_such_a_table_is_not_continued() {
         let registry = Registry::new().with(crate::FORMATS);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data.lance");
@@ -304,20 +325,28 @@ mod tests {
         table.delete(0, [0, 3].into_iter()).unwrap();
         table.delete(1, 0..1).unwrap();
         table.delete(2, (0..300).filter(|row| row % 3 == 1)).unwrap();
-        let left = [vec![1, 2, 4], (0..300).filter(|row| row % 3 != 1).collect()];
+        // Of 5 rows of episode 0, the rows 1, 2 and 4; of the 300 of episode 2, two of three.
+        let mut left = vec![(0, vec![1, 2]), (0, vec![4]), (2, vec![0])];
+        left.extend((2_usize..300).step_by(3).map(|row| (2, (row..(row + 2).min(300)).collect())));
         let mut dataset = LanceDataset::open(&path, LANCE.name).unwrap();
-        assert_eq!((dataset.num_episodes(), dataset.episode_len(0), dataset.episode_len(1)), (2, 3, 200));
-        for (at, (read, original)) in contents_in(&registry, &path).iter().zip([0, 2]).enumerate() {
-            let original = episode(&schema(), original, rows_of(original));
+        let lengths: Vec<usize> = (0..dataset.num_episodes()).map(|at| dataset.episode_len(at)).collect();
+        assert_eq!(lengths, left.iter().map(|(_, rows)| rows.len()).collect::<Vec<_>>());
+        assert!(
+            dataset.info().notes[0].contains("rows are missing amid its 2 episodes"),
+            "{:?}",
+            dataset.info().notes
+        );
+        let column = dataset.schema().index("state").unwrap();
+        for (at, (read, (original, rows))) in contents_in(&registry, &path).iter().zip(&left).enumerate() {
+            let original = episode(&schema(), *original, rows_of(*original));
             let (read, original) = (read.get::<f64>("state").unwrap(), original.get::<f64>("state").unwrap());
             let expected: Vec<f64> =
-                left[at].iter().flat_map(|&row| original[row * 7..][..7].to_vec()).collect();
+                rows.iter().flat_map(|&row: &usize| original[row * 7..][..7].to_vec()).collect();
             assert_eq!(read, expected);
-            let column = dataset.schema().index("state").unwrap();
-            let mut some = vec![0.0; 2 * 7];
-            let steps = Steps { first: 0, count: 2, stride: 2 };
-            dataset.read_column(column, at, steps, SliceMut::F64(&mut some)).unwrap();
-            assert_eq!(some, [&expected[..7], &expected[14..21]].concat());
+            let mut last = vec![0.0; 7];
+            let steps = Steps { first: rows.len() - 1, count: 1, stride: 1 };
+            dataset.read_column(column, at, steps, SliceMut::F64(&mut last)).unwrap();
+            assert_eq!(last, expected[expected.len() - 7..]);
             dataset.check_episode(at).unwrap();
         }
         let mut writer = LANCE.create(&path, &WriteMode::Append.into()).unwrap();

@@ -61,7 +61,7 @@ impl FormatError {
     }
 
     /// Whether this program lacks something, rather than the file.
-    pub(crate) fn is_unsupported(&self) -> bool {
+    pub fn is_unsupported(&self) -> bool {
         match self {
             Self::Unsupported(_) => true,
             Self::At { source, .. } => source.is_unsupported(),

@@ -22,6 +22,7 @@
 //!   [`create_in`] among the formats of a registry;
 //! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
+//! * [`episodes`]: which rows of a table are an episode, for formats of other crates;
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
 //! * [`remote`]: datasets behind `https://`, `s3://` and `hf://`;
@@ -42,6 +43,7 @@ pub mod buffer;
 mod cache_folder;
 pub mod dataset;
 mod entry;
+pub mod episodes;
 pub mod error;
 pub mod files;
 mod foreign;

@@ -23,6 +23,11 @@ pub(super) trait Array: Send + Sync + fmt::Debug {
     /// Reads rows that exist into `out`, which fits.
     fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()>;
 
+    /// Whether the file has numbers of u64, of which some may be none of the i64 that columns hold.
+    fn is_u64(&self) -> bool {
+        false
+    }
+
     /// Values of a row.
     fn dim(&self) -> usize {
         self.shape().iter().product()
@@ -275,6 +280,10 @@ impl Array for Reshaped {
 
     fn shape(&self) -> &[usize] {
         &self.1
+    }
+
+    fn is_u64(&self) -> bool {
+        self.0.is_u64()
     }
 
     fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {

@@ -4,11 +4,11 @@
 
 use std::path::Path;
 
-use super::array::{Memory, Scratch, Shared, numbers};
+use super::array::{Memory, Scratch, Shared, numbers, values};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use super::hdf5::{array, scalars};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Steps};
 use crate::error::{At as _, DataError, FormatError, Result, invalid};
 use crate::formats::hdf5::Tree;
 use crate::open_options::OpenOptions;
@@ -84,8 +84,8 @@ fn find(tree: &Tree, name: &str, max_steps: Option<usize>) -> Result<Result<Foun
         }
     };
     // In antmaze, terminals mark the rows at the goal, and an episode goes on.
-    let is_run = terminals.windows(2).any(|two| two[0] && two[1]);
-    let is_at_goal = name.contains("antmaze") || is_run;
+    let is_at_goal = is_antmaze(name)
+        || terminals.windows(2).any(|two| two[0] && two[1]) && goes_on(tree, &terminals, &timeouts)?;
     let is_end = |row: usize| timeouts[row] || (!is_at_goal && terminals[row]);
     let mut starts = Vec::new();
     let mut first = 0;
@@ -152,13 +152,42 @@ fn find(tree: &Tree, name: &str, max_steps: Option<usize>) -> Result<Result<Foun
     Ok(Ok(found))
 }
 
+/// Whether a file is called so: `antmaze-…` by D4RL, `Ant_maze_…` where it is published.
+fn is_antmaze(name: &str) -> bool {
+    ["antmaze", "ant_maze", "ant-maze"].iter().any(|start| name.contains(start))
+}
+
+/// Whether observations go on behind `terminals` as they do elsewhere in an episode, rather than begin anew: by the median of their
+/// distances from one row to the next.
+fn goes_on(tree: &Tree, terminals: &[bool], timeouts: &[bool]) -> Result<bool> {
+    /// Pairs of rows of either kind.
+    const MOST: usize = 1000;
+    /// What begins anew is more than so many usual steps away.
+    const FAR: f64 = 2.0;
+    let rows = array(tree, "/", "observations", false)?;
+    let scratch = &mut Scratch::default();
+    let mut median = |is_wanted: &dyn Fn(usize) -> bool| -> Result<f64> {
+        let mut distances = Vec::new();
+        let pairs = (0..terminals.len().saturating_sub(1)).filter(|&row| !timeouts[row] && is_wanted(row));
+        for row in pairs.take(MOST) {
+            let two = values(rows.as_ref(), Steps { first: row, count: 2, stride: 1 }, scratch)?;
+            let value = |at: usize| two.as_slice().as_f64(at).unwrap_or(0.0);
+            let dim = two.len() / 2;
+            distances.push((0..dim).map(|at| (value(at + dim) - value(at)).powi(2)).sum::<f64>());
+        }
+        distances.sort_by(f64::total_cmp);
+        Ok(distances.get(distances.len() / 2).copied().unwrap_or(0.0).sqrt())
+    };
+    Ok(median(&|row| terminals[row])? <= FAR * median(&|row| !terminals[row])?)
+}
+
 fn notes(name: &str, is_at_goal: bool, found: &mut Found) {
     if is_at_goal {
         found.notes.push(
             "`terminals` are true in rows at the goal, within episodes, which end at `timeouts` only: there is no `terminated`".to_owned(),
         );
     }
-    if name.contains("antmaze") && name.contains("-v0") {
+    if is_antmaze(name) && name.contains("-v0") {
         found
             .notes
             .push("`timeouts` of version 0 are misplaced, so that episodes jump; use version 2".to_owned());

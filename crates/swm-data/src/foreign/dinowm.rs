@@ -108,16 +108,16 @@ fn find(folder: &Path) -> Result<Found> {
         found.sources.push(step("rel_actions.pth / 100", "action", Arc::new(Divided(array, ACTION_SCALE))));
         found.notes.push("`action` is `rel_actions` / 100, as DINO-WM's loader divides them".to_owned());
     }
-    for name in ["actions.pth", "abs_actions.pth", "door_locations.pth", "wall_locations.pth"] {
-        match optional(name) {
+    for name in others(folder) {
+        let plain = name.trim_end_matches(".pth");
+        match optional(&name) {
             Ok(Some(array)) => {
-                let new = name.trim_end_matches(".pth");
-                let new = if name == "actions.pth" && !has_relative { "action" } else { new };
-                found.sources.push(step(name, new, array));
+                let new = if name == "actions.pth" && !has_relative { "action" } else { plain };
+                found.sources.push(step(&name, new, array));
             }
             Ok(None) => {}
-            Err(error) if name.ends_with("locations.pth") => {
-                found.skipped.push((name.trim_end_matches(".pth").to_owned(), error.to_string()));
+            Err(error) if !plain.ends_with("actions") => {
+                found.skipped.push((plain.to_owned(), error.to_string()));
             }
             Err(error) => return Err(error),
         }
@@ -128,6 +128,17 @@ fn find(folder: &Path) -> Result<Found> {
         found.fps = Some(PUSHT_FPS);
     }
     Ok(found)
+}
+
+/// The tensors that have no meaning of their own here: actions first, then others by name.
+fn others(folder: &Path) -> Vec<String> {
+    const KNOWN: [&str; 4] = ["states.pth", "velocities.pth", "rel_actions.pth", "seq_lengths.pth"];
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(1000);
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut names: Vec<String> =
+        names.filter(|name| name.ends_with(".pth") && !KNOWN.contains(&name.as_str())).collect();
+    names.sort_by_key(|name| (!name.ends_with("actions.pth"), name.clone()));
+    names
 }
 
 /// Steps of each episode: what is behind them is padding.
@@ -186,7 +197,8 @@ fn images(folder: &Path, found: &mut Found) -> Result<()> {
             Err(error) => return Err(error.at("obses/episode_000.mp4")),
         }
     } else if fs::read_dir(folder.join("obses")).is_ok_and(|mut files| files.next().is_some()) {
-        return Err(missing("`obses` has no `episode_000.mp4` or `episode_000.pth`; copy it again"));
+        let reason = "its `obses` has no `episode_000.mp4` or `episode_000.pth`; name its files like this, or copy the folder again";
+        found.skipped.push(("pixels".to_owned(), reason.to_owned()));
     } else if !found.lengths.is_empty() {
         found.skipped.push(("pixels".to_owned(), "`obses` has no files".to_owned()));
     }

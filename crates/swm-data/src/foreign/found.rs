@@ -9,11 +9,11 @@ use serde_json::json;
 use swm_core::dataset::Metadata;
 use swm_core::{Field, FieldKind, Schema};
 
-use super::array::{Scratch, Shared};
+use super::array::{Array, Scratch, Shared, values};
 use super::dataset::{Column, ForeignDataset, Span};
 use super::images;
-use crate::dataset::{Dataset, DatasetInfo};
-use crate::error::{At as _, DataError, Result};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::error::{At as _, DataError, FormatError, Result};
 use crate::open_options::OpenOptions;
 
 /// What a reader found.
@@ -105,6 +105,21 @@ impl Source {
     }
 }
 
+/// Rows of a column of u64 that are looked at together, times the values of a row.
+const LOOKED_AT: usize = 1 << 16;
+
+/// Why an array of u64 is left out, if it holds a number beyond the range of i64. What else is wrong is an error where it is read.
+fn too_large(array: &dyn Array, scratch: &mut Scratch) -> Option<String> {
+    if !array.is_u64() {
+        return None;
+    }
+    let piece = (LOOKED_AT / array.dim().max(1)).max(1);
+    (0..array.rows()).step_by(piece).find_map(|first| {
+        let rows = Steps { first, count: piece.min(array.rows() - first), stride: 1 };
+        values(array, rows, scratch).err().filter(FormatError::is_unsupported).map(|error| error.to_string())
+    })
+}
+
 /// Names of the main camera, where there are several.
 const MAIN_CAMERAS: &[&str] = &[
     "pixels",
@@ -141,10 +156,12 @@ impl Found {
             ["map", "camera", "flip", "fps", "env"].into_iter().chain(known.iter().copied()).collect();
         options.only(format, &all)?;
         let damaged = |error| DataError::damaged(path, error);
+        let mut scratch = Scratch::default();
+        self.leave_out_empty();
+        self.leave_out_unreadable(&mut scratch);
         let cameras = self.cameras(path)?;
         let main = self.main_camera(options, &cameras)?;
         let names = self.names(options, main)?;
-        let mut scratch = Scratch::default();
         let (mut fields, mut columns, mut mapping) = (Vec::new(), Vec::new(), Vec::new());
         for (index, (source, name)) in std::mem::take(&mut self.sources).into_iter().zip(names).enumerate() {
             let old = source.old.clone();
@@ -190,6 +207,37 @@ impl Found {
         info.notes = self.notes.into();
         info.opening = Arc::new(options.record());
         Ok(Box::new(ForeignDataset::new(info, columns)))
+    }
+
+    /// Leaves out episodes without rows, which no dataset of this program has.
+    fn leave_out_empty(&mut self) {
+        let has_rows: Vec<bool> = self.lengths.iter().map(|&length| length > 0).collect();
+        let empty: Vec<usize> = (0..has_rows.len()).filter(|&episode| !has_rows[episode]).collect();
+        let Some(first) = empty.first() else { return };
+        self.notes.push(format!(
+            "{} of its {} episodes have no rows and are left out; the first of them is episode {first}",
+            empty.len(),
+            has_rows.len()
+        ));
+        self.lengths.retain(|&length| length > 0);
+        for source in &mut self.sources {
+            let mut has_rows = has_rows.iter();
+            source.spans.retain(|_| has_rows.next() == Some(&true));
+        }
+    }
+
+    /// Leaves out columns that this program has no values for: rows of none, and whole numbers beyond the range of i64.
+    fn leave_out_unreadable(&mut self, scratch: &mut Scratch) {
+        let Self { sources, skipped, .. } = self;
+        sources.retain(|source| {
+            let reason = match source.arrays.first() {
+                Some(array) if array.dim() == 0 => Some("its rows hold no values".to_owned()),
+                _ => source.arrays.iter().find_map(|array| too_large(array.as_ref(), scratch)),
+            };
+            let is_read = reason.is_none();
+            skipped.extend(reason.map(|reason| (source.new.clone(), reason)));
+            is_read
+        });
     }
 
     /// Positions of columns that are images, with their layout.

@@ -36,6 +36,10 @@ impl Array for Table {
         self.shape()
     }
 
+    fn is_u64(&self) -> bool {
+        self.is_u64()
+    }
+
     fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
         self.read(rows, out, &mut scratch.hdf5)
     }

@@ -26,6 +26,14 @@ enum Sign {
 
 /// What it is, and what reads it in Python. More particular layouts come first.
 const KNOWN: &[(Sign, &str, &str)] = &[
+    (Sign::Folder(&["data/0/part-0.arrow"]), "a Minari dataset in Arrow", "minari.load_dataset"),
+    (Sign::Folder(&["0/part-0.arrow"]), "the data of a Minari dataset in Arrow", "minari.load_dataset"),
+    #[cfg(not(feature = "lerobot"))]
+    (
+        Sign::Folder(&["data/0/part-0.parquet"]),
+        "a Minari dataset in Parquet, for which this build lacks the feature `lerobot`",
+        "minari.load_dataset",
+    ),
     (Sign::Folder(&["data/metadata.json"]), "a Minari dataset", "minari.load_dataset"),
     (Sign::Folder(&["data/main_data.hdf5"]), "a Minari dataset", "minari.load_dataset"),
     (Sign::Folder(&["main_data.hdf5"]), "the data of a Minari dataset", "minari.load_dataset"),

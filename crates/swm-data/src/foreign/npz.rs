@@ -11,9 +11,10 @@ use super::array::{Array, Memory, Scratch, Shared, numbers};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use crate::dataset::{Dataset, Steps};
-use crate::error::{At as _, DataError, Result, invalid, unsupported};
+use crate::error::{At as _, DataError, Result, invalid};
 use crate::formats::disk::Readable;
-use crate::formats::npz;
+use crate::formats::element::Element;
+use crate::formats::npz::{self, ArrayType};
 use crate::open_options::OpenOptions;
 use crate::remote::is_remote;
 
@@ -114,6 +115,10 @@ impl Array for Member {
         self.0.row_shape()
     }
 
+    fn is_u64(&self) -> bool {
+        self.0.elements() == ArrayType::Plain(Element::U64)
+    }
+
     fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
         self.0.read((rows.first, rows.count, rows.stride), out, &mut scratch.bytes)
     }
@@ -206,9 +211,6 @@ fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
          leads nowhere and is missing"
             .to_owned(),
     );
-    if found.sources.iter().any(|source| source.arrays.first().is_some_and(|array| array.dim() == 0)) {
-        return Err(unsupported("an array has empty rows"));
-    }
     Ok(found)
 }
 

@@ -1,5 +1,5 @@
 //! Proving a dataset sound: every row of every column can be read, checksums are right, episodes have rows, episode
-//! columns do not change within an episode, steps count, numbers are finite.
+//! columns do not change within an episode, steps count, numbers of recordings of this program are finite.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -67,6 +67,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         report.problems.push(Problem { episode: None, column: None, reason });
     }
     let mut missing = vec![0usize; schema.fields().len()];
+    let mut infinite: Vec<Option<(usize, usize)>> = vec![None; schema.fields().len()];
     let count = dataset.num_episodes();
     let threads = rayon::current_num_threads().clamp(1, count.max(1));
     let mut handles: Vec<Box<dyn Dataset>> = (0..threads).map(|_| dataset.share()).collect();
@@ -79,18 +80,27 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         };
         let mut checks: Vec<_> = handles.par_iter_mut().enumerate().flat_map_iter(look).collect();
         checks.sort_by_key(|(episode, _)| *episode);
-        for (_, check) in checks {
+        for (episode, check) in checks {
             let room = MAX_PROBLEMS.saturating_sub(report.problems.len());
             report.problems.extend(check.problems.into_iter().take(room));
             missing.iter_mut().zip(&check.missing).for_each(|(all, more)| *all += more);
+            for (first, row) in infinite.iter_mut().zip(check.infinite) {
+                *first = first.or(row.map(|row| (episode, row)));
+            }
             report.episodes += 1;
             report.rows += check.rows;
             watch(check.rows);
         }
     }
-    for (field, &missing) in schema.fields().iter().zip(&missing) {
+    for ((field, &missing), infinite) in schema.fields().iter().zip(&missing).zip(infinite) {
         if missing > 0 && field.name != ACTION {
             report.notes.push(format!("column `{}` is NaN in {missing} of {} rows", field.name, report.rows));
+        }
+        if let Some((episode, row)) = infinite {
+            let name = &field.name;
+            report.notes.push(format!(
+                "column `{name}` holds infinite numbers, first in episode {episode}, row {row}"
+            ));
         }
     }
     report
@@ -116,12 +126,18 @@ struct EpisodeCheck {
     problems: Vec<Problem>,
     /// By column: rows with a NaN.
     missing: Vec<usize>,
+    /// By column: the first row with an infinite number that is no problem.
+    infinite: Vec<Option<usize>>,
 }
 
 impl EpisodeCheck {
     fn of(dataset: &mut dyn Dataset, episode: usize) -> Self {
         let (rows, schema) = (dataset.episode_len(episode), dataset.schema().clone());
-        let mut found = Self { rows, problems: Vec::new(), missing: vec![0; schema.fields().len()] };
+        let columns = schema.fields().len();
+        let mut found =
+            Self { rows, problems: Vec::new(), missing: vec![0; columns], infinite: vec![None; columns] };
+        // What other programs wrote is as they wrote it, in copies, too.
+        let is_of_others = dataset.info().runs.iter().any(|(_, run)| run.source.is_some());
         let mut problem = |column: Option<&str>, reason: String| {
             if found.problems.len() < MAX_PROBLEMS {
                 let (episode, column) = (Some(episode), column.map(str::to_owned));
@@ -164,7 +180,9 @@ impl EpisodeCheck {
             if let Some(row) = column_check.changes {
                 problem(Some(&field.name), format!("it is constant in an episode, but changes at row {row}"));
             }
-            if let Some(row) = column_check.infinite {
+            if is_of_others {
+                found.infinite[column] = column_check.infinite;
+            } else if let Some(row) = column_check.infinite {
                 problem(Some(&field.name), format!("row {row} holds an infinite number"));
             }
             if let Some((row, before, number)) = steps.and_then(|steps| steps.wrong) {
@@ -176,7 +194,7 @@ impl EpisodeCheck {
             found.missing[column] = column_check.missing;
             // Recordings leave out an action at the end, and what a first row cannot have; a column may be unused.
             let everywhere = column_check.missing == column_check.rows && field.name != ACTION;
-            if let Some(row) = column_check.missing_within.filter(|_| !everywhere) {
+            if let Some(row) = column_check.missing_within.filter(|_| !everywhere && !is_of_others) {
                 problem(Some(&field.name), format!("row {row} holds NaN"));
             }
         }

@@ -43,6 +43,8 @@ mod streams;
 mod tools;
 mod types;
 #[cfg(feature = "video")]
+mod varied;
+#[cfg(feature = "video")]
 mod zarr;
 
 use std::fs;

@@ -27,10 +27,10 @@ const NAMES: &[(&str, &str, f64)] = &[
 ];
 
 /// Files of a store: its ends of episodes, and arrays of this description and these chunks.
-struct Files(PathBuf);
+pub(crate) struct Files(pub(crate) PathBuf);
 
 impl Files {
-    fn new(path: PathBuf, ends: &[i64]) -> Self {
+    pub(crate) fn new(path: PathBuf, ends: &[i64]) -> Self {
         let files = Self(path);
         let bytes: Vec<u8> = ends.iter().flat_map(|end| end.to_le_bytes()).collect();
         files.put("meta/.zgroup", b"{\"zarr_format\": 2}");
@@ -46,7 +46,7 @@ impl Files {
     }
 
     /// An array of version 2. What its description does not say is as usual.
-    fn array(&self, name: &str, about: &Json, chunks: &[(&str, &[u8])]) {
+    pub(crate) fn array(&self, name: &str, about: &Json, chunks: &[(&str, &[u8])]) {
         let mut whole =
             json!({ "compressor": null, "filters": null, "order": "C", "fill_value": 0, "zarr_format": 2 });
         whole.as_object_mut().unwrap().extend(about.as_object().unwrap().clone());
@@ -55,7 +55,7 @@ impl Files {
     }
 }
 
-fn floats(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
+pub(crate) fn floats(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
     values.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 

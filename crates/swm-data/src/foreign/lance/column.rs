@@ -251,6 +251,10 @@ impl Array for TableColumn {
         &self.shape
     }
 
+    fn is_u64(&self) -> bool {
+        self.what == What::Numbers(Element::U64)
+    }
+
     fn read(&self, rows: Steps, mut out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
         let (dim, mut done) = (self.dim(), 0);
         let most = match (self.what, rows.stride) {

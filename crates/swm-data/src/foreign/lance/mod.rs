@@ -8,7 +8,7 @@ mod lerobot;
 mod place;
 mod spread;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -26,6 +26,7 @@ use super::array::{Memory, Scratch, Shared, values};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use crate::dataset::{Dataset, Steps};
+use crate::episodes::{StepNumbers, TableEpisodes};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported};
 use crate::open_options::OpenOptions;
 
@@ -62,10 +63,11 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
 fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Result<Found> {
     let has_rewards_of_arrival = *episode == INDICES[0][0];
     let mut found = Found { has_rewards_of_arrival, ..Found::default() };
-    let mut numbers =
-        episodes(table, [episode, step], &mut found.lengths).at(format_args!("column `{episode}`"))?;
-    let steps = Counted::of(table, step, &found.lengths).at(format_args!("column `{step}`"))?;
-    found.split(&mut numbers, &steps.gaps);
+    let mut episodes = episodes(table, [episode, step]).at(format_args!("column `{episode}`"))?;
+    let steps = counted(table, step, &episodes.lengths).at(format_args!("column `{step}`"))?;
+    found.notes.extend(episodes.divide(&steps.gaps));
+    let TableEpisodes { lengths, numbers } = episodes;
+    found.lengths = lengths;
     if table.deleted() > 0 {
         found.notes.push(format!("{} of its rows are deleted, and not read", table.deleted()));
     }
@@ -90,31 +92,6 @@ fn find(place: &Place, table: &Arc<Table>, [episode, step]: &[&str; 2]) -> Resul
 }
 
 impl Found {
-    /// Divides episodes in front of these rows: what is missing there would be a transition that never was.
-    fn split(&mut self, numbers: &mut Vec<i64>, gaps: &[usize]) {
-        let whole = self.lengths.len();
-        let mut gaps = gaps.iter().peekable();
-        let (mut parts, mut part_numbers, mut first) = (Vec::new(), Vec::new(), 0);
-        for (length, &number) in std::mem::take(&mut self.lengths).into_iter().zip(&*numbers) {
-            let end = first + length;
-            while let Some(gap) = gaps.next_if(|&&gap| gap < end) {
-                parts.push(gap - first);
-                part_numbers.push(number);
-                first = *gap;
-            }
-            parts.push(end - first);
-            part_numbers.push(number);
-            first = end;
-        }
-        if parts.len() > whole {
-            self.notes.push(format!(
-                "rows are missing amid its {whole} episodes; what is before and behind is apart, so that they are {}",
-                parts.len()
-            ));
-        }
-        (self.lengths, *numbers) = (parts, part_numbers);
-    }
-
     /// Adds a column, or the reason why there is none.
     fn add(&mut self, name: &str, kind: FieldKind, array: Result<Shared>, spans: &[Span]) -> Result<()> {
         match array {
@@ -165,7 +142,7 @@ fn readable(column: TableColumn) -> Result<Shared> {
 }
 
 /// The integers of a column, in blocks.
-fn each_block(table: &Table, column: &Column, mut take: impl FnMut(&[i64]) -> Result<()>) -> Result<()> {
+fn each_block(table: &Table, column: &Column, take: &mut dyn FnMut(&[i64]) -> Result<()>) -> Result<()> {
     let mut cursor = Cursor::default();
     let mut first = 0;
     while first < table.rows() {
@@ -180,108 +157,23 @@ fn each_block(table: &Table, column: &Column, mut take: impl FnMut(&[i64]) -> Re
     Ok(())
 }
 
-/// The lengths of the episodes, and their numbers in the table.
-fn episodes(table: &Table, [name, step]: [&str; 2], lengths: &mut Vec<usize>) -> Result<Vec<i64>> {
-    let mut numbers: Vec<i64> = Vec::new();
-    let Some(column) = table.column(name) else { return Ok(numbers) };
-    each_block(table, column, |block| {
-        for &number in block {
-            match (numbers.last(), lengths.last_mut()) {
-                (Some(&last), Some(length)) if last == number => *length += 1,
-                (Some(&last), _) if last > number => {
-                    return Err(unsupported(format!(
-                        "episode {number} follows episode {last}, and should be before it, as after updates of a table; write it sorted in \
-                         Python, with lance.write_dataset(lance.dataset(OLD).to_table().sort_by([(\"{name}\", \"ascending\"), \
-                         (\"{step}\", \"ascending\")]), NEW)"
-                    )));
-                }
-                _ => {
-                    numbers.push(number);
-                    lengths.push(1);
-                }
-            }
-        }
-        Ok(())
-    })?;
-    Ok(numbers)
-}
-
-/// What the column with the number of each row in its episode shows.
-#[derive(Debug, Default, PartialEq, Eq)]
-struct Counted {
-    /// Whether it only counts the rows of each episode, or is not there.
-    is_index: bool,
-    /// Rows of the table, none of them the first of an episode, in front of which some are missing: the number grows by more than
-    /// elsewhere, or by more than 1 over deleted rows. Where nothing is counted, those behind deleted rows.
-    gaps: Vec<usize>,
-}
-
-impl Counted {
-    fn of(table: &Table, name: &str, lengths: &[usize]) -> Result<Self> {
-        let column = table.column(name);
-        let mut behind: BTreeSet<usize> = table.gaps().filter_map(|row| usize::try_from(row).ok()).collect();
-        if let Some(column) = column.filter(|column| matches!(column.kind, Kind::Int { .. })) {
-            let (mut steps, mut is_index) = (Growth::of(lengths), true);
-            let mut least = i64::MAX;
-            let read = each_block(table, column, |block| {
-                for &number in block {
-                    let grown = steps.next(number);
-                    is_index &= grown.map_or(number == 0, |grown| grown == 1);
-                    least = least.min(grown.unwrap_or(i64::MAX));
-                }
-                Ok(())
-            });
-            match read {
-                Err(error) if error.is_unsupported() => {}
-                Err(error) => return Err(error),
-                Ok(()) if is_index => return Ok(Self { is_index, gaps: Vec::new() }),
-                Ok(()) if least > 0 => {
-                    let (mut steps, mut row, mut gaps) = (Growth::of(lengths), 0, Vec::new());
-                    each_block(table, column, |block| {
-                        for &number in block {
-                            let is_gap = |&grown: &i64| grown > least || grown > 1 && behind.contains(&row);
-                            gaps.extend(steps.next(number).filter(is_gap).map(|_| row));
-                            row += 1;
-                        }
-                        Ok(())
-                    })?;
-                    return Ok(Self { is_index, gaps });
-                }
-                Ok(()) => {}
-            }
-        }
-        let mut first = 0;
-        for length in lengths {
-            behind.remove(&first);
-            first += length;
-        }
-        Ok(Self { is_index: column.is_none(), gaps: behind.into_iter().collect() })
+/// The episodes of a table.
+fn episodes(table: &Table, names: [&str; 2]) -> Result<TableEpisodes> {
+    match table.column(names[0]) {
+        Some(column) => TableEpisodes::of(names, &|take| each_block(table, column, take)),
+        None => Ok(TableEpisodes::default()),
     }
 }
 
-/// By how much a number grows from row to row of an episode.
-struct Growth<'a> {
-    lengths: std::slice::Iter<'a, usize>,
-    /// Rows of the episode that are left, and the number of the last one.
-    left: usize,
-    last: i64,
-}
-
-impl<'a> Growth<'a> {
-    fn of(lengths: &'a [usize]) -> Self {
-        Self { lengths: lengths.iter(), left: 0, last: 0 }
-    }
-
-    /// `None` for the first row of an episode.
-    fn next(&mut self, number: i64) -> Option<i64> {
-        let last = std::mem::replace(&mut self.last, number);
-        if self.left > 0 {
-            self.left -= 1;
-            return Some(number.saturating_sub(last));
-        }
-        self.left = self.lengths.next().map_or(0, |length| length - 1);
-        None
-    }
+/// Gaps in episodes of these lengths, by the column of the numbers of rows.
+fn counted(table: &Table, name: &str, lengths: &[usize]) -> Result<StepNumbers> {
+    let behind = table.gaps().filter_map(|row| usize::try_from(row).ok()).collect();
+    let Some(column) = table.column(name) else {
+        return Ok(StepNumbers { is_index: true, ..StepNumbers::of(lengths, behind, None)? });
+    };
+    let read = |take: &mut dyn FnMut(&[i64]) -> Result<()>| each_block(table, column, take);
+    let is_integer = matches!(column.kind, Kind::Int { .. });
+    StepNumbers::of(lengths, behind, is_integer.then_some(&read as _))
 }
 
 /// Adds the columns of the table of episodes.
@@ -289,7 +181,7 @@ fn of_episodes(place: &Place, name: &str, numbers: &[i64], found: &mut Found) ->
     let table = Arc::new(place.table()?);
     let (mut theirs, mut row) = (BTreeMap::new(), 0);
     if let Some(column) = table.column(name) {
-        each_block(&table, column, |block| {
+        each_block(&table, column, &mut |block| {
             for &number in block {
                 theirs.entry(number).or_insert(row);
                 row += 1;

@@ -79,7 +79,10 @@ impl Archive {
     pub(super) fn tensor(&self) -> Result<Tensor> {
         match &self.root {
             Object::Tensor(layout) => self.open_tensor(layout),
-            other => Err(wrong_type(format!("it holds {}, not a tensor", other.name()))),
+            other => Err(unsupported(format!(
+                "it holds {}, and a tensor is read; save the tensor itself",
+                other.name()
+            ))),
         }
     }
 

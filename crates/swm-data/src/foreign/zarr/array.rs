@@ -9,6 +9,8 @@ use super::store::Store;
 use crate::dataset::Steps;
 use crate::error::{At as _, Result, invalid, unsupported, wrong_type};
 use crate::foreign::array::{Array, Scratch, new_key};
+use crate::formats::element::Element;
+use crate::formats::npz::ArrayType;
 
 /// Chunks above this size are compared with what is stored of them…
 const LARGE: usize = 64 << 20;
@@ -217,6 +219,10 @@ impl Array for ZarrArray {
 
     fn shape(&self) -> &[usize] {
         &self.meta.shape[1..]
+    }
+
+    fn is_u64(&self) -> bool {
+        self.meta.elements == ArrayType::Plain(Element::U64)
     }
 
     fn read(&self, rows: Steps, mut out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {

@@ -3,7 +3,7 @@
 use serde_json::Value as Json;
 
 use crate::error::{Result, unsupported};
-use crate::formats::element::Element;
+use crate::formats::element::{Element, half};
 use crate::formats::npz::ArrayType;
 
 /// The bytes of an element, little-endian. Nothing stands for zero.
@@ -21,7 +21,11 @@ pub(super) fn bytes(elements: ArrayType, value: &Json) -> Result<Vec<u8>> {
             value.as_bool().or_else(|| value.as_u64().map(|bit| bit != 0)).map(|bit| vec![u8::from(bit)])
         }
         Element::F16 | Element::Bf16 | Element::F32 | Element::F64 => float(element, value),
-        Element::FixedText(_) => (value == "" || value == 0).then(zeros),
+        // Bytes in base64: zeros.
+        Element::FixedText(_) => {
+            let is_zeros = |text: &str| text.bytes().all(|digit| matches!(digit, b'A' | b'='));
+            (value == 0 || value.as_str().is_some_and(is_zeros)).then(zeros)
+        }
         Element::Text | Element::AsciiText => None,
         whole => integer(value).and_then(|value| narrowed(value, whole.size()?)),
     };
@@ -61,14 +65,18 @@ fn float(element: Element, value: &Json) -> Option<Vec<u8>> {
         Element::F64 => Some(number.to_le_bytes().to_vec()),
         Element::F32 => Some((number as f32).to_le_bytes().to_vec()),
         Element::Bf16 => Some((number as f32).to_le_bytes()[2..].to_vec()),
-        // Of half precision, those that are met.
+        // Of half precision, the nearest: descriptions have the shortest text of a number, or all of its digits.
         _ => {
-            let bits: u16 = match () {
-                () if number.is_nan() => 0x7e00,
-                () if number == 0.0 => 0,
-                () if number.abs() == 1.0 => 0x3c00,
-                () if number.is_infinite() => 0x7c00,
-                () => return None,
+            const NAN: u16 = 0x7e00;
+            const INFINITY: u16 = 0x7c00;
+            let distance = |&bits: &u16| (f64::from(half(bits)) - number.abs()).abs();
+            let finite = || (0..INFINITY).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            let bits = if number.is_nan() {
+                NAN
+            } else if number.is_infinite() {
+                INFINITY
+            } else {
+                finite()?
             };
             let sign = if number.is_sign_negative() && !number.is_nan() { 0x8000 } else { 0 };
             Some((bits | sign).to_le_bytes().to_vec())
@@ -89,7 +97,9 @@ mod tests {
         assert_eq!(of(Element::F32, json!("-Infinity")), Some(f32::NEG_INFINITY.to_le_bytes().to_vec()));
         assert_eq!(of(Element::F64, json!("0x7ff8000000000000")), Some(f64::NAN.to_le_bytes().to_vec()));
         assert_eq!(of(Element::F16, json!("NaN")), Some(vec![0, 0x7e]));
-        assert_eq!(of(Element::F16, json!(0.3)), None);
+        assert_eq!(of(Element::F16, json!(0.3)), Some(vec![0xcd, 0x34]));
+        assert_eq!(of(Element::F16, json!(-0.5)), Some(vec![0, 0xb8]));
+        assert_eq!(of(Element::FixedText(2), json!("AAA=")), Some(vec![0, 0]));
         assert_eq!(of(Element::U8, json!(255)), Some(vec![255]));
         assert_eq!(of(Element::U8, json!(256)), None);
         assert_eq!(of(Element::I16, json!(-2)), Some(vec![254, 255]));

@@ -247,9 +247,20 @@ fn elements(name: &Json) -> Result<ArrayType> {
         ("float32", "<f4"),
         ("float64", "<f8"),
     ];
-    let found = name.as_str().and_then(|name| NAMES.iter().find(|(known, _)| *known == name));
-    let unknown = || not_read("type of elements", if name.is_object() { &name["name"] } else { name });
-    ArrayType::parse(found.ok_or_else(unknown)?.1).map(|(elements, _)| elements)
+    let bytes = name["configuration"]["length_bytes"].as_u64();
+    let descriptor = match (name["name"].as_str(), bytes) {
+        (Some("fixed_length_utf32"), Some(bytes)) => Some(format!("<U{}", bytes / 4)),
+        (Some("null_terminated_bytes"), Some(bytes)) => Some(format!("|S{bytes}")),
+        _ => {
+            let found = name.as_str().and_then(|name| NAMES.iter().find(|(known, _)| *known == name));
+            found.map(|(_, descriptor)| (*descriptor).to_owned())
+        }
+    };
+    let unknown = || {
+        let name = name["name"].as_str().or(name.as_str()).map_or_else(|| name.to_string(), str::to_owned);
+        unsupported(format!("its elements of type `{name}` are not read"))
+    };
+    ArrayType::parse(&descriptor.ok_or_else(unknown)?).map(|(elements, _)| elements)
 }
 
 fn known(name: &Json) -> Result<Codec> {

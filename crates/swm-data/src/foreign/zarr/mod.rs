@@ -25,7 +25,7 @@ use std::sync::Arc;
 use super::array::{Array, Joined, Scratch, Shared, is_number, numbers};
 use super::found::{Found, Source};
 use crate::dataset::Dataset;
-use crate::error::{At as _, DataError, Result, invalid, missing};
+use crate::error::{At as _, DataError, Result, invalid, missing, unsupported};
 use crate::open_options::OpenOptions;
 
 use array::ZarrArray;
@@ -79,7 +79,9 @@ fn find(path: &Path) -> Result<Found> {
     if found.sources.is_empty() {
         return Err(match &found.skipped[..] {
             [] => missing(format!("`{DATA}` has no arrays")),
-            [(name, reason), ..] => invalid(format!("none of its arrays can be read; `{name}`: {reason}")),
+            [(name, reason), ..] => {
+                unsupported(format!("none of its arrays can be read; `{name}`: {reason}"))
+            }
         });
     }
     about_pusht(&mut found)?;
@@ -93,7 +95,7 @@ fn lengths(ends: &[f64]) -> Result<Vec<usize>> {
     let mut before = 0.0;
     let mut lengths = Vec::with_capacity(ends.len());
     for (episode, &end) in ends.iter().enumerate() {
-        if end.fract() != 0.0 || end <= before || end > MOST {
+        if end.fract() != 0.0 || end < before || end > MOST {
             return Err(invalid(format!("episode {episode} would be the rows from {before} to {end}")));
         }
         lengths.push((end - before) as usize);
@@ -132,7 +134,8 @@ mod tests {
     #[test]
     fn ends_grow() {
         assert_eq!(lengths(&[3.0, 5.0, 9.0]).unwrap(), [3, 2, 4]);
-        for wrong in [&[3.0, 3.0][..], &[0.0], &[5.0, 2.0], &[1.5], &[f64::NAN], &[1e15]] {
+        assert_eq!(lengths(&[0.0, 3.0, 3.0, 4.0]).unwrap(), [0, 3, 0, 1]);
+        for wrong in [&[5.0, 2.0][..], &[-1.0], &[1.5], &[f64::NAN], &[1e15]] {
             assert!(lengths(wrong).is_err(), "{wrong:?}");
         }
     }

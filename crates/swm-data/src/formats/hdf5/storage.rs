@@ -69,6 +69,10 @@ pub(crate) struct Scratch {
 const FETCH_BYTES: u64 = 1 << 20;
 
 impl ColumnStorage {
+    pub(super) fn element(&self) -> Element {
+        self.element
+    }
+
     /// Finds out how the first `rows` rows of `dataset` are stored, in a file of this length.
     pub(super) fn of(
         dataset: Dataset,

@@ -188,6 +188,10 @@ impl Table {
         self.rows
     }
 
+    pub(crate) fn is_u64(&self) -> bool {
+        self.storage.element() == Element::U64
+    }
+
     /// Reads rows that exist into `out`, which fits.
     pub(crate) fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
         self.storage.read(&self.file, &self.field, rows, out, scratch)

@@ -12,8 +12,24 @@ use crate::formats::element;
 use parquet::basic::{ConvertedType, Type};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::{ByteArray, FixedLenByteArray};
+use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use swm_core::Column;
+
+/// An error of the crate `parquet`; what it lacks is no damage.
+pub(super) fn not_parquet(error: ParquetError) -> FormatError {
+    let lacking = match &error {
+        ParquetError::NYI(what) => Some(what.as_str()),
+        ParquetError::General(text) => text.strip_prefix("Disabled feature at compile time: "),
+        _ => None,
+    };
+    match lacking {
+        Some(what) => {
+            unsupported(format!("Parquet with {what} is not read; write the table by Snappy, zstd or gzip"))
+        }
+        None => FormatError::other(error),
+    }
+}
 
 /// An open file.
 pub(crate) struct Table {
@@ -26,7 +42,7 @@ pub(crate) struct Table {
 impl Table {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = open_regular(path).at(path.display())?;
-        let reader = guarded(|| SerializedFileReader::new(file).map_err(FormatError::other));
+        let reader = guarded(|| SerializedFileReader::new(file).map_err(not_parquet));
         let reader = reader.at(path.display())?;
         let metadata = reader.metadata().file_metadata();
         let rows = usize::try_from(metadata.num_rows()).ok().filter(|&rows| rows as i64 <= MAX_VALUES);
@@ -111,18 +127,18 @@ impl Table {
     fn read_bytes(&self, leaf: usize, rows: Range<usize>) -> Result<Vec<ByteArray>> {
         let (mut images, mut begin) = (Vec::new(), 0_usize);
         for group in 0..self.reader.num_row_groups() {
-            let group = self.reader.get_row_group(group).map_err(FormatError::other)?;
+            let group = self.reader.get_row_group(group).map_err(not_parquet)?;
             let count = usize::try_from(group.metadata().num_rows())
                 .map_err(|_| invalid("a negative number of rows"))?;
             let end = begin.checked_add(count).ok_or(invalid("too many rows"))?;
             let wanted = rows.start.max(begin)..rows.end.min(end);
             if !wanted.is_empty() {
                 let about = group.metadata().column(leaf).column_descr();
-                let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
+                let column = group.get_column_reader(leaf).map_err(not_parquet)?;
                 let ColumnReader::ByteArrayColumnReader(mut reader) = column else {
                     return Err(unsupported("its images are no bytes"));
                 };
-                let skipped = reader.skip_records(wanted.start - begin).map_err(FormatError::other)?;
+                let skipped = reader.skip_records(wanted.start - begin).map_err(not_parquet)?;
                 if skipped != wanted.start - begin {
                     return Err(missing(format!("row {} is not there", wanted.start)));
                 }
@@ -139,7 +155,7 @@ impl Table {
     fn read(&self, leaf: usize) -> Result<Column> {
         let mut all: Option<Column> = None;
         for group in 0..self.reader.num_row_groups() {
-            let group = self.reader.get_row_group(group).map_err(FormatError::other)?;
+            let group = self.reader.get_row_group(group).map_err(not_parquet)?;
             let chunk = group.metadata().column(leaf);
             if !(0..=MAX_VALUES).contains(&chunk.num_values()) {
                 return Err(invalid(format!("{} values", chunk.num_values())));
@@ -147,7 +163,7 @@ impl Table {
             let about = chunk.column_descr();
             let rows = usize::try_from(group.metadata().num_rows())
                 .map_err(|_| invalid("a negative number of rows"))?;
-            let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
+            let column = group.get_column_reader(leaf).map_err(not_parquet)?;
             let part = match column {
                 ColumnReader::BoolColumnReader(reader) => {
                     Column::Bool(Values::read(reader, about, rows)?.whole()?)
@@ -204,5 +220,55 @@ impl Table {
             }
         }
         all.ok_or(missing("the file is empty"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use parquet::basic::{Compression, GzipLevel, ZstdLevel};
+    use parquet::data_type::Int64Type;
+    use parquet::file::properties::WriterProperties;
+    use parquet::file::writer::SerializedFileWriter;
+    use parquet::schema::parser::parse_message_type;
+
+    use super::*;
+
+    #[test]
+    fn tables_are_read_as_other_programs_compress_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let values: Vec<i64> = (0..1000).map(|value| value % 7).collect();
+        for compression in [
+            Compression::UNCOMPRESSED,
+            Compression::SNAPPY,
+            Compression::ZSTD(ZstdLevel::default()),
+            Compression::GZIP(GzipLevel::default()),
+        ] {
+            let path = folder.path().join("a.parquet");
+            let schema = Arc::new(parse_message_type("message table { required int64 a; }").unwrap());
+            let properties = Arc::new(WriterProperties::builder().set_compression(compression).build());
+            let mut file =
+                SerializedFileWriter::new(File::create(&path).unwrap(), schema, properties).unwrap();
+            let mut group = file.next_row_group().unwrap();
+            let mut column = group.next_column().unwrap().unwrap();
+            column.typed::<Int64Type>().write_batch(&values, None, None).unwrap();
+            column.close().unwrap();
+            group.close().unwrap();
+            file.close().unwrap();
+            let column = Table::open(&path).unwrap().leaf(0).unwrap();
+            assert_eq!(column, Column::I64(values.clone()), "{compression:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_reader_lacks_is_no_damage() {
+        let lacking = ParquetError::General("Disabled feature at compile time: brotli".to_owned());
+        let error = not_parquet(lacking);
+        assert!(
+            error.is_unsupported() && error.to_string().contains("Parquet with brotli is not read"),
+            "{error}"
+        );
+        assert!(!not_parquet(ParquetError::EOF("cut".to_owned())).is_unsupported());
     }
 }

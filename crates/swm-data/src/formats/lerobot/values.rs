@@ -5,7 +5,8 @@ use parquet::column::reader::ColumnReaderImpl;
 use parquet::data_type::DataType;
 use parquet::schema::types::ColumnDescriptor;
 
-use crate::error::{FormatError, Result, invalid, missing};
+use super::table::not_parquet;
+use crate::error::{Result, invalid, missing};
 
 /// More values than this in a column of one file are taken for damage: the head of a file may claim any number.
 pub(super) const MAX_VALUES: i64 = 1 << 28;
@@ -35,7 +36,7 @@ impl<T> Values<T> {
                 has_lists.then_some(&mut repeats),
                 &mut there,
             );
-            let (records, ..) = read.map_err(FormatError::other)?;
+            let (records, ..) = read.map_err(not_parquet)?;
             if records == 0 {
                 return Err(missing(format!("{done} of {rows} rows are there")));
             }

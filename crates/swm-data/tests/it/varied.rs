@@ -1,0 +1,165 @@
+//! Sound files of other programs that differ from the samples: what has no place in a dataset is left out with the reason, and nothing of
+//! it is damage.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::json;
+use swm_data::tools::copy::{all, copy};
+use swm_data::tools::verify::verify;
+use swm_data::{Dataset, OpenOptions, WriteOptions, open};
+
+use crate::copied;
+use crate::field::{column_of, golden, lengths, numbers, opened, rows};
+use crate::zarr::{Files, floats};
+
+fn has_note(dataset: &dyn Dataset, text: &str) -> bool {
+    dataset.info().notes.iter().any(|note| note.contains(text))
+}
+
+fn why_skipped(dataset: &dyn Dataset, name: &str) -> String {
+    let found = dataset.info().skipped.iter().find(|(skipped, _)| skipped == name);
+    found.unwrap_or_else(|| panic!("`{name}` is not left out: {:?}", dataset.info().skipped)).1.clone()
+}
+
+/// Writes an array of an HDF5 file.
+fn put<T: hdf5_metno::H5Type>(file: &hdf5_metno::File, name: &str, shape: &[usize], values: &[T]) {
+    let array = file.new_dataset::<T>().shape(shape).create(name).unwrap();
+    if !values.is_empty() {
+        array.write_raw(values).unwrap();
+    }
+}
+
+#[test]
+fn episodes_without_rows_are_left_out_with_a_note() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    let file = hdf5_metno::File::create(&path).unwrap();
+    for (name, rows) in [("demo_0", 2), ("demo_1", 0), ("demo_2", 3)] {
+        file.create_group(&format!("data/{name}/obs")).unwrap();
+        let values: Vec<f64> = (0..rows).map(|row| row as f64).collect();
+        put(&file, &format!("data/{name}/actions"), &[rows, 1], &values);
+        put(&file, &format!("data/{name}/obs/x"), &[rows], &values);
+    }
+    drop(file);
+    let store = Files::new(folder.path().join("a.zarr"), &[2, 2, 5]);
+    let about = json!({ "shape": [5], "chunks": [5], "dtype": "<f4" });
+    store.array("data/action", &about, &[("0", &floats([0.0, 1.0, 0.0, 1.0, 2.0]))]);
+    for path in [path, store.0] {
+        let mut dataset = open(&path).unwrap();
+        assert_eq!(lengths(dataset.as_ref()), [2, 3], "{}", path.display());
+        assert!(has_note(dataset.as_ref(), "1 of its 3 episodes have no rows"), "{:?}", dataset.info().notes);
+        let action = column_of(dataset.as_ref(), "action");
+        assert_eq!(numbers(&rows(dataset.as_mut(), action, 1, 0, 3)), [0.0, 1.0, 2.0]);
+        assert!(verify(dataset.as_mut(), &mut |_| {}).problems.is_empty());
+    }
+}
+
+#[test]
+fn columns_without_values_that_a_dataset_can_have_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Files::new(folder.path().join("a.zarr"), &[2, 3]);
+    let about = |dtype: &str| json!({ "shape": [3], "chunks": [3], "dtype": dtype });
+    store.array("data/action", &about("<f4"), &[("0", &floats([0.0, 1.0, 2.0]))]);
+    store.array("data/none", &json!({ "shape": [3, 0], "chunks": [3, 1], "dtype": "<f4" }), &[]);
+    let large: Vec<u8> = [1, 2, 1_u64 << 63].iter().flat_map(|value| value.to_le_bytes()).collect();
+    store.array("data/large", &about("<u8"), &[("0", &large)]);
+    store.array("data/small", &about("<u8"), &[("0", &large[..8].repeat(3))]);
+    let hdf5 = folder.path().join("traj.h5");
+    let file = hdf5_metno::File::create(&hdf5).unwrap();
+    file.create_group("traj_0").unwrap();
+    put(&file, "traj_0/actions", &[3], &[0.0_f32, 1.0, 2.0]);
+    put(&file, "traj_0/large", &[3], &[1, 2, 1_u64 << 63]);
+    put(&file, "traj_0/none", &[3, 0], &[0_f32; 0]);
+    put(&file, "traj_0/small", &[3], &[1_u64; 3]);
+    drop(file);
+    for path in [store.0, hdf5] {
+        let mut dataset = open(&path).unwrap();
+        assert!(!why_skipped(dataset.as_ref(), "none").is_empty());
+        assert!(why_skipped(dataset.as_ref(), "large").contains("the u64 9223372036854775808"));
+        let small = column_of(dataset.as_ref(), "small");
+        assert_eq!(numbers(&rows(dataset.as_mut(), small, 0, 0, 2)), [1.0, 1.0]);
+        let (copied, mut sources) = (path.with_extension("copy.h5"), [dataset]);
+        let pieces = all(&sources);
+        copy(&mut sources, &pieces, &copied, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+    }
+}
+
+#[test]
+fn a_store_of_which_no_array_can_be_read_is_not_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Files::new(folder.path().join("a.zarr"), &[2, 3]);
+    let about = json!({ "shape": [3], "chunks": [3], "dtype": "<f4", "compressor": { "id": "bz2" } });
+    store.array("data/action", &about, &[("0", b"BZh")]);
+    let message = open(&store.0).err().unwrap().to_string();
+    assert!(message.contains("codec `bz2`") && !message.contains("damaged"), "{message}");
+}
+
+/// What other programs wrote is as they wrote it, and copies of it are no worse.
+#[test]
+fn numbers_of_others_may_be_missing_or_infinite() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Files::new(folder.path().join("a.zarr"), &[4]);
+    let about = json!({ "shape": [4], "chunks": [4], "dtype": "<f4" });
+    store.array("data/action", &about, &[("0", &floats([0.0, f32::NAN, f32::INFINITY, 3.0]))]);
+    store.array("data/reward", &about, &[("0", &floats([0.0, f32::NAN, 1.0, f32::NEG_INFINITY]))]);
+    let copied = folder.path().join("a.h5");
+    let mut sources = [open(&store.0).unwrap()];
+    let pieces = all(&sources);
+    copy(&mut sources, &pieces, &copied, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+    for path in [store.0, copied] {
+        let report = verify(open(&path).unwrap().as_mut(), &mut |_| {});
+        assert_eq!(report.problems, [], "{}", path.display());
+        let notes = report.notes.join("\n");
+        assert!(notes.contains("`reward` is NaN in 1 of 4 rows"), "{notes}");
+        assert!(notes.contains("`action` holds infinite numbers, first in episode 0, row 2"), "{notes}");
+    }
+}
+
+/// Rows in which terminals follow each other are at the goal of a maze, or episodes of one row.
+#[test]
+fn terminals_in_a_row_end_episodes_where_observations_begin_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let terminals = [false, false, true, true, false, false, true, false];
+    let write = |name: &str, observations: &[f32]| {
+        let path = folder.path().join(name);
+        let file = hdf5_metno::File::create(&path).unwrap();
+        put(&file, "observations", &[8, 1], observations);
+        put(&file, "actions", &[8, 1], &[0.5_f32; 8]);
+        put(&file, "rewards", &[8], &[0.0_f32; 8]);
+        put(&file, "terminals", &[8], &terminals);
+        put(&file, "timeouts", &[8], &[false, false, false, false, false, false, false, true]);
+        drop(file);
+        open(&path).unwrap()
+    };
+    let anew = write("hopper-medium-replay-v2.hdf5", &[0.0, 1.0, 2.0, 9.0, 0.0, 1.0, 2.0, 9.0]);
+    assert_eq!(lengths(anew.as_ref()), [3, 1, 3, 1]);
+    assert!(anew.schema().index("terminated").is_some());
+    let on = write("maze.hdf5", &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+    assert_eq!(lengths(on.as_ref()), [8]);
+    let published = "Ant_maze_u-maze_noisy_multistart_False_multigoal_False.hdf5";
+    let named = write(published, &[0.0, 1.0, 2.0, 9.0, 0.0, 1.0, 2.0, 9.0]);
+    assert_eq!(lengths(named.as_ref()), [8]);
+    assert!(named.schema().index("terminated").is_none());
+}
+
+#[test]
+fn other_tensors_of_dinowm_are_columns_or_left_out_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pusht_noise");
+    copied(&golden("dinowm_pusht_noise"), &path);
+    let part = path.join("train");
+    fs::copy(part.join("rel_actions.pth"), part.join("rewards.pth")).unwrap();
+    fs::write(part.join("notes.pth"), "a text").unwrap();
+    rename(&part.join("obses"), "episode_000.mp4", "episode_00000.mp4");
+    let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
+    let [reward, action] = ["rewards", "action"].map(|name| column_of(dataset.as_ref(), name));
+    let [first, scaled] = [reward, action].map(|column| numbers(&rows(dataset.as_mut(), column, 0, 0, 1))[0]);
+    assert!((first / 100.0 - scaled).abs() < 1e-6, "{first} {scaled}");
+    assert!(why_skipped(dataset.as_ref(), "notes").contains("zip"));
+    assert!(why_skipped(dataset.as_ref(), "pixels").contains("`episode_000.mp4`"));
+}
+
+fn rename(folder: &Path, old: &str, new: &str) {
+    fs::rename(folder.join(old), folder.join(new)).unwrap();
+}
