@@ -90,7 +90,7 @@ class BaseSolver:
 
     def __post_init__(self) -> None:
         self._require_cost(self.cost)
-        whole_number("seed", abs(self.seed) if isinstance(cast("Any", self.seed), int) else self.seed)
+        whole_number("seed", self.seed, least=-(1 << 63))
         if self.batch_size is not None and whole_number("batch_size", self.batch_size, least=-(1 << 62)) < 1:
             raise ValueError(f"batch_size must be >= 1 or None, got {self.batch_size}")
         self.callbacks = list(self.callbacks or ())
