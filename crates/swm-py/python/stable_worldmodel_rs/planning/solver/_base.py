@@ -8,7 +8,7 @@ import json
 import logging
 import time
 from dataclasses import Field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,7 @@ class BaseSolver:
     _asks_actor: ClassVar[bool] = True
     """Whether a model's own actions continue a warm start."""
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
     cost: Any
     batch_size: int | None
     num_samples: int
@@ -137,15 +138,12 @@ class BaseSolver:
 
     def settings(self) -> dict[str, Any]:
         """The settings of the Rust solver, in the order of its table: of its arguments, those that it knows."""
-        given = {setting_of(one.name): as_setting(getattr(self, one.name), one.default) for one in self._fields()}
+        given = {setting_of(one.name): as_setting(getattr(self, one.name), one.default) for one in fields(self)}
         return {name: given[name] for name in native_settings(self.native_name) if name in given and name != "seed"}
-
-    def _fields(self) -> tuple[Field[Any], ...]:
-        return fields(cast("Any", self))
 
     def _keywords(self) -> dict[str, str]:
         """The keyword of each setting."""
-        return {setting_of(one.name): one.name for one in self._fields()}
+        return {setting_of(one.name): one.name for one in fields(self)}
 
     def _evaluations(self) -> int:
         """How many evaluations without gradient are passed on to the cost."""

@@ -29,7 +29,10 @@ def setting_of(keyword: str) -> str:
 @functools.cache
 def native_settings(name: str) -> dict[str, str]:
     """The settings of a Rust solver in the order of its table, with their documentation."""
-    return next(({setting: doc for setting, doc, _ in settings} for one, _, settings in solvers() if one == name), {})
+    for solver, _, settings in solvers():
+        if solver == name:
+            return {setting: doc for setting, doc, _ in settings}
+    return {}
 
 
 def native_solver(key: tuple[str, str], keywords: dict[str, str]) -> Solver:
