@@ -71,6 +71,10 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
     "environments as text": (lambda _: swm.World("swm/PushT-v1", num_envs="2", add_pixels=False), "num_envs='2'; give a whole number"),  # type: ignore[arg-type]
     "no environments": (lambda _: swm.World("swm/PushT-v1", num_envs=0, add_pixels=False), "num_envs"),
     "solver's seed": (lambda _: CEMSolver(Cost(), seed="a"), "seed='a': give a whole number"),  # type: ignore[arg-type]
+    "solver's seed of many bits": (lambda _: CEMSolver(Cost(), seed=2**64), "seed=18446744073709551616: give a whole number from -9223372036854775808 to 9223372036854775807"),
+    "solver's seed far below 0": (lambda _: CEMSolver(Cost(), seed=-(2**64)), "seed=-18446744073709551616: give -9223372036854775808 or more"),
+    "seed of a split below 0": (lambda path: swm.data.split(opened(path), [0.5], seed=-1), "seed=-1: give 0 or more"),
+    "seed of a split of many bits": (lambda path: swm.data.split(opened(path), [0.5], seed=2**64), "seed=18446744073709551616: give a whole number from 0 to"),
     "solver's batch size": (lambda _: CEMSolver(Cost(), batch_size="a"), "batch_size='a': give a whole number"),  # type: ignore[arg-type]
     "manifest of none": (lambda _: swm.evaluate(None, "random"), "the manifest is NoneType; give its file"),  # type: ignore[call-overload]
     "manifest as a dict": (lambda _: swm.evaluate({"env": "swm/PushT-v1"}, "random"), "the manifest is dict; give its file"),  # type: ignore[call-overload]
@@ -82,6 +86,21 @@ def test_arguments_of_the_wrong_kind_are_named(what: str, dataset: Path) -> None
     call, message = WRONG[what]
     with pytest.raises((TypeError, ValueError), match=message):
         call(dataset)
+
+
+REQUESTS: dict[str, Callable[[Path, int], Any]] = {
+    "measure": lambda _, seed: swm.measure("swm_rs/TwoRoom-v2", "constant", seed=seed, progress=False),
+    "plan": lambda _, seed: swm.plan("cem:samples=8", "swm/TwoRoom-v1", seed=seed),
+    "render": lambda path, seed: swm.render(path.with_name("a.png"), "swm/TwoRoom-v1", seed=seed),
+    "make_manifest": lambda path, seed: swm.make_manifest(path.with_name("a.toml"), "swm/TwoRoom-v1", seed=seed),
+}
+
+
+@pytest.mark.parametrize("what", REQUESTS)
+@pytest.mark.parametrize("seed", [2**64, -(2**64)])
+def test_seeds_of_requests_have_64_bits(what: str, seed: int, tmp_path: Path) -> None:
+    with pytest.raises((ValueError, swm.SwmError), match=f"seed={seed}: give a whole number from 0 to 18446744073709551615"):
+        REQUESTS[what](tmp_path / "a", seed)
 
 
 def numbers_of(function: Any) -> list[str]:

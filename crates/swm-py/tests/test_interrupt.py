@@ -75,6 +75,16 @@ def test_recordings_end_at_once_and_keep_what_was_written(tmp_path: Path) -> Non
     assert more["total_episodes"] == held + 2
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent otherwise there")
+@pytest.mark.parametrize("model", ["true", "constant"])
+def test_measures_end_with_the_measurement_at_work(model: str) -> None:
+    def measure(episodes: int = 3000) -> dict[str, object]:
+        return swm.measure("swm_rs/TwoRoom-v2", model, episodes=episodes, rows=30, horizon=10, plans=64, threads=1, progress=False)
+
+    assert interrupted(measure) < 3 * PATIENCE
+    assert measure(episodes=4)["stride"] == 1
+
+
 @pytest.mark.parametrize("native_writer", [True, False])
 def test_exceptions_of_a_policy_keep_their_traceback(native_writer: bool, tmp_path: Path) -> None:
     class Broken:

@@ -247,8 +247,8 @@ fn newest<V: Clone>(values: &[V], frames: usize, size: usize) -> Cow<'_, [V]> {
 }
 
 fn no_images(name: &'static str) -> BaselineError {
-    let reason = "the environment shows no such images, and the model sees nothing else; make the manifest with --image-size \
-                  64x64, or give it where there is no manifest";
+    let reason = "the environment shows no such images, and the model sees nothing else; set the size of images, such as 64x64, \
+                  in the manifest, or in the request where there is no manifest";
     BaselineError::data(name, reason)
 }
 

@@ -4,6 +4,7 @@ use std::path::{Component, Path};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
+use swm_core::error::nearest;
 use swm_core::evaluate::Tier;
 use swm_data::OpenOptions;
 use swm_tasks::request::{Fix, Message, TaskError};
@@ -178,8 +179,11 @@ impl Recipe {
         if let Some(found) = all.iter().find(|recipe| recipe.name == name) {
             return Ok(found.clone());
         }
-        let names = all.into_iter().map(|recipe| recipe.name).collect();
-        Err(Message::about("name", name, "is no recipe that this program has").fix(Fix::Choose(names)).into())
+        let names: Vec<String> = all.into_iter().map(|recipe| recipe.name).collect();
+        let hint = nearest(name, names.iter().map(String::as_str))
+            .map_or(String::new(), |near| format!(" (did you mean `{near}`?)"));
+        let reason = format!("is no recipe that this program has{hint}");
+        Err(Message::about("name", name, reason).fix(Fix::Choose(names)).into())
     }
 
     /// The recipe in a file of TOML.
@@ -270,7 +274,10 @@ mod tests {
     fn wrong_recipes_are_refused() {
         let good = Recipe::named("lewm-cube").unwrap();
         let error = Recipe::named("lewm-cubes").unwrap_err();
-        assert!(error.to_string().contains("is no recipe"), "{error}");
+        assert!(
+            error.to_string().contains("that this program has (did you mean `lewm-cube`?); use lewm-"),
+            "{error}"
+        );
         assert!(matches!(error.fix(), Some(Fix::Choose(names)) if names.len() == 4));
         let wrong = |change: &dyn Fn(&mut Recipe)| {
             let mut recipe = good.clone();

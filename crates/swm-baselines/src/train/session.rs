@@ -132,8 +132,8 @@ impl PreparedRun {
 fn check_looks(model: &dyn Baseline, looks: &ImageLooks) -> Result<(), BaselineError> {
     let reason = match (model.learns_canonical(), looks.canonical.is_some()) {
         (true, false) => {
-            "it learns from pairs of images, and the second look is not named; name factors of the canonical look, such as \
-             background.color=black"
+            "it learns from pairs of images, and the second look is not named; name factors of the canonical look and their \
+             values, such as a black `background.color`"
         }
         (false, true) => "it learns from no images of a canonical look; leave it out, or train `canonical`",
         _ => return Ok(()),

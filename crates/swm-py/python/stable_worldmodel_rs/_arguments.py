@@ -99,11 +99,13 @@ def as_json(name: str, value: Any) -> Any:
 
     Raises:
         TypeError: It holds something else; ``name`` is what is named.
-        ValueError: A number in it is NaN or infinite.
+        ValueError: A number in it is NaN or infinite, or it has more than 64 bits.
     """
     if isinstance(value, Mapping):
         given = cast("Mapping[Any, Any]", value)
         return {str(key): as_json(f"{name}[{key!r}]", one) for key, one in given.items()}
+    if isinstance(value, int) and not -(1 << 63) <= value < 1 << 64:
+        raise ValueError(f"{name}={value}: give a whole number from 0 to {(1 << 64) - 1}")
     try:
         return json.loads(json.dumps(value, default=_plain, allow_nan=False))
     except TypeError:

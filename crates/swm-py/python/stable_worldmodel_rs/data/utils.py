@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from .._access import access_checked, checked_access
-from .._arguments import path_of
+from .._arguments import path_of, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, get_cache_dir
@@ -182,7 +182,7 @@ def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> 
         raise TypeError(f"fractions={list(fractions)!r}: give parts of 1 as numbers, such as [0.9, 0.1]")
     if not 0 < sum(fractions) <= 1 + 1e-9 or min(fractions) < 0:
         raise ValueError(f"fractions {list(fractions)} must be 0 or more and sum to at most 1")
-    order = np.random.default_rng(seed).permutation(len(dataset.lengths))
+    order = np.random.default_rng(whole_number("seed", seed, most=(1 << 64) - 1)).permutation(len(dataset.lengths))
     ends = np.rint(np.cumsum([0.0, *fractions]) * len(order)).astype(int)
     for share, first, end in zip(fractions, ends[:-1], ends[1:], strict=True):
         if share > 0 and first == end:

@@ -1,5 +1,6 @@
 """The solvers. Each searches in Rust for the plan of lowest cost; the cost is a Python object."""
 
+from ._documentation import document as _document
 from .categorical_cem import CategoricalCEMSolver
 from .cem import CEMSolver
 from .cma_es import CMAESSolver
@@ -25,3 +26,17 @@ __all__ = [
     "PredictiveSamplingSolver",
     "Solver",
 ]
+
+for _solver in (
+    CEMSolver,
+    CMAESSolver,
+    CategoricalCEMSolver,
+    FullCEMSolver,
+    GradientSolver,
+    ICEMSolver,
+    LagrangianSolver,
+    MPPISolver,
+    PGDSolver,
+    PredictiveSamplingSolver,
+):
+    _document(_solver, _solver.native_name if isinstance(_solver.native_name, str) else "sgd")

@@ -7,8 +7,8 @@ import functools
 import json
 import logging
 import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from dataclasses import Field, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._checks import history_of
 from ._errors import PlanAssertionError
 from ._mode import note_training_mode
-from ._settings import native_solver
+from ._settings import as_setting, native_settings, native_solver, setting_of
 from ._shown import FirstCandidates, Shown
 from ._space import PlanSpace
 from .utils import prepare_init_action
@@ -55,11 +55,25 @@ class BaseSolver:
 
     ``configure`` comes first, then any number of ``solve``. Noise is keyed by the seed, the episode, and the plan, so a
     plan is the same bits alone or among others, for any ``batch_size``.
+
+    A solver is a dataclass, whose fields are its arguments in the reference's order. Those that the Rust solver knows, under
+    the same name or that of ``KEYWORDS``, are its settings.
     """
 
     native_name: ClassVar[str]
+    """The name of the Rust solver."""
     _asks_actor: ClassVar[bool] = True
     """Whether a model's own actions continue a warm start."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    cost: Any
+    batch_size: int | None
+    num_samples: int
+    n_steps: int
+    device: str | torch.device
+    seed: int
+    callbacks: Sequence[Callback] | None
+    """A list as soon as the solver is made."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -71,30 +85,16 @@ class BaseSolver:
         def init(self: BaseSolver, *args: Any, **kwargs: Any) -> None:
             made(self, *args, **kwargs)
             if type(self).__init__ is init:
-                # All settings are there now: wrong ones are refused here, and not when a long run begins to plan.
-                native_solver(self._key())
+                self._check_settings()
 
         cls.__init__ = init  # type: ignore[method-assign]
 
-    def __init__(
-        self,
-        cost: Any,
-        batch_size: int | None,
-        num_samples: int,
-        device: str | torch.device,
-        seed: int,
-        callbacks: Sequence[Callback] | None,
-    ) -> None:
-        self._require_cost(cost)
-        self.cost = cost
-        whole_number("seed", abs(seed) if isinstance(cast("Any", seed), int) else seed)
-        if batch_size is not None and whole_number("batch_size", batch_size, least=-(1 << 62)) < 1:
-            raise ValueError(f"batch_size must be >= 1 or None, got {batch_size}")
-        self.batch_size = batch_size
-        self.num_samples = num_samples
-        self.device = device
-        self.seed = seed
-        self.callbacks: list[Callback] = list(callbacks) if callbacks else []
+    def __post_init__(self) -> None:
+        self._require_cost(self.cost)
+        whole_number("seed", self.seed, least=-(1 << 63))
+        if self.batch_size is not None and whole_number("batch_size", self.batch_size, least=-(1 << 62)) < 1:
+            raise ValueError(f"batch_size must be >= 1 or None, got {self.batch_size}")
+        self.callbacks = list(self.callbacks or ())
         self._configured = False
         self._action_space: gym.Space[Any] | None = None
         self._n_envs: int | None = None
@@ -105,6 +105,15 @@ class BaseSolver:
         self._calls = 0
         self._memory: dict[int, Array] = {}
         self._solvers: dict[tuple[str, str], NativeSolver] = {}
+        if not hasattr(type(self).__init__, "__wrapped__"):
+            self._check_settings()
+
+    def _check_settings(self) -> None:
+        """Refuses wrong settings when all are there, and not when a long run begins to plan.
+
+        That is at the end of ``__init__``: the one that the dataclass has, or that of a class of the user's own.
+        """
+        native_solver(self._key(), self._keywords())
 
     def _require_cost(self, cost: Any) -> None:
         """Refuses what has no cost. A solver for :class:`~stable_worldmodel_rs.MpcPolicy` may have none, or one in Rust."""
@@ -128,20 +137,29 @@ class BaseSolver:
     # The description of each solver.
 
     def settings(self) -> dict[str, Any]:
-        """The settings of the Rust solver."""
-        raise NotImplementedError
+        """The settings of the Rust solver, in the order of its table: of its arguments, those that it knows."""
+        given = {setting_of(one.name): as_setting(getattr(self, one.name), one.default) for one in fields(self)}
+        return {name: given[name] for name in native_settings(self.native_name) if name in given and name != "seed"}
+
+    def _keywords(self) -> dict[str, str]:
+        """The keyword of each setting."""
+        return {setting_of(one.name): one.name for one in fields(self)}
 
     def _evaluations(self) -> int:
         """How many evaluations without gradient are passed on to the cost."""
-        return 1 << 62
+        return 1 << 62 if self.uses_gradient else self.n_steps
 
     @property
     def uses_gradient(self) -> bool:
         return False
 
+    def _costs(self) -> str:
+        """Which costs are returned: ``elite_mean``, of the last elites (of gradient solvers: of the ends), or ``cost``, of the plans."""
+        return "cost" if self.settings().get("return_best") else "elite_mean"
+
     def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
         """The result of ``solve`` but for ``actions``, from those of all chunks."""
-        raise NotImplementedError
+        return {"costs": joined(results, self._costs()).tolist()}
 
     # What the reference has under the same names.
 
@@ -263,7 +281,7 @@ class BaseSolver:
         if init_action is not None:
             init_action = self._checked_start(init_action, total)
         keys = self._keys(info_dict, total) if keys is None else keys
-        for callback in self.callbacks:
+        for callback in self.callbacks or ():
             callback.reset()
         results: list[dict[str, Any]] = []
         bridges: list[Bridge] = []
@@ -277,13 +295,13 @@ class BaseSolver:
             bridges.append(bridge)
         self._calls += 1
         outputs = self._finish(results, bridges)
-        plans = np.concatenate([result["actions"] for result in results])
+        plans = joined(results, "actions")
         executed = space.clip(plans) if self._clips else plans
         if not np.array_equal(executed, plans):
             outputs["unclipped"] = self.as_given(plans)
         outputs["actions"] = self._actions(executed, space)
         if self.callbacks:
-            for callback in self.callbacks:
+            for callback in self.callbacks or ():
                 callback.end_solve()
             outputs["callbacks"] = {callback.output_key: callback.history for callback in self.callbacks}
         logger.debug("%s planned for %d rows in %.4f s", type(self).__name__, total, time.perf_counter() - begun)
@@ -291,7 +309,7 @@ class BaseSolver:
 
     def show(self, state: dict[str, Any]) -> None:
         """One iteration, for the callbacks."""
-        for callback in self.callbacks:
+        for callback in self.callbacks or ():
             callback(**state)
 
     # The call of the Rust solver.
@@ -304,7 +322,7 @@ class BaseSolver:
     def _solver(self, **changes: Any) -> NativeSolver:
         key = self._key(**changes)
         if key not in self._solvers:
-            self._solvers[key] = native_solver(key)
+            self._solvers[key] = native_solver(key, self._keywords())
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
@@ -336,7 +354,7 @@ class BaseSolver:
             self._memory[slot] if plan > 0 and slot in self._memory else []
             for slot, plan in zip(keys.slots, keys.plans, strict=True)
         ]
-        for callback in self.callbacks:
+        for callback in self.callbacks or ():
             callback.start_batch()
         with self._mode():
             result = self._solver().solve(
@@ -400,8 +418,7 @@ class BaseSolver:
         """Where the search begins, as an array or tensor ``(total, t, D)``."""
         given = init_action if is_tensor(init_action) else np.asarray(init_action)
         space, block = self._require_configured(), self._config.action_block
-        is_integer = not given.is_floating_point() if is_tensor(given) else np.issubdtype(given.dtype, np.integer)
-        wanted = (space.actions if space.categories and is_integer else space.values) * block
+        wanted = (space.actions if self._holds_integers(given) else space.values) * block
         if given.ndim != 3 or given.shape[0] != total or given.shape[2] != wanted:
             raise PlanAssertionError(
                 f"init_action has the shape {tuple(given.shape)}, and {type(self).__name__} plans for {total} "
@@ -409,8 +426,17 @@ class BaseSolver:
             )
         return given
 
+    def _holds_integers(self, plan: Any) -> bool:
+        """Whether a plan has one integer per action, and not the probabilities of its categories."""
+        if not self._require_configured().categories:
+            return False
+        return not plan.is_floating_point() if is_tensor(plan) else np.issubdtype(np.asarray(plan).dtype, np.integer)
+
     def _given(self, init_action: Any) -> Array:
         """A plan that was given, as an array of plan values."""
+        if self._holds_integers(init_action):
+            values = init_action.cpu().numpy() if is_tensor(init_action) else np.asarray(init_action)
+            return self._require_configured().one_hot(values.astype(np.int64))
         if not is_tensor(init_action):
             return np.asarray(init_action, np.float32)
         if init_action.device.type == "meta":  # It has a shape and no values.
@@ -446,6 +472,11 @@ class BaseSolver:
             self._task(initial, keys, space), seen, has_gradient=True, constraints=0, evaluations=1 << 62, traced=False
         )
         return torch_of(self.cost).from_numpy(seen.candidates).to(self.device)
+
+
+def joined(results: list[dict[str, Any]], name: str) -> Array:
+    """An array of the results of all chunks."""
+    return np.concatenate([result[name] for result in results])
 
 
 def _rows(keys: PlanKeys, rows: slice) -> PlanKeys:

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ._base import BaseSolver
-from ._bridge import Bridge
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import torch
 
-    from .callbacks import Callback
-
-__all__ = ["DescentSolver", "optimizer_settings"]
+__all__ = ["DescentSolver", "OptimizerSolver"]
 
 
 class DescentSolver(BaseSolver):
@@ -25,38 +18,28 @@ class DescentSolver(BaseSolver):
     init: torch.Tensor
     """Where the sequences began, ``(n_envs, S, H, D)``; made by ``init_action``."""
 
-    def __init__(
-        self,
-        cost: Any,
-        n_steps: int,
-        batch_size: int | None,
-        var_scale: float,
-        num_samples: int,
-        action_noise: float,
-        device: str | torch.device,
-        seed: int,
-        callbacks: Sequence[Callback] | None,
-    ) -> None:
-        super().__init__(cost, batch_size, num_samples, device, seed, callbacks)
-        self.n_steps = n_steps
-        self.var_scale = var_scale
-        self.action_noise = action_noise
-
     @property
     def uses_gradient(self) -> bool:
         return True
 
-    def settings(self) -> dict[str, Any]:
-        return {
-            "samples": self.num_samples,
-            "iterations": self.n_steps,
-            "sigma": float(self.var_scale),
-            "action_noise": float(self.action_noise),
-        }
 
-    def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
-        # Of integers, the cost of the mixture that was rounded, as in the reference, unless rounded plans are compared.
-        return {"costs": np.concatenate([result["elite_mean"] for result in results]).tolist()}
+class OptimizerSolver(DescentSolver):
+    """The base of gradient solvers with a choice of optimizers."""
+
+    optimizer_cls: type[torch.optim.Optimizer] | str | None
+    optimizer_kwargs: dict[str, Any] | None
+    """A dict as soon as the solver is made."""
+    _optimizers: ClassVar[dict[str, tuple[str, ...]]]
+    """The optimizers with the arguments that each takes here; the first is the one for None."""
+
+    def __post_init__(self) -> None:
+        self.optimizer_kwargs = {"lr": 1.0} if self.optimizer_kwargs is None else dict(self.optimizer_kwargs)
+        super().__post_init__()
+
+    def _optimizer(self) -> tuple[str, dict[str, Any]]:
+        """The Rust optimizer, and its settings."""
+        chosen = next(iter(self._optimizers)) if self.optimizer_cls is None else self.optimizer_cls
+        return optimizer_settings(type(self).__name__, chosen, self.optimizer_kwargs or {}, self._optimizers)
 
 
 def optimizer_settings(

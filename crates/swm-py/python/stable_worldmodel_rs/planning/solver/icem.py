@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ._base import torch_of
@@ -18,76 +19,47 @@ if TYPE_CHECKING:
 __all__ = ["ICEMSolver"]
 
 
+@dataclass(eq=False, repr=False)
 class ICEMSolver(SamplingSolver):
     """CEM with noise that is correlated in time, elites that are candidates again, and momentum; clips to the bounds.
 
     Source: Pinneri et al., *Sample-efficient Cross-Entropy Method for Real-time Planning* (2020).
 
     Args:
-        cost, batch_size, num_samples, var_scale, n_steps, topk, device, seed, callbacks, sigma_min: As of
-            :class:`~stable_worldmodel_rs.planning.CEMSolver`.
-        noise_beta: Color of the noise: 0 white, 1 pink, 2 red.
-        alpha: Momentum: weight of the old mean and standard deviation in the new ones.
         n_elite_keep: Elites that are candidates again in the next iteration.
         return_mean: Return the final mean; False returns the cheapest candidate of all iterations.
-        clip: Clip candidates to the bounds of the actions.
         decay: Factor by which candidates become fewer, down to twice ``topk`` (1.25 as published).
         elite_shift: Blocks between two plans of an episode, to start from the last plan's elites; 0 does not.
     """
 
     native_name = "icem"
 
-    def __init__(
-        self,
-        cost: Any,
-        batch_size: int = 1,
-        num_samples: int = 300,
-        var_scale: float = 1.0,
-        n_steps: int = 30,
-        topk: int = 30,
-        noise_beta: float = 2.0,
-        alpha: float = 0.1,
-        n_elite_keep: int = 5,
-        return_mean: bool = True,
-        device: str | torch.device = "cpu",
-        seed: int = 1234,
-        callbacks: Sequence[Callback] | None = None,
-        *,
-        clip: bool = True,
-        sigma_min: float = 0.0,
-        decay: float = 1.0,
-        elite_shift: int = 0,
-    ) -> None:
-        super().__init__(
-            cost,
-            batch_size,
-            num_samples,
-            var_scale,
-            n_steps,
-            topk,
-            device,
-            seed,
-            callbacks,
-            clip=clip,
-            return_best=not return_mean,
-        )
-        self.noise_beta = noise_beta
-        self.alpha = alpha
-        self.n_elite_keep = n_elite_keep
-        self.sigma_min = sigma_min
-        self.decay = decay
-        self.elite_shift = elite_shift
+    cost: Any
+    batch_size: int | None = 1
+    num_samples: int = 300
+    var_scale: float = 1.0
+    n_steps: int = 30
+    topk: int = 30
+    noise_beta: float = 2.0
+    alpha: float = 0.1
+    n_elite_keep: int = 5
+    return_mean: bool = True
+    device: str | torch.device = "cpu"
+    seed: int = 1234
+    callbacks: Sequence[Callback] | None = None
+    _: KW_ONLY
+    clip: bool = True
+    sigma_min: float = 0.0
+    decay: float = 1.0
+    elite_shift: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._action_low: torch.Tensor | None = None
         self._action_high: torch.Tensor | None = None
 
-    @property
-    def return_mean(self) -> bool:
-        """Whether the final mean is returned, not the cheapest candidate."""
-        return not self.return_best
-
-    @return_mean.setter
-    def return_mean(self, value: bool) -> None:
-        self.return_best: bool = not value
+    def settings(self) -> dict[str, Any]:
+        return super().settings() | {"return_best": not self.return_mean}
 
     def configure(self, *, action_space: gym.Space[Any], n_envs: int, config: Any) -> None:
         super().configure(action_space=action_space, n_envs=n_envs, config=config)
@@ -97,17 +69,6 @@ class ICEMSolver(SamplingSolver):
             place = {"device": self.device, "dtype": self.dtype}
             self._action_low = torch.tensor(space.low, **place).repeat(block)
             self._action_high = torch.tensor(space.high, **place).repeat(block)
-
-    def settings(self) -> dict[str, Any]:
-        return {
-            **super().settings(),
-            "noise_beta": float(self.noise_beta),
-            "alpha": float(self.alpha),
-            "elites_kept": self.n_elite_keep,
-            "sigma_min": float(self.sigma_min),
-            "decay": float(self.decay),
-            "elite_shift": self.elite_shift,
-        }
 
     def show(self, state: dict[str, Any]) -> None:
         super().show({**state, "action_low": self._action_low, "action_high": self._action_high})

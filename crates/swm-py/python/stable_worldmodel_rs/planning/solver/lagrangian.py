@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..._arrays import Array
 from ._bridge import Bridge
-from ._descent import DescentSolver, optimizer_settings
+from ._descent import OptimizerSolver
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,10 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LagrangianSolver"]
 
-_KNOWN: dict[str, tuple[str, ...]] = {"sgd": ("lr",), "adam": ("lr",), "adamw": ("lr",)}
 
-
-class LagrangianSolver(DescentSolver):
+@dataclass(eq=False, repr=False)
+class LagrangianSolver(OptimizerSolver):
     """Descends on the cost plus a penalty for violated constraints that grows every round.
 
     A cost with ``get_constraints(info, candidates)``, ``(b, S, C)``, is feasible where all of them are 0 or less; an
@@ -30,19 +30,13 @@ class LagrangianSolver(DescentSolver):
     whose optimizer restarts every round.
 
     Args:
-        cost: What to minimize.
         n_steps: Gradient steps per round.
-        n_outer_steps: Rounds, after each of which multipliers and penalty grow.
-        batch_size, num_samples, var_scale, action_noise, device, seed, callbacks: As of
-            :class:`~stable_worldmodel_rs.planning.GradientSolver`.
-        rho_init, rho_max, rho_scale: The penalty of the first round, the largest one, and its factor after a round.
         persist_multipliers: Begin with the multipliers of the episode's last plan.
         optimizer_cls: ``torch.optim.Adam`` (as None), ``AdamW`` or ``SGD``, or one of their names.
         optimizer_kwargs: ``{"lr": …}``; the default 1.0 is the reference's, and too long a step for most problems.
         form: The reference's penalty, Σ λ g + ρ max(0, g)², with multipliers λ shared by the sequences of a row
             (``"reference"``), or the textbook's, Σ (max(0, λ + ρ g)² - λ²) / 2ρ, where slack costs nothing and every
             sequence has its own (``"standard"``).
-        clip: Clip plans to the bounds of the actions.
         tolerance: Largest constraint with which a plan counts as feasible. Of the final sequences a feasible one is
             returned, if there is one, and the cheapest of those.
 
@@ -52,62 +46,40 @@ class LagrangianSolver(DescentSolver):
 
     native_name = "lagrangian"
 
-    def __init__(
-        self,
-        cost: Any,
-        n_steps: int,
-        n_outer_steps: int = 5,
-        batch_size: int | None = None,
-        num_samples: int = 1,
-        var_scale: float = 1.0,
-        action_noise: float = 0.0,
-        rho_init: float = 1.0,
-        rho_max: float = 1e4,
-        rho_scale: float = 2.0,
-        persist_multipliers: bool = True,
-        device: str | torch.device = "cpu",
-        seed: int = 1234,
-        optimizer_cls: type[torch.optim.Optimizer] | str | None = None,
-        optimizer_kwargs: dict[str, Any] | None = None,
-        *,
-        form: str = "reference",
-        clip: bool = False,
-        tolerance: float = 0.001,
-        callbacks: Sequence[Callback] | None = None,
-    ) -> None:
-        super().__init__(cost, n_steps, batch_size, var_scale, num_samples, action_noise, device, seed, callbacks)
-        self.n_outer_steps = n_outer_steps
-        self.rho_init = rho_init
-        self.rho_max = rho_max
-        self.rho_scale = rho_scale
-        self.persist_multipliers = persist_multipliers
-        self.optimizer_cls = optimizer_cls
-        self.optimizer_kwargs: dict[str, Any] = {"lr": 1.0} if optimizer_kwargs is None else dict(optimizer_kwargs)
-        self.form = form
-        self.clip = clip
-        self.tolerance = tolerance
+    _optimizers = {"adam": ("lr",), "adamw": ("lr",), "sgd": ("lr",)}
+
+    cost: Any
+    n_steps: int
+    n_outer_steps: int = 5
+    batch_size: int | None = None
+    num_samples: int = 1
+    var_scale: float = 1.0
+    action_noise: float = 0.0
+    rho_init: float = 1.0
+    rho_max: float = 1e4
+    rho_scale: float = 2.0
+    persist_multipliers: bool = True
+    device: str | torch.device = "cpu"
+    seed: int = 1234
+    optimizer_cls: type[torch.optim.Optimizer] | str | None = None
+    optimizer_kwargs: dict[str, Any] | None = None
+    _: KW_ONLY
+    form: str = "reference"
+    clip: bool = False
+    tolerance: float = 0.001
+    callbacks: Sequence[Callback] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._lambdas: Any = None
         self._constraint_count: int | None = None
-        self._optimizer()
-
-    def _optimizer(self) -> tuple[str, dict[str, Any]]:
-        chosen = "adam" if self.optimizer_cls is None else self.optimizer_cls
-        return optimizer_settings(type(self).__name__, chosen, self.optimizer_kwargs, _KNOWN)
 
     def settings(self) -> dict[str, Any]:
         name, kwargs = self._optimizer()
-        return {
-            **super().settings(),
-            **kwargs,
-            "optimizer": name,
-            "rounds": self.n_outer_steps,
-            "rho_init": float(self.rho_init),
-            "rho_max": float(self.rho_max),
-            "rho_scale": float(self.rho_scale),
-            "form": self.form,
-            "clip": self.clip,
-            "tolerance": float(self.tolerance),
-        }
+        return super().settings() | kwargs | {"optimizer": name}
+
+    def _costs(self) -> str:
+        return "cost"
 
     def _constraints(self, bridge: Bridge, initial: Array) -> int:
         if self._constraint_count is None:
@@ -130,8 +102,5 @@ class LagrangianSolver(DescentSolver):
         if self._constraint_count:
             kept = [values for result in results for values in result["memory"]]
             self._lambdas = self.as_given(np.stack(kept).astype(np.float32))
-        return {
-            "costs": np.concatenate([result["cost"] for result in results]).tolist(),
-            "constraint_violation": [bridge.violation for bridge in bridges] if self._constraint_count else [],
-            "lambdas": self._lambdas,
-        }
+        violation = [bridge.violation for bridge in bridges] if self._constraint_count else []
+        return super()._finish(results, bridges) | {"constraint_violation": violation, "lambdas": self._lambdas}

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..._arrays import Array
-from ._bridge import Bridge
 from ._descent import DescentSolver
 from ._errors import PlanAssertionError
 from ._space import PlanSpace
@@ -23,14 +20,13 @@ if TYPE_CHECKING:
 __all__ = ["PGDSolver"]
 
 
+@dataclass(eq=False, repr=False)
 class PGDSolver(DescentSolver):
     """Gradient descent on integers: their categories are relaxed to probabilities, and rounded at the end.
 
     The cost is given probabilities ``(b, S, H, action_block × K)`` for K categories, and must be differentiable.
 
     Args:
-        cost, n_steps, batch_size, var_scale, num_samples, action_noise, device, seed, callbacks: As of
-            :class:`~stable_worldmodel_rs.planning.GradientSolver`.
         lr: Learning rate.
         select: How plans are compared: before rounding, as in the reference (``"relaxed"``), or after (``"rounded"``,
             one evaluation more, and never fooled by a good mixture that rounds to a bad plan).
@@ -41,24 +37,21 @@ class PGDSolver(DescentSolver):
     native_name = "pgd"
     _asks_actor = False
 
-    def __init__(
-        self,
-        cost: Any,
-        n_steps: int,
-        batch_size: int | None = None,
-        var_scale: float = 1.0,
-        num_samples: int = 1,
-        action_noise: float = 0.0,
-        device: str | torch.device = "cpu",
-        seed: int = 1234,
-        *,
-        lr: float = 1.0,
-        select: str = "relaxed",
-        callbacks: Sequence[Callback] | None = None,
-    ) -> None:
-        super().__init__(cost, n_steps, batch_size, var_scale, num_samples, action_noise, device, seed, callbacks)
-        self.lr = lr
-        self.select = select
+    cost: Any
+    n_steps: int
+    batch_size: int | None = None
+    var_scale: float = 1.0
+    num_samples: int = 1
+    action_noise: float = 0.0
+    device: str | torch.device = "cpu"
+    seed: int = 1234
+    _: KW_ONLY
+    lr: float = 1.0
+    select: str = "relaxed"
+    callbacks: Sequence[Callback] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._action_simplex_dim: int | None = None
         self._from_scalar = False
 
@@ -78,9 +71,6 @@ class PGDSolver(DescentSolver):
         """Values of a block of one-hot actions."""
         return self._require_configured().values * self._config.action_block
 
-    def settings(self) -> dict[str, Any]:
-        return {**super().settings(), "lr": float(self.lr), "select": self.select}
-
     def _evaluations(self) -> int:
         # The ends, and for `rounded` what they round to; not the chosen plan once more.
         return 1 if self.select == "relaxed" else 1 << 62
@@ -96,12 +86,8 @@ class PGDSolver(DescentSolver):
         finally:
             self._from_scalar = False
 
-    def _given(self, init_action: Any) -> Array:
-        kind = str(getattr(init_action, "dtype", ""))
-        if self._from_scalar or "int" in kind:
-            values = init_action.cpu().numpy() if hasattr(init_action, "cpu") else np.asarray(init_action)
-            return self._require_configured().one_hot(values.astype(np.int64))
-        return super()._given(init_action)
+    def _holds_integers(self, plan: Any) -> bool:
+        return self._from_scalar or super()._holds_integers(plan)
 
     def init_action(self, actions: torch.Tensor | None = None, from_scalar: bool = False) -> None:
         """Sets ``init`` to the sequences that the next ``solve`` begins with, ``(n_envs, S, H, action_block × K)``.
@@ -119,6 +105,6 @@ class PGDSolver(DescentSolver):
         """Plans ``(..., action_block × K)`` as ``(..., action_block, K)``."""
         return actions.reshape(*actions.shape[:-1], self._config.action_block, self._action_simplex_dim)
 
-    def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
-        costs = "elite_mean" if self.select == "relaxed" else "cost"
-        return {"costs": np.concatenate([result[costs] for result in results]).tolist()}
+    def _costs(self) -> str:
+        # The cost of the mixture that was rounded, as in the reference, unless rounded plans are compared.
+        return "elite_mean" if self.select == "relaxed" else "cost"
