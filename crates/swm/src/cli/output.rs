@@ -93,12 +93,9 @@ pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
 
 impl<E: Into<BoxError>> From<E> for Failure {
     fn from(error: E) -> Self {
-        let source: BoxError = error.into();
-        let source = match source.downcast::<TaskError>().map(|error| *error) {
-            Ok(TaskError::Request(message)) => return usage(message.in_words(&Options)),
-            Ok(TaskError::Failed(source)) => source,
-            Ok(error) => error.into(),
-            Err(source) => source,
+        let source = match TaskError::from(error.into()) {
+            TaskError::Request(message) => return usage(message.in_words(&Options)),
+            error => error.into_source(),
         };
         let usage = is_usage(source.as_ref()) || is_denied(source.as_ref());
         // A wrong request is wrong for every environment: the first that met it says nothing.

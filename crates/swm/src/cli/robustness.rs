@@ -82,7 +82,7 @@ impl RobustnessCommand {
         let sweeps: Vec<Sweep> =
             numbered.map(|(number, policy)| sweep(&number.to_string(), policy)).collect::<Result<_, _>>()?;
         let oracle = self.oracle.as_ref().map(|policy| sweep("oracle", policy)).transpose()?;
-        let table = Robustness::join(&sweeps, oracle.as_ref(), Some(task.published)).map_err(usage)?;
+        let table = Robustness::join(&sweeps, oracle.as_ref(), Some(task.published))?;
         table.write(&self.out, &sweeps)?;
         output
             .result(&table, || format!("{}\n{}", table.markdown(), self.out.join("robustness.md").display()))

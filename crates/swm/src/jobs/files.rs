@@ -56,7 +56,7 @@ pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {
 ///
 /// It is not there, or cannot be read.
 pub(crate) fn bytes(path: &Path) -> Result<u64, BoxError> {
-    file_bytes(path).map_err(|(path, error)| cannot("read", &path, error))
+    Ok(file_bytes(path)?)
 }
 
 /// Ascending numbers as `1-3,7`.
