@@ -16,6 +16,7 @@ use super::called;
 pub(super) use super::streams::{print, print_of_clap, print_to_stderr};
 pub(crate) use super::table::table;
 use super::words::Options;
+use crate::jobs::JobError;
 
 /// A command that did not succeed.
 #[derive(Debug)]
@@ -93,7 +94,13 @@ pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
 
 impl<E: Into<BoxError>> From<E> for Failure {
     fn from(error: E) -> Self {
-        let source = match TaskError::from(error.into()) {
+        let source: BoxError = error.into();
+        let source = match source.downcast::<JobError>().map(|error| *error) {
+            Ok(JobError::Task(error)) => error.into(),
+            Ok(error) => error.into(),
+            Err(source) => source,
+        };
+        let source = match TaskError::from(source) {
             TaskError::Request(message) => return usage(message.in_words(&Options)),
             error => error.into_source(),
         };
