@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use swm_core::Registry;
-use swm_tasks::request::{self, ManifestSource, NUM_ENVS, Request as _, Swept};
+use swm_tasks::request::{self, ManifestSource, NUM_ENVS, Request as _, Swept, make_folder};
 
-use super::output::create_folder;
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
@@ -59,7 +58,7 @@ impl RobustnessCommand {
                 task.env
             )));
         }
-        create_folder(&self.out)?;
+        make_folder(&self.out)?;
         let sweep = |name: &str, policy: &str| -> Result<Sweep, Failure> {
             output.note(format!("{name}: {policy}"));
             let out = self.out.join("sweeps").join(name);

@@ -267,12 +267,12 @@ impl Runs<'_, '_> {
         };
         if let Some(foreign) = self.foreign.as_deref_mut().filter(|_| *candidate == self.entrant.candidate) {
             let mut foreign = self.entrant.foreign(foreign);
-            return Ok(foreign.run_pairs(manifest, &resets, &options, known, true, counted)?);
+            return foreign.run_pairs(manifest, &resets, &options, known, true, counted);
         }
         let registry = self.registry;
         let run =
             || run_pairs(registry, manifest, &resets, candidate, *steps, &options, known, true, counted);
-        Ok(apart(self.report, run)??)
+        apart(self.report, run)?
     }
 
     /// All episodes of `candidate`; those of an earlier try are in the ledger `path`, which belongs to `identity`. One of another
@@ -325,6 +325,6 @@ impl Runs<'_, '_> {
             let each = |pair, result: &_| ledger.push(cell, pair, result);
             self.pairs(candidate, Some(wanted.collect()), &known, progress.as_ref(), each)?;
         }
-        Ok(ledger.finish_part()?)
+        ledger.finish_part()
     }
 }
