@@ -6,14 +6,15 @@ use pyo3::prelude::*;
 use swm::bundle::receipt_to_repeat as open_receipt;
 use swm::tasks::request::{MakeBoard, MakeBundle};
 
-use crate::manifest::{boxed, to_json};
+use crate::errors::OrRaise as _;
+use crate::manifest::to_json;
 use crate::report::{Made, run};
 
 /// The receipt of a file or folder as JSON, as it can be run again; of a bundle, after a comparison of the hashes of its files, with paths
 /// that can be opened from here.
 #[pyfunction]
 fn receipt_to_repeat(py: Python<'_>, path: PathBuf) -> PyResult<String> {
-    let (receipt, _) = py.detach(|| open_receipt(&path)).map_err(boxed)?;
+    let (receipt, _) = py.detach(|| open_receipt(&path)).or_raise()?;
     to_json(&receipt)
 }
 

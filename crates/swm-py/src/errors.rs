@@ -140,8 +140,7 @@ pub(crate) fn in_words(error: TaskError, request: &'static str) -> PyErr {
         TaskError::Request(message) => {
             SwmError::new_err(in_python(&message.in_words(&Arguments { request })))
         }
-        TaskError::Failed(error) => boxed(error),
-        other => SwmError::new_err(in_python(&other.to_string())),
+        error => boxed(error.into_source()),
     }
 }
 

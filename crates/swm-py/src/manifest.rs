@@ -47,7 +47,7 @@ pub(crate) fn from_json<T: serde::de::DeserializeOwned>(what: &str, text: &str) 
 /// A manifest file as JSON, and its hash.
 #[pyfunction]
 fn manifest_json(path: PathBuf) -> PyResult<(String, String)> {
-    let manifest = read_manifest(&path).map_err(boxed)?;
+    let manifest = read_manifest(&path).or_raise()?;
     Ok((to_json(&manifest)?, manifest.hash()))
 }
 

@@ -5,17 +5,16 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use serde_json::json;
-use swm::core::error::BoxError;
 use swm::core::{Cancel, EnvConfig};
 use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
-use swm::tasks::request::verify_foreign;
+use swm::tasks::request::{TaskError, verify_foreign};
 
 use crate::dataset::open_options;
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
 use crate::infos;
 use crate::interrupt::interruptible_with;
-use crate::manifest::{boxed, from_json, to_json};
+use crate::manifest::{from_json, to_json};
 use crate::runs::{Given, foreign};
 use crate::whole;
 use crate::world::registry;
@@ -23,7 +22,7 @@ use crate::world::registry;
 /// A receipt file, or that of a folder, as JSON.
 #[pyfunction]
 fn receipt_json(path: PathBuf) -> PyResult<String> {
-    to_json(&read_receipt(&path).map_err(boxed)?)
+    to_json(&read_receipt(&path).or_raise()?)
 }
 
 /// In what two receipts differ, wall times apart, as JSON: objects with `what`, `first` and `this`.
@@ -41,10 +40,10 @@ fn compare_receipts(sides: Vec<(String, Vec<String>)>) -> PyResult<String> {
     }
     let side = |(name, texts): &(String, Vec<String>)| {
         let runs = texts.iter().map(|text| from_json("a receipt", text)).collect::<PyResult<_>>()?;
-        Side::new(name, runs).map_err(boxed)
+        Side::new(name, runs).or_raise()
     };
     let sides: Vec<Side> = sides.iter().map(side).collect::<PyResult<_>>()?;
-    to_json(&compare(&sides).map_err(boxed)?)
+    to_json(&compare(&sides).or_raise()?)
 }
 
 /// Runs a receipt's policy and its reference policies again and compares; gives a JSON object. `oracle`: the oracle too. `policy`, of
@@ -68,7 +67,7 @@ fn verify_receipt(
     let count = || progress.count(false);
     let Some((name, given)) = policy else {
         let run = || swm::evaluation::verify(registry(), &receipt, &options, oracle, count);
-        return to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?);
+        return to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.or_raise()?);
     };
     let mut policy = foreign(py, &given, &progress, tick)?;
     let policy = (name.as_str(), &mut policy);
@@ -99,7 +98,7 @@ fn replay(
     let mut dataset = swm::data::open_with(registry(), &path, &options).or_raise()?;
     let entry = match env {
         Some(id) => registry().env(id).or_raise()?,
-        None => swm::replay::recorded_env(registry(), &dataset, &path).map_err(boxed)?,
+        None => swm::replay::recorded_env(registry(), &dataset, &path).or_raise()?,
     };
     let spec = entry.make(&EnvConfig::default()).or_raise()?.spec().clone();
     let overrides = set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default();
@@ -120,9 +119,9 @@ fn replay(
             progress.count(false);
             reports.push(report);
         }
-        Ok::<_, BoxError>(())
+        Ok::<_, TaskError>(())
     };
-    interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?;
+    interruptible_with(py, &cancel, || progress.tell(tick), run)?.or_raise()?;
     let mut columns: BTreeMap<String, [f64; 2]> = BTreeMap::new();
     for (name, difference) in reports.iter().flat_map(|report| &report.columns) {
         let largest = columns.entry(name.clone()).or_default();

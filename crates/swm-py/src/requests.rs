@@ -3,8 +3,8 @@
 use pyo3::prelude::*;
 use swm::tasks::request::{Measure, Plan, Render, Request as _, Train};
 
-use crate::errors::{SwmError, in_words};
-use crate::manifest::{boxed, from_json, to_json};
+use crate::errors::{OrRaise as _, SwmError, in_words};
+use crate::manifest::{from_json, to_json};
 use crate::report::{Made, Reporter, run};
 use crate::world::registry;
 
@@ -39,7 +39,7 @@ fn plan(
     let request = Plan::from_json(&from_json("the request", request)?).map_err(wrong)?;
     let mut reporter = Reporter::new(py, Plan::NAME, begin, tick);
     let planned = request.run(registry(), &mut reporter).map_err(wrong)?;
-    let files = planned.written.map_err(boxed)?;
+    let files = planned.written.or_raise()?;
     Ok((to_json(&(planned.summary, files))?, reporter.notes))
 }
 

@@ -6,8 +6,8 @@ use pyo3::prelude::*;
 use swm::evaluation::read_sweep;
 use swm::tasks::request::{Request as _, Sweep, Swept};
 
-use crate::errors::in_words;
-use crate::manifest::{boxed, from_json, to_json};
+use crate::errors::{OrRaise as _, in_words};
+use crate::manifest::{from_json, to_json};
 use crate::report::Reporter;
 use crate::runs::{Given, foreign};
 use crate::world::registry;
@@ -15,7 +15,7 @@ use crate::world::registry;
 /// A sweep's file, or that of a folder, as JSON.
 #[pyfunction]
 fn sweep_json(path: PathBuf) -> PyResult<String> {
-    to_json(&read_sweep(&path).map_err(boxed)?)
+    to_json(&read_sweep(&path).or_raise()?)
 }
 
 /// Evaluates a policy under changes of factors: `request` is a JSON object of the settings of `Sweep`. The others are those of

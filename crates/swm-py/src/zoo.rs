@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use swm::tasks::zoo::{self, ZooModel};
 
-use crate::manifest::{boxed, to_json};
+use crate::errors::OrRaise as _;
+use crate::manifest::to_json;
 
 /// All models of the zoo as JSON, and why some are left out.
 #[pyfunction]
@@ -23,7 +24,7 @@ fn zoo_models(py: Python<'_>) -> PyResult<(String, Vec<String>)> {
 /// A model of the zoo as JSON, after a comparison of the hashes of its files.
 #[pyfunction]
 fn zoo_model(py: Python<'_>, name: &str) -> PyResult<String> {
-    let model = py.detach(|| zoo::find(name).and_then(|folder| ZooModel::open(&folder))).map_err(boxed)?;
+    let model = py.detach(|| zoo::find(name).and_then(|folder| ZooModel::open(&folder))).or_raise()?;
     to_json(&model)
 }
 

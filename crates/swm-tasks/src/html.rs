@@ -2,8 +2,8 @@
 
 use minijinja::{Environment, Error, ErrorKind, UndefinedBehavior, Value};
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 
+use crate::error::TaskError;
 use crate::svg::number;
 
 macro_rules! templates {
@@ -27,7 +27,7 @@ const TEMPLATES: [(&str, &str); 13] = templates![
 ];
 
 /// Renders a template. Values are escaped, except those that are marked as safe.
-pub(crate) fn render(template: &str, context: Value) -> Result<String, BoxError> {
+pub(crate) fn render(template: &str, context: Value) -> Result<String, TaskError> {
     let mut engine = Environment::new();
     engine.set_undefined_behavior(UndefinedBehavior::SemiStrict);
     for (name, text) in TEMPLATES {

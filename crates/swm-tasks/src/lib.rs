@@ -33,6 +33,7 @@
 pub mod board;
 pub mod bundle;
 pub mod distractors;
+mod error;
 pub mod evaluation;
 mod html;
 pub mod memory;

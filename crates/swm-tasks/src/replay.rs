@@ -11,12 +11,13 @@ use serde::Serialize;
 use swm_core::batch::FieldKind;
 use swm_core::dataset::{self, CHECKPOINT, Checkpoints, Dataset};
 use swm_core::env::step_times;
-use swm_core::error::BoxError;
 use swm_core::{
     Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Metadata,
     Registry, Schema, Slice, Value,
 };
 use swm_data::rendered::env_named;
+
+use crate::error::TaskError;
 
 /// The environment that the dataset at `path` says it was recorded in.
 ///
@@ -27,7 +28,7 @@ pub fn recorded_env(
     registry: &Registry,
     source: &dyn Dataset,
     path: &Path,
-) -> Result<&'static EnvEntry, BoxError> {
+) -> Result<&'static EnvEntry, TaskError> {
     let path = path.display();
     let Some(named) = source.metadata().and_then(Metadata::known_env) else {
         return Err(format!("{path} does not name its environment; say --env ID").into());
@@ -84,7 +85,7 @@ pub fn replay(
     overrides: &BTreeMap<String, Value>,
     tolerance: f64,
     mut watch: impl FnMut(usize),
-) -> Result<ReplayReport, BoxError> {
+) -> Result<ReplayReport, TaskError> {
     let mut report = ReplayReport {
         ok: true,
         tolerance,
@@ -102,7 +103,7 @@ pub fn replay(
             let own = round.iter().enumerate().skip(thread).step_by(threads);
             own.map(|(at, &episode)| (at, worker.replay(episode, overrides))).collect()
         };
-        let mut replayed: Vec<(usize, Result<Replayed, BoxError>)> =
+        let mut replayed: Vec<(usize, Result<Replayed, TaskError>)> =
             workers.par_iter_mut().enumerate().flat_map_iter(run).collect();
         replayed.sort_by_key(|(at, _)| *at);
         for (at, replayed) in replayed {
@@ -154,7 +155,7 @@ impl Worker {
         entry: &EnvEntry,
         source: Box<dyn Dataset>,
         overrides: &BTreeMap<String, Value>,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         let metadata = source.metadata().cloned();
         let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
         let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
@@ -173,7 +174,7 @@ impl Worker {
         Ok(Self { env, source, frame_skip, columns, saved, recorded, pieces, live, state })
     }
 
-    fn replay(&mut self, episode: usize, overrides: &BTreeMap<String, Value>) -> Result<Replayed, BoxError> {
+    fn replay(&mut self, episode: usize, overrides: &BTreeMap<String, Value>) -> Result<Replayed, TaskError> {
         let Self { env, source, frame_skip, columns, saved, recorded, pieces, live, state } = self;
         let mut found = Replayed::default();
         let mut options = dataset::whole_episode(env.spec(), source.as_mut(), episode)?;
@@ -224,7 +225,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn shared(env: &dyn Env, source: &dyn Dataset) -> Result<Self, BoxError> {
+    fn shared(env: &dyn Env, source: &dyn Dataset) -> Result<Self, TaskError> {
         let schema = source.schema();
         let (mut read, mut live) = (Vec::new(), Vec::new());
         for (index, field) in env.spec().fields.iter().enumerate() {

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use swm_core::Evaluation;
-use swm_core::error::BoxError;
 use swm_media::{Clip, Format, contact_sheet, framed, png};
 
+use crate::error::{TaskError, cannot};
 use crate::text_file::replace_text;
 use crate::video::{Scene, Video};
 
@@ -26,13 +26,10 @@ pub fn write_report(
     evaluation: &Evaluation,
     video: &Video,
     video_format: Format,
-) -> Result<Vec<PathBuf>, BoxError> {
-    let failed =
-        |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
-    std::fs::create_dir_all(dir).map_err(|error| failed(dir, &error))?;
+) -> Result<Vec<PathBuf>, TaskError> {
+    std::fs::create_dir_all(dir).map_err(cannot("write", dir))?;
     let result = dir.join("result.json");
-    replace_text(&result, &serde_json::to_string_pretty(evaluation)?)
-        .map_err(|error| failed(&result, &error))?;
+    replace_text(&result, &serde_json::to_string_pretty(evaluation)?).map_err(cannot("write", &result))?;
     let mut written = vec![result];
     let scenes: Vec<(u64, &Scene)> = video.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();
     if scenes.is_empty() {
@@ -53,7 +50,7 @@ pub(crate) fn save_video(
     episode: u64,
     scene: &Scene,
     format: Format,
-) -> Result<PathBuf, BoxError> {
+) -> Result<PathBuf, TaskError> {
     let outcome = match scene.end.and_then(|end| end.success) {
         Some(true) => "success",
         Some(false) => "failure",
@@ -72,7 +69,7 @@ fn enlarged(clip: &Clip) -> Clip {
 }
 
 /// One row per episode: the framed goal, then images from first to last.
-fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Result<(), BoxError> {
+fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Result<(), TaskError> {
     let scenes: Vec<&Scene> = scenes.collect();
     let size = scenes.first().map_or((0, 0), |scene| (scene.clip.height(), scene.clip.width()));
     let goals: Vec<Option<Vec<u8>>> =

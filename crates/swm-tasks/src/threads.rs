@@ -2,7 +2,7 @@
 
 use rayon::ThreadPoolBuilder;
 
-use crate::request::{Message, TaskError, failed};
+use crate::request::{Message, TaskError};
 
 /// More in one process are a typing error.
 const MAX: usize = 1024;
@@ -32,7 +32,7 @@ pub fn within<T: Send>(count: Option<usize>, work: impl FnOnce() -> T + Send) ->
     }
     match pool().build() {
         Ok(pool) => Ok(pool.install(work)),
-        Err(error) => Err(failed(format!("cannot start {count} threads: {error}"))),
+        Err(error) => Err(format!("cannot start {count} threads: {error}").into()),
     }
 }
 

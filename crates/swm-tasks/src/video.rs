@@ -7,6 +7,7 @@ use swm_core::error::BoxError;
 use swm_core::{EpisodeEnd, LiveStep, Recorder, RunInfo};
 use swm_media::{Clip, png};
 
+use crate::error::TaskError;
 use crate::svg::data_address;
 
 /// Videos the first episodes of a run, one clip each.
@@ -35,7 +36,7 @@ pub struct Scene {
 
 impl Scene {
     /// The goal image for a page, as a PNG inside of it.
-    pub(crate) fn goal_address(&self) -> Result<Option<String>, BoxError> {
+    pub(crate) fn goal_address(&self) -> Result<Option<String>, TaskError> {
         let Some(goal) = &self.goal else { return Ok(None) };
         let png = png::encode(self.clip.height(), self.clip.width(), goal)?;
         Ok(Some(data_address("image/png", &png)))

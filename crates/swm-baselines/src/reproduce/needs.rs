@@ -157,7 +157,7 @@ pub(super) fn manifest(folder: &Path, path: &str, hash: &str) -> Result<PathBuf,
 /// Refuses weights that are not those of the recipe.
 pub(super) fn check_weights(file: &Path, recipe: &Recipe) -> Result<(), TaskError> {
     let Some(wanted) = &recipe.checkpoint.sha256 else { return Ok(()) };
-    match file_hash(file).map_err(TaskError::Failed)? {
+    match file_hash(file)? {
         same if same == *wanted => Ok(()),
         other => {
             let text = format!(

@@ -5,10 +5,10 @@ mod page;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use swm_core::error::BoxError;
 use swm_core::evaluate::{PairedRuns, Summary};
 
 use crate::bundle::Bundle;
+use crate::error::TaskError;
 use crate::evaluation::{Side, Verification, compare, contradiction};
 
 pub use page::{DATA, PAGE, holds_board, write_board};
@@ -117,7 +117,7 @@ impl Board {
     /// # Errors
     ///
     /// No bundle, one that is given twice, or one whose receipt contradicts itself.
-    pub fn new(title: &str, bundles: &[(Bundle, Option<Verification>)]) -> Result<Self, BoxError> {
+    pub fn new(title: &str, bundles: &[(Bundle, Option<Verification>)]) -> Result<Self, TaskError> {
         let mut known: BTreeMap<&str, &Bundle> = BTreeMap::new();
         for (bundle, _) in bundles {
             if let Some(reason) = contradiction(&bundle.receipt) {
@@ -170,7 +170,7 @@ fn group(
     mut members: Vec<usize>,
     bundles: &[(Bundle, Option<Verification>)],
     names: &[String],
-) -> Result<Group, BoxError> {
+) -> Result<Group, TaskError> {
     let rate = |index: usize| bundles[index].0.receipt.summary.success_rate;
     members.sort_by(|&a, &b| rate(b).total_cmp(&rate(a)).then_with(|| names[a].cmp(&names[b])));
     let side = |&index: &usize| Side::new(names[index].clone(), vec![bundles[index].0.receipt.clone()]);

@@ -4,9 +4,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use minijinja::context;
-use swm_core::error::BoxError;
 
 use super::Board;
+use crate::error::{TaskError, cannot};
 use crate::html::{of_json, render};
 use crate::text_file::replace_text;
 
@@ -32,15 +32,15 @@ pub fn holds_board(path: &Path) -> io::Result<bool> {
 /// # Errors
 ///
 /// A file cannot be written.
-pub fn write_board(board: &Board, out: &Path) -> Result<PathBuf, BoxError> {
-    std::fs::create_dir_all(out).map_err(|error| format!("cannot make {}: {error}", out.display()))?;
+pub fn write_board(board: &Board, out: &Path) -> Result<PathBuf, TaskError> {
+    std::fs::create_dir_all(out).map_err(cannot("make", out))?;
     let has_reruns = board.groups.iter().flat_map(|group| &group.rows).any(|row| row.rerun.is_some());
     let html = render("board.html", context! { has_reruns, ..of_json(&serde_json::to_value(board)?) })?;
     let page = out.join(PAGE);
     // The data first: a folder with a page and without data would be refused as one of somebody else.
     for (path, text) in [(out.join(DATA), serde_json::to_string_pretty(board)? + "\n"), (page.clone(), html)]
     {
-        replace_text(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        replace_text(&path, &text).map_err(cannot("write", &path))?;
     }
     Ok(page)
 }

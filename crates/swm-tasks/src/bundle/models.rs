@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 use swm_core::PolicyArgs;
-use swm_core::error::BoxError;
 
+use crate::error::{TaskError, cannot};
 use crate::evaluation::file_hash;
 
 /// Models that were copied into a bundle.
@@ -36,7 +36,7 @@ impl<'a> Models<'a> {
         args: &mut PolicyArgs,
         files: &[PathBuf],
         hashes: &BTreeMap<String, String>,
-    ) -> Result<(), BoxError> {
+    ) -> Result<(), TaskError> {
         for file in files {
             let argument = values(args).find(|text| file.starts_with(text)).map(str::to_owned);
             let Some(argument) = argument else {
@@ -66,7 +66,7 @@ impl<'a> Models<'a> {
     /// # Errors
     ///
     /// A file is not there, or was changed.
-    pub(super) fn place_apart(&mut self, hashes: &BTreeMap<String, String>) -> Result<(), BoxError> {
+    pub(super) fn place_apart(&mut self, hashes: &BTreeMap<String, String>) -> Result<(), TaskError> {
         for file in hashes.keys() {
             let path = Path::new(file);
             let target = self.free(path);
@@ -113,12 +113,17 @@ impl<'a> Models<'a> {
         places.find(|place| !self.files.values().any(|taken| taken == place)).unwrap_or_default()
     }
 
-    fn copy(&mut self, file: &Path, target: &str, hashes: &BTreeMap<String, String>) -> Result<(), BoxError> {
+    fn copy(
+        &mut self,
+        file: &Path,
+        target: &str,
+        hashes: &BTreeMap<String, String>,
+    ) -> Result<(), TaskError> {
         let (shown, to) = (file.display().to_string(), self.folder.join(target));
         if self.files.contains_key(&shown) {
             return Ok(());
         }
-        let missing = |error: BoxError| {
+        let missing = |error: TaskError| {
             match file.exists() {
             true => error,
             false => format!(
@@ -127,7 +132,7 @@ impl<'a> Models<'a> {
             .into(),
         }
         };
-        copy_all(file, &to).map_err(|error| missing(error.into()))?;
+        copy_all(file, &to).map_err(missing)?;
         if let Some(recorded) = hashes.get(&shown)
             && file_hash(&to)? != *recorded
         {
@@ -156,7 +161,7 @@ pub(super) fn resolve(args: &mut PolicyArgs, paths: &[String], folder: &Path) {
 }
 
 /// A path below `root`, with `/` between its parts.
-fn joined(root: &str, below: &Path) -> Result<String, BoxError> {
+fn joined(root: &str, below: &Path) -> Result<String, TaskError> {
     let mut path = root.to_owned();
     for part in below.components() {
         let part = part.as_os_str().to_str().ok_or_else(|| format!("{} is no text", below.display()))?;
@@ -166,8 +171,8 @@ fn joined(root: &str, below: &Path) -> Result<String, BoxError> {
 }
 
 /// Copies a file, or a folder with all that is in it.
-fn copy_all(from: &Path, to: &Path) -> Result<(), String> {
-    let failed = |error: std::io::Error| format!("cannot copy {}: {error}", from.display());
+fn copy_all(from: &Path, to: &Path) -> Result<(), TaskError> {
+    let failed = cannot("copy", from);
     if from.is_dir() {
         fs::create_dir_all(to).map_err(failed)?;
         for entry in fs::read_dir(from).map_err(failed)? {
@@ -177,7 +182,7 @@ fn copy_all(from: &Path, to: &Path) -> Result<(), String> {
         return Ok(());
     }
     if !fs::metadata(from).map_err(failed)?.is_file() {
-        return Err(format!("cannot copy {}: it is no regular file", from.display()));
+        return Err(format!("cannot copy {}: it is no regular file", from.display()).into());
     }
     if let Some(parent) = to.parent() {
         fs::create_dir_all(parent).map_err(failed)?;
@@ -186,5 +191,5 @@ fn copy_all(from: &Path, to: &Path) -> Result<(), String> {
     let mut source = fs::File::open(from).map_err(failed)?;
     let mut target = fs::File::create_new(to).map_err(failed)?;
     std::io::copy(&mut source, &mut target).map_err(failed)?;
-    target.sync_all().map_err(failed)
+    Ok(target.sync_all().map_err(failed)?)
 }

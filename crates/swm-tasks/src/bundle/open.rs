@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 use swm_core::evaluate::sha256;
 use swm_core::settings::read as read_settings;
 
 use super::{BUNDLE_VERSION, BundleInfo, INFO, MANIFEST, RECEIPT, SUMS, models, sums};
+use crate::error::{TaskError, cannot};
 use crate::evaluation::{Receipt, read_manifest, read_receipt};
 use crate::text_file::{json_error, read_text};
 
@@ -34,13 +34,13 @@ impl Bundle {
     ///
     /// It is no bundle of a version that this program reads; a file was changed, is missing, or is no part of it; or its manifest is not
     /// that of its receipt.
-    pub fn open(folder: &Path) -> Result<Self, BoxError> {
+    pub fn open(folder: &Path) -> Result<Self, TaskError> {
         let shown = folder.display();
         let path = folder.join(INFO);
         if let Err(error) = std::fs::metadata(&path)
             && error.kind() == std::io::ErrorKind::PermissionDenied
         {
-            return Err(format!("cannot read {}: {error}", path.display()).into());
+            return Err(cannot("read", &path)(error).into());
         }
         if !path.is_file() {
             let advice = match folder.join(RECEIPT).is_file() {
@@ -92,7 +92,7 @@ pub fn bundle_of(path: &Path) -> Option<&Path> {
 /// # Errors
 ///
 /// As of [`Bundle::open`] and [`read_receipt`].
-pub fn receipt_to_repeat(path: &Path) -> Result<(Receipt, Option<Bundle>), BoxError> {
+pub fn receipt_to_repeat(path: &Path) -> Result<(Receipt, Option<Bundle>), TaskError> {
     match bundle_of(path) {
         Some(folder) => {
             let bundle = Bundle::open(folder)?;
@@ -102,9 +102,9 @@ pub fn receipt_to_repeat(path: &Path) -> Result<(Receipt, Option<Bundle>), BoxEr
     }
 }
 
-fn read_info(path: &Path) -> Result<BundleInfo, BoxError> {
+fn read_info(path: &Path) -> Result<BundleInfo, TaskError> {
     let shown = path.display();
-    let text = read_text(path).map_err(|error| format!("cannot read {shown}: {error}"))?;
+    let text = read_text(path).map_err(cannot("read", path))?;
     let json: Json =
         serde_json::from_str(&text).map_err(|error| format!("{shown}: {}", json_error(&text, &error)))?;
     match json.get("bundle").and_then(Json::as_u64) {

@@ -1,14 +1,14 @@
 //! The texts of a bundle for people: what it is, how it is repeated, and the card of its model.
 
 use serde_json::{Value as Json, json};
-use swm_core::error::BoxError;
 use swm_core::evaluate::Summary;
 
 use super::BundleInfo;
+use crate::error::TaskError;
 use crate::evaluation::Receipt;
 
 /// `README.md`, with metadata as the Hugging Face Hub reads it.
-pub(super) fn readme(receipt: &Receipt, info: &BundleInfo) -> Result<String, BoxError> {
+pub(super) fn readme(receipt: &Receipt, info: &BundleInfo) -> Result<String, TaskError> {
     let Receipt { manifest, summary, .. } = receipt;
     let mut text = metadata(receipt, info)?;
     text += &format!(
@@ -44,7 +44,7 @@ pub(super) fn readme(receipt: &Receipt, info: &BundleInfo) -> Result<String, Box
 }
 
 /// What the Hub parses, between two lines of dashes.
-fn metadata(receipt: &Receipt, info: &BundleInfo) -> Result<String, BoxError> {
+fn metadata(receipt: &Receipt, info: &BundleInfo) -> Result<String, TaskError> {
     let license = match &info.license {
         Some(license) => format!("license: {}\n", quoted(license)?),
         None => String::new(),
@@ -108,7 +108,7 @@ fn files(receipt: &Receipt) -> String {
 }
 
 /// `MODEL_CARD.md`, with metadata as the Hugging Face Hub reads it.
-pub(super) fn card(receipt: &Receipt, info: &BundleInfo) -> Result<String, BoxError> {
+pub(super) fn card(receipt: &Receipt, info: &BundleInfo) -> Result<String, TaskError> {
     let Receipt { manifest, summary, .. } = receipt;
     let weights: String =
         receipt.files.iter().map(|(path, hash)| format!("| {} | {} |\n", code(path), code(hash))).collect();

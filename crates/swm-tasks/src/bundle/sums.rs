@@ -5,18 +5,18 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path};
 
-use swm_core::error::BoxError;
 use swm_core::evaluate::sha256_of;
 use swm_data::files::{open_beneath, replace};
 
 use super::SUMS;
+use crate::error::{TaskError, cannot};
 use crate::text_file::read_text;
 
 /// Of a list of files that differ, so many are named.
 const MAX_NAMED: usize = 5;
 
 /// Writes the list of all files below `folder`.
-pub(super) fn write(folder: &Path) -> Result<usize, BoxError> {
+pub(super) fn write(folder: &Path) -> Result<usize, TaskError> {
     let mut text = String::new();
     let files = files_below(folder, true)?;
     for path in &files {
@@ -33,7 +33,7 @@ pub(super) fn write(folder: &Path) -> Result<usize, BoxError> {
 ///
 /// A file was changed, is missing, or is not listed: the message names it. Names that begin with a dot are passed over, as systems and
 /// tools leave such files.
-pub(super) fn check(folder: &Path) -> Result<usize, BoxError> {
+pub(super) fn check(folder: &Path) -> Result<usize, TaskError> {
     let shown = folder.display();
     let path = folder.join(SUMS);
     let text = read_text(&path).map_err(|error| format!("bundle {shown}: cannot read {SUMS}: {error}"))?;
@@ -95,9 +95,9 @@ fn hash(folder: &Path, path: &str) -> io::Result<String> {
 }
 
 /// Paths of all files below a folder, in order, with `/` between their parts; `hidden`: those whose names begin with a dot, too.
-fn files_below(folder: &Path, hidden: bool) -> Result<Vec<String>, BoxError> {
-    fn collect(folder: &Path, before: &str, hidden: bool, found: &mut Vec<String>) -> Result<(), BoxError> {
-        let failed = |error: io::Error| format!("cannot read {}: {error}", folder.display());
+fn files_below(folder: &Path, hidden: bool) -> Result<Vec<String>, TaskError> {
+    fn collect(folder: &Path, before: &str, hidden: bool, found: &mut Vec<String>) -> Result<(), TaskError> {
+        let failed = cannot("read", folder);
         for entry in fs::read_dir(folder).map_err(failed)? {
             let entry = entry.map_err(failed)?;
             let name = entry.file_name();

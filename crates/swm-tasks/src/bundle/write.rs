@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
-use swm_core::error::BoxError;
 use swm_data::files;
 
 use super::models::Models;
 use super::{BUNDLE_VERSION, BundleInfo, CARD, INFO, MANIFEST, README, Reported, readme, sums};
+use crate::error::{TaskError, cannot};
 use crate::evaluation::{Candidate, Code, Receipt, contradiction, env_of, write_manifest, write_receipt};
 use crate::zoo;
 
@@ -25,7 +25,7 @@ pub fn write_bundle(
     out: &Path,
     license: Option<String>,
     reported: Option<Reported>,
-) -> Result<usize, BoxError> {
+) -> Result<usize, TaskError> {
     let shown = out.display();
     if fs::symlink_metadata(out).is_ok() {
         return Err(format!("{shown} exists; name a folder that is not there yet").into());
@@ -34,10 +34,10 @@ pub fn write_bundle(
         return Err(format!("the receipt was edited: {reason}; evaluate again").into());
     }
     let draft = files::draft(out);
-    fs::create_dir(&draft).map_err(|error| format!("cannot make {}: {error}", draft.display()))?;
+    fs::create_dir(&draft).map_err(cannot("make", &draft))?;
     let written = write_all(registry, receipt, &draft, license, reported).and_then(|count| {
         // A folder that somebody made meanwhile is kept: renaming replaces empty ones alone.
-        files::settle(&draft, out).map_err(|error| format!("cannot write {shown}: {error}"))?;
+        files::settle(&draft, out).map_err(cannot("write", out))?;
         Ok(count)
     });
     written.inspect_err(|_| drop(fs::remove_dir_all(&draft)))
@@ -49,7 +49,7 @@ fn write_all(
     folder: &Path,
     license: Option<String>,
     reported: Option<Reported>,
-) -> Result<usize, BoxError> {
+) -> Result<usize, TaskError> {
     let entry = env_of(registry, &receipt.manifest)?;
     let mut receipt = receipt.clone();
     // Names of the zoo become files, so that the bundle is verified where no zoo is.
@@ -101,7 +101,7 @@ fn write_all(
 }
 
 /// The files of a policy: those that the receipt has hashes of, and what it takes beside them to make it again.
-fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Result<Vec<PathBuf>, BoxError> {
+fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Result<Vec<PathBuf>, TaskError> {
     let entry = registry.policy_entry(env_of(registry, &receipt.manifest)?, &candidate.policy.name)?;
     let mut files: Vec<PathBuf> = receipt.files.keys().map(PathBuf::from).collect();
     if !files.is_empty() {
@@ -111,7 +111,6 @@ fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Resu
     Ok(files)
 }
 
-fn write_text(path: &Path, text: &str) -> Result<(), BoxError> {
-    Ok(files::replace(path, text.as_bytes())
-        .map_err(|error| format!("cannot write {}: {error}", path.display()))?)
+fn write_text(path: &Path, text: &str) -> Result<(), TaskError> {
+    Ok(files::replace(path, text.as_bytes()).map_err(cannot("write", path))?)
 }

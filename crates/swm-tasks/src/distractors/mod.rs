@@ -16,10 +16,12 @@ mod shift;
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
-use swm_core::error::{BoxError, did_you_mean, nearest};
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::settings::read;
 use swm_core::view::{Frame, Transform};
 use swm_core::{PolicyArgs, Setting, Settings};
+
+use crate::error::TaskError;
 
 pub use schedule::Schedule;
 
@@ -54,7 +56,7 @@ pub struct DistractorEntry {
 }
 
 /// Makes a distractor from its settings.
-type Make = fn(Map<String, Json>) -> Result<Box<dyn Transform>, BoxError>;
+type Make = fn(Map<String, Json>) -> Result<Box<dyn Transform>, TaskError>;
 
 /// A kind of distractor: its settings, as plain data.
 trait Distractor: Settings + Send + Sync + 'static {
@@ -119,7 +121,7 @@ impl Transform for Chain {
 /// # Errors
 ///
 /// No such distractor, or an unknown or misfit setting of it.
-pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
+pub fn parse(text: &str) -> Result<Box<dyn Transform>, TaskError> {
     let PolicyArgs { name, positional, named, .. } = PolicyArgs::parse(text)?;
     let Some(entry) = DISTRACTORS.iter().find(|entry| entry.name == name) else {
         let names: Vec<&str> = DISTRACTORS.iter().map(|entry| entry.name).chain([ON_GOALS]).collect();
@@ -138,7 +140,7 @@ pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
 /// # Errors
 ///
 /// The first one of [`parse`].
-pub fn parse_all(texts: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
+pub fn parse_all(texts: &[String]) -> Result<Option<Arc<dyn Transform>>, TaskError> {
     let goals = texts.iter().any(|text| text == ON_GOALS);
     let all: Vec<Box<dyn Transform>> =
         texts.iter().filter(|text| *text != ON_GOALS).map(|text| parse(text)).collect::<Result<_, _>>()?;

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 use swm_core::evaluate::EpisodeResult;
 use swm_data::tools::parts;
 
 use super::resume::{Ledger, identity as described};
+use crate::error::cannot;
 use crate::request::{Fix, Message, TaskError};
 
 /// The folder of parts, in the folder of the result.
@@ -67,7 +67,7 @@ impl CellLedger {
     /// # Errors
     ///
     /// As of [`Ledger::open`].
-    pub fn open(path: &Path, identity: &impl Serialize, cells: u64, pairs: u64) -> Result<Self, BoxError> {
+    pub fn open(path: &Path, identity: &impl Serialize, cells: u64, pairs: u64) -> Result<Self, TaskError> {
         Ok(Self::of(Ledger::open(path, identity)?, cells, pairs))
     }
 
@@ -81,7 +81,7 @@ impl CellLedger {
         identity: &impl Serialize,
         cells: u64,
         pairs: u64,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         Ok(Self::of(Ledger::open_again(path, identity)?, cells, pairs))
     }
 
@@ -105,11 +105,10 @@ impl CellLedger {
         identity: &impl Serialize,
         cells: u64,
         pairs: u64,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         let path = part_path(dir, shard, of);
         let parts = dir.join(PARTS);
-        fs::create_dir_all(&parts)
-            .map_err(|error| format!("cannot write to the folder {}: {error}", parts.display()))?;
+        fs::create_dir_all(&parts).map_err(cannot("write to the folder", &parts))?;
         let there = parts_in(&parts)?;
         if let Some((one, other)) = there.keys().find(|(_, other)| *other != of) {
             let parts = parts.display();
@@ -230,7 +229,7 @@ impl CellLedger {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn push(&mut self, cell: u64, pair: u64, result: &EpisodeResult) -> Result<(), BoxError> {
+    pub fn push(&mut self, cell: u64, pair: u64, result: &EpisodeResult) -> Result<(), TaskError> {
         let episode = cell * self.pairs + pair;
         self.known.insert(episode, result.clone());
         self.ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(episode, result))
@@ -241,7 +240,7 @@ impl CellLedger {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn finish_part(self) -> Result<(), BoxError> {
+    pub fn finish_part(self) -> Result<(), TaskError> {
         self.ledger.map_or(Ok(()), Ledger::finish)
     }
 
@@ -250,9 +249,9 @@ impl CellLedger {
     /// # Errors
     ///
     /// A file cannot be removed.
-    pub fn close(self) -> Result<(), BoxError> {
+    pub fn close(self) -> Result<(), TaskError> {
         for path in &self.parts {
-            fs::remove_file(path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
+            fs::remove_file(path).map_err(cannot("remove", path))?;
         }
         if let Some(folder) = self.parts.first().and_then(|part| part.parent()) {
             // What else is in the folder is not ours.
@@ -270,7 +269,7 @@ impl CellLedger {
 
 impl Division {
     /// What episodes of a part belong to. Another version of this program must not take a part of one division for one of the other.
-    fn identity(self, identity: &impl Serialize) -> Result<Vec<Json>, BoxError> {
+    fn identity(self, identity: &impl Serialize) -> Result<Vec<Json>, TaskError> {
         let mut all = described(identity, &BTreeMap::new())?;
         all.extend((self == Self::ByPair).then(|| "divided by pair".into()));
         Ok(all)
@@ -283,12 +282,12 @@ fn part_path(dir: &Path, shard: u64, of: u64) -> PathBuf {
 }
 
 /// The parts in a folder, by number and count.
-fn parts_in(folder: &Path) -> Result<BTreeMap<(u64, u64), PathBuf>, BoxError> {
+fn parts_in(folder: &Path) -> Result<BTreeMap<(u64, u64), PathBuf>, TaskError> {
     let mut parts = BTreeMap::new();
     if !folder.is_dir() {
         return Ok(parts);
     }
-    let failed = |error: std::io::Error| format!("cannot read the folder {}: {error}", folder.display());
+    let failed = cannot("read the folder", folder);
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         let name =

@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 use swm_core::PolicyArgs;
-use swm_core::error::BoxError;
 use swm_core::evaluate::PairedRuns;
 use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
 
 use super::difference::{Difference, differences};
 use super::receipt::Receipt;
 use super::verify::edited;
+use crate::error::TaskError;
 
 /// One side of a comparison: runs of one policy with different seeds on one manifest.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ impl Side {
     /// # Errors
     ///
     /// No runs, runs of different policies or manifests, two runs with one seed, or a receipt whose figures are not those of its episodes.
-    pub fn new(name: impl Into<String>, runs: Vec<Receipt>) -> Result<Self, BoxError> {
+    pub fn new(name: impl Into<String>, runs: Vec<Receipt>) -> Result<Self, TaskError> {
         let name = name.into();
         let Some(first) = runs.first() else {
             return Err(format!("{name}: a side without a result; give one or more").into());
@@ -129,14 +129,14 @@ impl Side {
 /// # Errors
 ///
 /// The sides are results of different manifests.
-pub fn compare(sides: &[Side]) -> Result<Vec<Compared>, BoxError> {
+pub fn compare(sides: &[Side]) -> Result<Vec<Compared>, TaskError> {
     same_manifest(sides.iter().flat_map(|side| side.runs.iter().map(|run| (side.name.as_str(), run))))?;
     let compared = |(index, side): (usize, &Side)| side.compared((index > 0).then_some(&sides[0]));
     Ok(sides.iter().enumerate().map(compared).collect())
 }
 
 /// `results` are what each is called, and the result.
-fn same_manifest<'a>(results: impl IntoIterator<Item = (&'a str, &'a Receipt)>) -> Result<(), BoxError> {
+fn same_manifest<'a>(results: impl IntoIterator<Item = (&'a str, &'a Receipt)>) -> Result<(), TaskError> {
     let mut results = results.into_iter();
     let Some((first, one)) = results.next() else { return Ok(()) };
     let Some((other, another)) = results.find(|(_, result)| result.manifest_hash != one.manifest_hash) else {

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::dataset::Dataset;
-use swm_core::error::BoxError;
 use swm_core::evaluate::RecordedPairs;
 use swm_core::settings::{WrongSetting, read as read_settings};
 use swm_core::{EnvEntry, Manifest, Registry};
@@ -15,6 +14,7 @@ use swm_data::rendered::env_named;
 use super::hash::file_hash;
 use super::receipt::{RECEIPT_VERSION, Receipt};
 use super::relative;
+use crate::error::cannot;
 use crate::request::{Assignment, Fix, Message, TaskError};
 use crate::text_file::{json_error, read_text, replace_text, toml_error};
 
@@ -26,7 +26,7 @@ const SEAL: &str = "hash";
 /// # Errors
 ///
 /// The file cannot be read.
-pub fn recorded_pairs<'a>(source: &'a mut dyn Dataset, path: &Path) -> Result<RecordedPairs<'a>, BoxError> {
+pub fn recorded_pairs<'a>(source: &'a mut dyn Dataset, path: &Path) -> Result<RecordedPairs<'a>, TaskError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     Ok(RecordedPairs::new(source, name, file_hash(path)?))
 }
@@ -37,8 +37,8 @@ pub fn recorded_pairs<'a>(source: &'a mut dyn Dataset, path: &Path) -> Result<Re
 /// # Errors
 ///
 /// The file cannot be read, is no manifest of a known version, fails [`Manifest::check`], or was changed.
-pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
-    let text = read(path, "manifest")?;
+pub fn read_manifest(path: &Path) -> Result<Manifest, TaskError> {
+    let text = read_text(path).map_err(cannot("read the manifest", path))?;
     let wrong = |reason: String| format!("manifest {}: {reason}", path.display());
     let parsed = if is_json(path) { from_json(&text) } else { from_toml(&text) };
     let (seal, manifest) = parsed.map_err(|error| wrong(error.to_string()))?;
@@ -59,8 +59,8 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
 /// # Errors
 ///
 /// This program does not have it.
-pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, BoxError> {
-    env_named(registry, &manifest.env, "the task is in")
+pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEntry, TaskError> {
+    Ok(env_named(registry, &manifest.env, "the task is in")?)
 }
 
 /// Writes a manifest with its hash: JSON if the name ends so, else TOML. An existing file is replaced.
@@ -68,13 +68,13 @@ pub fn env_of(registry: &Registry, manifest: &Manifest) -> Result<&'static EnvEn
 /// # Errors
 ///
 /// What [`read_manifest`] would refuse, a value that TOML does not have, or the file cannot be written.
-pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> {
+pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), TaskError> {
     manifest.check()?;
     let text = match is_json(path) {
         true => serde_json::to_string_pretty(&Sealed::from(manifest))? + "\n",
         false => to_toml(manifest)?,
     };
-    Ok(replace_text(path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
+    Ok(replace_text(path, &text).map_err(cannot("write", path))?)
 }
 
 /// Whether the file at `path` is this manifest already. A file that is anything else is not to be replaced unless that is
@@ -105,7 +105,7 @@ pub fn holds_manifest(path: &Path, manifest: &Manifest) -> Result<bool, TaskErro
 /// # Errors
 ///
 /// The file cannot be read, or is no receipt of a known version.
-pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
+pub fn read_receipt(path: &Path) -> Result<Receipt, TaskError> {
     let is_folder = path.is_dir();
     if is_folder && !path.join("receipt.json").exists() {
         let (folder, below) = (path.display(), results_below(path));
@@ -119,7 +119,7 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
         return Err(format!("{folder} holds no receipt: {advice}").into());
     }
     let path = if is_folder { path.join("receipt.json") } else { path.to_owned() };
-    let text = read(&path, "receipt")?;
+    let text = read_text(&path).map_err(cannot("read the receipt", &path))?;
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
     let no_json = |error: serde_json::Error| {
         let reason = json_error(&text, &error);
@@ -162,15 +162,11 @@ fn results_below(dir: &Path) -> Vec<String> {
 /// # Errors
 ///
 /// The file cannot be written.
-pub fn write_receipt(dir: &Path, receipt: &Receipt) -> Result<PathBuf, BoxError> {
+pub fn write_receipt(dir: &Path, receipt: &Receipt) -> Result<PathBuf, TaskError> {
     let path = dir.join("receipt.json");
     let text = serde_json::to_string_pretty(receipt)? + "\n";
-    replace_text(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    replace_text(&path, &text).map_err(cannot("write", &path))?;
     Ok(path)
-}
-
-fn read(path: &Path, what: &str) -> Result<String, BoxError> {
-    Ok(read_text(path).map_err(|error| format!("cannot read the {what} {}: {error}", path.display()))?)
 }
 
 fn is_json(path: &Path) -> bool {
@@ -199,20 +195,20 @@ fn no_manifest(reason: &str) -> String {
 /// What a file says its hash is, and the rest of it.
 type Parsed = (Option<String>, Manifest);
 
-fn from_json(text: &str) -> Result<Parsed, BoxError> {
+fn from_json(text: &str) -> Result<Parsed, TaskError> {
     let mut json: Map<String, Json> =
         serde_json::from_str(text).map_err(|error| no_manifest(&json_error(text, &error)))?;
     let seal = json.remove(SEAL).map(serde_json::from_value).transpose()?;
     Ok((seal, read_settings(&json).map_err(|error| format!("`{}`: {}", error.name, error.reason))?))
 }
 
-fn from_toml(text: &str) -> Result<Parsed, BoxError> {
+fn from_toml(text: &str) -> Result<Parsed, TaskError> {
     let mut table: toml::Table =
         toml::from_str(text).map_err(|error| no_manifest(&toml_error(text, &error)))?;
     let seal = table.remove(SEAL).map(toml::Value::try_into).transpose()?;
     Ok((seal, table.try_into().map_err(|error| toml_error(text, &error))?))
 }
 
-fn to_toml(manifest: &Manifest) -> Result<String, BoxError> {
+fn to_toml(manifest: &Manifest) -> Result<String, TaskError> {
     Ok(toml::to_string(&Sealed::from(manifest))?)
 }

@@ -3,16 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use swm_core::error::BoxError;
 use swm_core::evaluate::{sha256, sha256_of};
+
+use crate::error::{FileError, TaskError, cannot};
 
 /// SHA-256 of a file; of a folder, that of its files' names and hashes in order; of a dataset that lies elsewhere, that of its version.
 ///
 /// # Errors
 ///
 /// A file or folder cannot be read.
-pub fn file_hash(path: &Path) -> Result<String, BoxError> {
-    let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
+pub fn file_hash(path: &Path) -> Result<String, TaskError> {
+    let failed = cannot("read", path);
     if swm_data::remote::is_remote(path) {
         return Ok(swm_data::remote::digest(path)?);
     }
@@ -39,8 +40,8 @@ pub fn file_hash(path: &Path) -> Result<String, BoxError> {
 /// # Errors
 ///
 /// It is not there, or cannot be read; the path is that of what cannot.
-pub fn file_bytes(path: &Path) -> Result<u64, (PathBuf, std::io::Error)> {
-    let failed = |error| (path.to_owned(), error);
+pub fn file_bytes(path: &Path) -> Result<u64, FileError> {
+    let failed = cannot("read", path);
     let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_dir() {
         return Ok(metadata.len());
@@ -55,6 +56,18 @@ pub fn file_bytes(path: &Path) -> Result<u64, (PathBuf, std::io::Error)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_size_of_a_folder_is_that_of_its_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("below")).unwrap();
+        fs::write(at("a"), "1").unwrap();
+        fs::write(at("below/b"), "four").unwrap();
+        assert_eq!((file_bytes(&at("a")).unwrap(), file_bytes(folder.path()).unwrap()), (1, 5));
+        let error = file_bytes(&at("none")).unwrap_err();
+        assert_eq!((error.action, &error.path), ("read", &at("none")));
+    }
 
     #[test]
     fn what_has_no_end_is_refused() {

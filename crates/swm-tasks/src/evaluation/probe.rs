@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
-use swm_core::error::BoxError;
 use swm_core::evaluate::{sha256, witness};
 use swm_core::seed::keyed;
 use swm_core::{
     Batch, Column, Dtype, EnvConfig, EnvEntry, EnvError, EnvSpec, Episode, EpisodeSeed, FieldKind, Manifest,
     Schema, Space,
 };
+
+use crate::error::TaskError;
 
 /// Actions of the probe.
 const STEPS: u64 = 25;
@@ -45,7 +46,7 @@ pub fn fingerprints(
     entry: &EnvEntry,
     manifest: &Manifest,
     policy_seed: u64,
-) -> Result<Fingerprints, BoxError> {
+) -> Result<Fingerprints, TaskError> {
     let config = EnvConfig { image: manifest.image, settings: manifest.settings.clone() };
     let mut env = entry.make(&config)?;
     let spec = env.spec().clone();

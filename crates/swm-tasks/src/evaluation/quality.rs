@@ -4,7 +4,6 @@
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::dataset::Dataset;
-use swm_core::error::BoxError;
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error, surprise, violation_accuracy};
 use swm_core::evaluate::{
     Distances, RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
@@ -15,6 +14,7 @@ use swm_core::{Batch, Env, EnvSpec, Field, Schema};
 use super::gate::{self, GateCheck};
 use super::probes::{ProbeTarget, Probed, probe};
 use super::tiers::task_probes;
+use crate::error::TaskError;
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
@@ -96,8 +96,8 @@ pub fn quality(
     probed: &[ProbeTarget],
     violations: &[(String, Violation)],
     options: &QualityOptions,
-    mut begins: impl FnMut(&str) -> Result<(), BoxError>,
-) -> Result<Quality, BoxError> {
+    mut begins: impl FnMut(&str) -> Result<(), TaskError>,
+) -> Result<Quality, TaskError> {
     let QualityOptions { episodes, starts, rows, horizon, plans, seed } = *options;
     let stride = model.stride();
     if horizon < stride {
@@ -169,7 +169,7 @@ fn ranking(
     recorded: &[Batch],
     probed: &[ProbeTarget],
     options: &RankingOptions,
-) -> Result<Ranking, BoxError> {
+) -> Result<Ranking, TaskError> {
     let start_columns = env.spec().start_columns;
     let holds = |rows: &Batch| start_columns.iter().all(|column| rows.schema().index(column).is_some());
     let simulated = match recorded.iter().all(holds) {
@@ -199,7 +199,7 @@ struct Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    fn of(target: &'a ProbeTarget, recorded: &[Batch]) -> Result<Self, BoxError> {
+    fn of(target: &'a ProbeTarget, recorded: &[Batch]) -> Result<Self, TaskError> {
         let (mut all, mut dim) = (Vec::new(), 1);
         for rows in recorded {
             let (values, wide) = target.values(rows)?;
@@ -214,7 +214,7 @@ impl<'a> Values<'a> {
     }
 
     /// Adds the squared distances of all rows but the first from the first.
-    fn add_distances(&self, rows: &Batch, sums: &mut [f64]) -> Result<(), BoxError> {
+    fn add_distances(&self, rows: &Batch, sums: &mut [f64]) -> Result<(), TaskError> {
         let (values, dim) = self.target.values(rows)?;
         let mut rows = values.chunks_exact(dim.max(1));
         let goal = rows.next().unwrap_or_default();
@@ -242,11 +242,11 @@ fn surprised(
     name: &str,
     violation: &Violation,
     options: &ViolationOptions,
-) -> Result<Surprised, BoxError> {
+) -> Result<Surprised, TaskError> {
     let scores = violation_pairs(env, violation, options)?
         .iter()
         .map(|[possible, impossible]| Ok([surprise(model, possible)?, surprise(model, impossible)?]))
-        .collect::<Result<Vec<_>, BoxError>>()?;
+        .collect::<Result<Vec<_>, TaskError>>()?;
     let worst = |side: usize| {
         let worst = scores.iter().map(|pair| pair[side].iter().copied().fold(0.0, f64::max));
         worst.sum::<f64>() / scores.len().max(1) as f64
@@ -266,7 +266,7 @@ pub fn recorded_episodes(
     source: &mut dyn Dataset,
     episodes: usize,
     rows: usize,
-) -> Result<Vec<Batch>, BoxError> {
+) -> Result<Vec<Batch>, TaskError> {
     let own =
         |field: &&Field| field.name == "action" || env.spec().fields.iter().any(|own| own.name == field.name);
     let schema = Schema::new(source.schema().fields().iter().filter(own).cloned().collect())?;

@@ -8,10 +8,10 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, sha256};
 use swm_data::recording::WriterLock;
 
+use crate::error::{TaskError, cannot};
 use crate::text_file::{read_text, replace_text};
 
 /// A file of finished episodes.
@@ -51,7 +51,7 @@ struct Line {
 /// # Errors
 ///
 /// `parts` cannot be written as JSON.
-pub fn identity(parts: &impl Serialize, files: &BTreeMap<String, String>) -> Result<Vec<Json>, BoxError> {
+pub fn identity(parts: &impl Serialize, files: &BTreeMap<String, String>) -> Result<Vec<Json>, TaskError> {
     let mut all = match serde_json::to_value(parts)? {
         Json::Array(all) => all,
         one => vec![one],
@@ -75,12 +75,12 @@ impl Ledger {
     /// # Errors
     ///
     /// It belongs to another evaluation, another process writes it, or it cannot be read or written.
-    pub fn open(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+    pub fn open(path: &Path, identity: &impl Serialize) -> Result<Self, TaskError> {
         Self::open_locked(path, identity, WriterLock::take(path)?)
     }
 
-    fn open_locked(path: &Path, identity: &impl Serialize, lock: WriterLock) -> Result<Self, BoxError> {
-        let failed = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
+    fn open_locked(path: &Path, identity: &impl Serialize, lock: WriterLock) -> Result<Self, TaskError> {
+        let failed = cannot("write", path);
         let mut ledger = match path.exists() {
             true => Self::read(path, identity)?,
             false => Self::empty(path),
@@ -103,10 +103,10 @@ impl Ledger {
     /// # Errors
     ///
     /// It cannot be read or written.
-    pub fn open_again(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+    pub fn open_again(path: &Path, identity: &impl Serialize) -> Result<Self, TaskError> {
         let lock = WriterLock::take(path)?;
         if path.exists() && Self::read(path, identity).is_err() {
-            fs::remove_file(path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
+            fs::remove_file(path).map_err(cannot("remove", path))?;
         }
         Self::open_locked(path, identity, lock)
     }
@@ -116,8 +116,8 @@ impl Ledger {
     /// # Errors
     ///
     /// It belongs to another evaluation, or cannot be read.
-    pub(super) fn read(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
-        let text = read_text(path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    pub(super) fn read(path: &Path, identity: &impl Serialize) -> Result<Self, TaskError> {
+        let text = read_text(path).map_err(cannot("read", path))?;
         let mut lines = text.lines();
         let found = lines.next().and_then(|line| serde_json::from_str::<Head>(line).ok());
         let head = Head::of(identity)?;
@@ -170,16 +170,16 @@ impl Ledger {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn push(&mut self, episode: u64, result: &EpisodeResult) -> Result<(), BoxError> {
+    pub fn push(&mut self, episode: u64, result: &EpisodeResult) -> Result<(), TaskError> {
         let seconds = self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
         self.write(&Line { episode, result: result.clone(), seconds })
     }
 
-    fn write(&mut self, line: &impl Serialize) -> Result<(), BoxError> {
+    fn write(&mut self, line: &impl Serialize) -> Result<(), TaskError> {
         let line = serde_json::to_string(line)? + "\n";
         let written = self.file.as_mut().map_or(Ok(()), |file| file.write_all(line.as_bytes()));
-        Ok(written.map_err(|error| format!("cannot write {}: {error}", self.path.display()))?)
+        Ok(written.map_err(cannot("write", &self.path))?)
     }
 
     /// Ends the file: it holds every episode of its part.
@@ -187,7 +187,7 @@ impl Ledger {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub(super) fn finish(mut self) -> Result<(), BoxError> {
+    pub(super) fn finish(mut self) -> Result<(), TaskError> {
         self.write(&End { finished: true })
     }
 
@@ -196,15 +196,15 @@ impl Ledger {
     /// # Errors
     ///
     /// The file cannot be removed.
-    pub fn close(self) -> Result<(), BoxError> {
+    pub fn close(self) -> Result<(), TaskError> {
         let Self { path, file, lock: _lock, .. } = self;
         drop(file);
-        Ok(fs::remove_file(&path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?)
+        Ok(fs::remove_file(&path).map_err(cannot("remove", &path))?)
     }
 }
 
 impl Head {
-    fn of(identity: &impl Serialize) -> Result<Self, BoxError> {
+    fn of(identity: &impl Serialize) -> Result<Self, TaskError> {
         Ok(Self { evaluation: sha256(serde_json::to_string(identity)?.as_bytes()) })
     }
 }

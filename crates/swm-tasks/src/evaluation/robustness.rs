@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::BoxError;
 use swm_core::evaluate::{Summary, wilson95};
 
 use super::sweep::{Cell, Sweep};
+use crate::error::{TaskError, cannot, wrong};
 use crate::report_page::sweep_figure;
 use crate::text_file::replace_text;
 
@@ -108,22 +108,22 @@ impl Robustness {
     ///
     /// # Errors
     ///
-    /// A sentence: no sweep, or sweeps of different manifests or changes.
+    /// [`TaskError::Request`]: no sweep, or sweeps of different manifests or changes.
     pub fn join(
         sweeps: &[Sweep],
         oracle: Option<&Sweep>,
         published: Option<Published>,
-    ) -> Result<Self, String> {
-        let Some(first) = sweeps.first() else { return Err("there is no sweep to join".to_owned()) };
+    ) -> Result<Self, TaskError> {
+        let Some(first) = sweeps.first() else { return Err(wrong("there is no sweep to join")) };
         for other in sweeps.iter().chain(oracle) {
             if other.manifest_hash != first.manifest_hash {
-                return Err(format!("`{}` was evaluated on another manifest", other.candidate.policy));
+                return Err(wrong(format!("`{}` was evaluated on another manifest", other.candidate.policy)));
             }
             let names = |sweep: &Sweep| -> Vec<(String, String)> {
                 sweep.cells.iter().map(|cell| (cell.name.clone(), cell.value.clone())).collect()
             };
             if names(other) != names(first) {
-                return Err(format!("`{}` was evaluated under other changes", other.candidate.policy));
+                return Err(wrong(format!("`{}` was evaluated under other changes", other.candidate.policy)));
             }
         }
         let rate = |cell: &Cell| cell.summary.as_ref().map(|summary| summary.success_rate);
@@ -195,10 +195,10 @@ impl Robustness {
     /// # Errors
     ///
     /// A file cannot be written.
-    pub fn write(&self, dir: &Path, sweeps: &[Sweep]) -> Result<(), BoxError> {
+    pub fn write(&self, dir: &Path, sweeps: &[Sweep]) -> Result<(), TaskError> {
         let write = |name: &str, text: &str| {
             let path = dir.join(name);
-            replace_text(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+            replace_text(&path, text).map_err(cannot("write", &path))
         };
         write("robustness.json", &(serde_json::to_string_pretty(self)? + "\n"))?;
         write("robustness.md", &self.markdown())?;
@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn sweeps_that_do_not_belong_together_are_refused() {
-        let refused = |sweeps: &[Sweep]| Robustness::join(sweeps, None, None).unwrap_err();
+        let refused = |sweeps: &[Sweep]| Robustness::join(sweeps, None, None).unwrap_err().to_string();
         let one = || sweep("a", [Some(8), Some(2)]);
         assert!(refused(&[one(), sweep("b", [Some(8), Some(2)])]).contains("another manifest"));
         let mut other = one();

@@ -15,6 +15,7 @@ use swm_core::{
 use super::files::env_of;
 use super::hash::file_hash;
 use crate::distractors;
+use crate::error::TaskError;
 
 /// A policy, and the seed of its noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,7 +68,7 @@ impl Candidate {
         registry: &Registry,
         entry: &EnvEntry,
         manifest: &Manifest,
-    ) -> Result<Box<dyn Policy>, BoxError> {
+    ) -> Result<Box<dyn Policy>, TaskError> {
         let config = manifest_config(manifest);
         let context = PolicyContext::new(entry, &config).frame_skip(manifest.frame_skip);
         Ok(registry.policy_from(&self.policy, context)?)
@@ -100,7 +101,11 @@ impl Candidate {
     /// # Errors
     ///
     /// No such policy, or a file cannot be read.
-    pub fn files(&self, registry: &Registry, entry: &EnvEntry) -> Result<BTreeMap<String, String>, BoxError> {
+    pub fn files(
+        &self,
+        registry: &Registry,
+        entry: &EnvEntry,
+    ) -> Result<BTreeMap<String, String>, TaskError> {
         let files = registry.policy_entry(entry, &self.policy.name)?.model_files(&self.policy)?;
         files.iter().map(|path| Ok((path.display().to_string(), file_hash(path)?))).collect()
     }
@@ -149,8 +154,8 @@ pub fn run_pairs(
     options: &RunOptions,
     known: &BTreeMap<u64, EpisodeResult>,
     checked: bool,
-    mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
-) -> Result<Vec<EpisodeResult>, BoxError> {
+    mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), TaskError> + Send,
+) -> Result<Vec<EpisodeResult>, TaskError> {
     let entry = env_of(registry, manifest)?;
     let missing = missing_of(manifest, options, known);
     let mut results = known.clone();
@@ -207,8 +212,8 @@ impl ForeignPolicy<'_> {
         options: &RunOptions,
         known: &BTreeMap<u64, EpisodeResult>,
         checked: bool,
-        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
-    ) -> Result<Vec<EpisodeResult>, BoxError> {
+        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), TaskError> + Send,
+    ) -> Result<Vec<EpisodeResult>, TaskError> {
         let mut results = known.clone();
         for range in missing_of(manifest, options, known) {
             let rollout = Rollout::new(range).seed(manifest.seed).each(resets);

@@ -11,6 +11,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::evaluate::{Condition, Measure, SuccessRule, Symmetry, Tier};
 
 use super::probes::ProbeTarget;
+use crate::error::{TaskError, wrong};
 
 /// What a tier asks for in one environment.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,8 +29,8 @@ pub struct TierRules {
 ///
 /// # Errors
 ///
-/// A sentence that names the environments which have the tier.
-pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result<TierRules, String> {
+/// [`TaskError::Request`], which names the environments that have the tier.
+pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result<TierRules, TaskError> {
     if tier == Tier::Historic {
         return Ok(TierRules::default());
     }
@@ -45,10 +46,10 @@ pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result
     let Some(task) = TASKS.iter().find(fits) else {
         let known: Vec<String> = TASKS.iter().flat_map(Task::names).collect();
         return match tier {
-            Tier::Strict => Err(format!(
+            Tier::Strict => Err(wrong(format!(
                 "`{env}` has no strict tier; those with one are {}. Use another tier, or write the test into a manifest",
                 known.join(", ")
-            )),
+            ))),
             _ => Ok(TierRules::default()),
         };
     };
@@ -260,7 +261,12 @@ mod tests {
     #[test]
     fn other_tasks_have_no_strict_tier() {
         let none = Map::new();
-        assert!(tier_rules("swm/CheetahDMControl-v0", &none, Tier::Strict).unwrap_err().contains("PushT-v1"));
+        assert!(
+            tier_rules("swm/CheetahDMControl-v0", &none, Tier::Strict)
+                .unwrap_err()
+                .to_string()
+                .contains("PushT-v1")
+        );
         let rules = tier_rules("swm/CheetahDMControl-v0", &none, Tier::Moderate).unwrap();
         assert!(rules.success.is_environment());
         let cubes = |count: &str| Map::from_iter([("env_type".to_owned(), count.into())]);

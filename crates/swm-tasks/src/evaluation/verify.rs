@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, PolicyArgs, Registry};
 
@@ -14,6 +13,7 @@ use super::probe::fingerprints;
 use super::receipt::Receipt;
 use super::reference::{Reference, Regret, Role, roles};
 use super::run::{Candidate, ForeignPolicy, RunOptions, run_pairs};
+use crate::error::TaskError;
 
 /// A part of a result that can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -69,7 +69,7 @@ pub fn verify(
     options: &RunOptions,
     oracle: bool,
     each: impl FnMut() + Send,
-) -> Result<Verification, BoxError> {
+) -> Result<Verification, TaskError> {
     verify_by(registry, receipt, None, options, oracle, each)
 }
 
@@ -86,7 +86,7 @@ pub fn verify_by(
     options: &RunOptions,
     oracle: bool,
     mut each: impl FnMut() + Send,
-) -> Result<Verification, BoxError> {
+) -> Result<Verification, TaskError> {
     let Receipt { manifest, candidate, .. } = receipt;
     manifest.check()?;
     let entry = env_of(registry, manifest)?;
@@ -253,7 +253,7 @@ pub(crate) fn can_be_made(
     registry: &Registry,
     entry: &EnvEntry,
     candidate: &Candidate,
-) -> Result<(), BoxError> {
+) -> Result<(), TaskError> {
     let Err(unknown) = registry.policy_entry(entry, &candidate.policy.name) else { return Ok(()) };
     match unknown.fix {
         // Other builds have it.

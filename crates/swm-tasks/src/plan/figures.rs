@@ -1,6 +1,5 @@
 //! Every figure of a report on plans, as SVG.
 
-use swm_core::error::BoxError;
 use swm_core::{EnvConfig, EnvEntry};
 use swm_media::Format;
 use swm_solvers::{ActionMap, PlanPaths};
@@ -8,6 +7,7 @@ use swm_solvers::{ActionMap, PlanPaths};
 use super::summary::{PlanFigures, PlanSummary};
 use super::watched::Session;
 use super::{costs, elites, paths};
+use crate::error::TaskError;
 use crate::video::Video;
 
 /// What a report is made from.
@@ -58,7 +58,7 @@ impl PlanFigure {
 }
 
 /// Renders every figure of the report.
-pub(crate) fn render_figures(report: &Report<'_>) -> Result<Figures, BoxError> {
+pub(crate) fn render_figures(report: &Report<'_>) -> Result<Figures, TaskError> {
     let plans = report.session.memory.plans();
     let (frame_skip, stops) = (report.summary.frame_skip, report.stops_at_success);
     let actions = report.actions.clone();

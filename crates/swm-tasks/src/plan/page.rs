@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use minijinja::value::Serde;
 use minijinja::{Value, context};
-use swm_core::error::BoxError;
 
 use super::figures::{PlanFigure, Report, render_figures};
 use super::summary::PlanSummary;
+use crate::error::{TaskError, cannot};
 use crate::html;
 use crate::report::save_video;
 use crate::svg::number;
@@ -17,11 +17,11 @@ use crate::svg::number;
 /// # Errors
 ///
 /// A file cannot be written, or a video cannot be encoded.
-pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, BoxError> {
+pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, TaskError> {
     let mut written = Vec::new();
-    let mut write = |name: &str, text: &str| -> Result<(), BoxError> {
+    let mut write = |name: &str, text: &str| -> Result<(), TaskError> {
         let path = dir.join(name);
-        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        std::fs::write(&path, text).map_err(cannot("write", &path))?;
         written.push(path);
         Ok(())
     };
@@ -54,7 +54,7 @@ pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, Box
             plans => figures.plans.iter().map(PlanFigure::context).collect::<Vec<_>>(),
         },
     )?;
-    std::fs::write(&path, page).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    std::fs::write(&path, page).map_err(cannot("write", &path))?;
     written.insert(0, path);
     Ok(written)
 }

@@ -3,11 +3,11 @@
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use swm_core::Place;
-use swm_core::error::BoxError;
 use swm_media::png;
 use swm_solvers::{PlanPaths, TracedPlan};
 
 use super::watched::PlanStart;
+use crate::error::TaskError;
 use crate::svg::{Anchor, Entry, Grid, Mark, Svg, evenly};
 
 /// Iterations shown, before the plan itself.
@@ -28,7 +28,7 @@ pub(super) fn render(
     plan: &TracedPlan,
     size: Option<[usize; 2]>,
     simulator: &mut PlanPaths,
-) -> Result<Option<String>, BoxError> {
+) -> Result<Option<String>, TaskError> {
     let (Some(image), Some([height, width])) = (&start.image, size) else { return Ok(None) };
     let expected = simulator.places(&start.state, &plan.actions)?;
     let Some(objects) = expected.first().filter(|objects| !objects.is_empty()).cloned() else {

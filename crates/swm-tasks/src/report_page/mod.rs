@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 use minijinja::value::Serde;
 use minijinja::{Value, context};
 use swm_core::Registry;
-use swm_core::error::BoxError;
 
 use crate::bundle::receipt_to_repeat;
+use crate::error::{TaskError, cannot};
 use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, changed_model, edited, is_sweep};
 use crate::html;
 use crate::plan::PlanFigure;
@@ -48,7 +48,7 @@ impl Item {
     ///
     /// The file cannot be read, or is neither a receipt nor a sweep of a known version; a file of a bundle was changed; the zoo has no such
     /// model.
-    pub fn read(path: &Path) -> Result<Self, BoxError> {
+    pub fn read(path: &Path) -> Result<Self, TaskError> {
         let in_zoo = path.to_str().and_then(|text| text.strip_prefix("zoo:")).filter(|_| !path.exists());
         let found = in_zoo.map_or_else(|| Ok(path.to_owned()), zoo::find)?;
         let sweep = if found.is_dir() { found.join("sweep.json") } else { found.clone() };
@@ -120,7 +120,7 @@ pub fn write_page(
     items: &[Item],
     options: PageOptions,
     mut each: impl FnMut(&str),
-) -> Result<Vec<String>, BoxError> {
+) -> Result<Vec<String>, TaskError> {
     let named: Vec<(&Path, &Candidate)> =
         items.iter().map(|item| (item.path.as_path(), item.candidate())).collect();
     let mut labels = labels(&named);
@@ -176,7 +176,7 @@ pub fn write_page(
         saved => receipts::saved(&receipts, &sweeps)?,
     };
     let html = html::render("report.html", page)?;
-    replace_text(path, &html).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    replace_text(path, &html).map_err(cannot("write", path))?;
     Ok(notes)
 }
 

@@ -4,13 +4,13 @@
 use std::sync::PoisonError;
 
 use minijinja::{Value, context};
-use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, World};
 use swm_media::Format;
 use swm_solvers::stops_at_success;
 
 use crate::distractors;
+use crate::error::TaskError;
 use crate::evaluation::{Receipt, can_be_made, env_of};
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
@@ -77,7 +77,7 @@ pub(super) fn replay(
     receipt: &Receipt,
     options: PageOptions,
     notes: &mut Vec<String>,
-) -> Result<Replayed, BoxError> {
+) -> Result<Replayed, TaskError> {
     let entry = env_of(registry, &receipt.manifest)?;
     let of = |success: bool| {
         let all = receipt.episodes.iter().enumerate();
@@ -123,7 +123,7 @@ fn episode(
     pair: usize,
     format: Format,
     drawn: usize,
-) -> Result<Shown, BoxError> {
+) -> Result<Shown, TaskError> {
     let Receipt { manifest, candidate, .. } = receipt;
     let image = manifest.image.unwrap_or(ImageSize { height: SIDE, width: SIDE });
     let config = EnvConfig { image: Some(image), settings: manifest.settings.clone() };
@@ -192,7 +192,7 @@ fn episode(
     Ok((card, figures, same))
 }
 
-fn card(scene: &Scene, pair: usize, result: &EpisodeResult, format: Format) -> Result<VideoCard, BoxError> {
+fn card(scene: &Scene, pair: usize, result: &EpisodeResult, format: Format) -> Result<VideoCard, TaskError> {
     let video = scene.clip.upscaled(SIDE).encode(format)?;
     let is_mp4 = format == Format::Mp4;
     let kind = if is_mp4 { "video/mp4" } else { "image/gif" };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use swm_core::Registry;
 
-use super::{Fix, Message, Report, Request, TaskError, create_parent, failed, must_be_given, wrong};
+use super::{Fix, Message, Report, Request, TaskError, create_parent, must_be_given, wrong};
 use crate::bundle::{Bundle, Reported, bundle_of, write_bundle};
 use crate::evaluation::{file_bytes, read_receipt};
 
@@ -94,7 +94,7 @@ impl Request for MakeBundle {
             self.reported.map(|success_rate| Reported { success_rate, source: self.source.clone() });
         write_bundle(registry, &receipt, &self.out, self.license.clone(), reported)?;
         let Bundle { info, files, hash, .. } = Bundle::open(&self.out)?;
-        let bytes = file_bytes(&self.out).map_err(|(_, error)| failed(error))?;
+        let bytes = file_bytes(&self.out).map_err(|error| error.source)?;
         Ok(Bundled { bundle: self.out.clone(), files, bytes, hash, is_foreign: info.is_foreign })
     }
 }

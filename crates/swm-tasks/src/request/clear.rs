@@ -212,7 +212,7 @@ impl ClearManifest {
         report: &mut dyn Report,
     ) -> Result<Vec<Condition>, TaskError> {
         let ClearFile { task, protocol, .. } = &self.file;
-        let tier = |tier| tier_rules(env, settings, tier).map(|rules| rules.success.all).map_err(wrong);
+        let tier = |tier| tier_rules(env, settings, tier).map(|rules| rules.success.all);
         let (moderate, strict) = (tier(Tier::Moderate)?, tier(Tier::Strict)?);
         let bound = |name: &str| -> Result<f64, TaskError> {
             let lacks = || self.refused(&format!("its protocol has no number `{name}`"));

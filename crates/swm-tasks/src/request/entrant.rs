@@ -8,7 +8,7 @@ use swm_core::error::BoxError;
 use swm_core::{EnvEntry, Manifest, PolicyArgs, Recorder, Registry, Rollout};
 
 use super::policy::{policy_args, policy_files};
-use super::{Assignment, Fix, ManifestSource, Message, Report, TaskError, failed, report::apart, wrong};
+use super::{Assignment, Fix, ManifestSource, Message, Report, TaskError, report::apart, wrong};
 use crate::evaluation::{
     Candidate, ForeignPolicy, Receipt, RunOptions, Verification, env_of, file_hash, verify_by,
 };
@@ -68,7 +68,7 @@ impl Entrant {
                     Err(_) => policy.to_owned(),
                 };
                 let args = PolicyArgs::new(name, settings.clone());
-                let hashed = |path: &PathBuf| -> Result<(String, String), BoxError> {
+                let hashed = |path: &PathBuf| -> Result<(String, String), TaskError> {
                     Ok((path.display().to_string(), file_hash(path)?))
                 };
                 let files =
@@ -108,7 +108,7 @@ impl Entrant {
 
     /// The entry of the environment is there, and the policy can be made: for jobs.
     pub(super) fn check_made(&self, registry: &Registry, other: &Candidate) -> Result<(), TaskError> {
-        other.make(registry, self.entry, &self.manifest).map(drop).map_err(failed)
+        other.make(registry, self.entry, &self.manifest).map(drop)
     }
 }
 
@@ -147,5 +147,5 @@ pub fn verify_foreign(
     let (manifest, seed) = (receipt.manifest.clone(), receipt.candidate.seed);
     let entrant = Entrant::new(registry, manifest, name, seed, steps, Some(&*foreign), &mut ())?;
     let policy = (&entrant.candidate, entrant.foreign(foreign));
-    Ok(verify_by(registry, receipt, Some(policy), options, oracle, each)?)
+    verify_by(registry, receipt, Some(policy), options, oracle, each)
 }

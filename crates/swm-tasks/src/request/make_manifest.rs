@@ -12,7 +12,7 @@ use super::clear::ClearManifest;
 use super::source::check_opening;
 use super::stream::read_stream;
 use super::{
-    Assignment, Fix, Message, Report, Request, Scenario, TaskError, check_recorded_in, create_parent, failed,
+    Assignment, Fix, Message, Report, Request, Scenario, TaskError, check_recorded_in, create_parent,
     must_be_given, open_dataset_with, wrong,
 };
 use crate::distractors;
@@ -81,7 +81,7 @@ impl Request for MakeManifest {
 
     fn check(&self, registry: &Registry) -> Result<(), TaskError> {
         self.check_given()?;
-        registry.env(&self.env).map_err(failed)?;
+        registry.env(&self.env)?;
         self.check_bounds()?;
         self.check_pairs()?;
         distractors::parse_all(&self.distractor).map_err(wrong)?;
@@ -177,7 +177,7 @@ impl MakeManifest {
     }
 
     fn make(&self, registry: &Registry, report: &mut dyn Report) -> Result<Manifest, TaskError> {
-        let entry = registry.env(&self.env).map_err(failed)?;
+        let entry = registry.env(&self.env)?;
         let open = |path| open_dataset_with(registry, path, &self.opening);
         let mut dataset = self.dataset.as_deref().map(open).transpose()?;
         if let Some(dataset) = &dataset {
@@ -190,7 +190,7 @@ impl MakeManifest {
         let clear = self.clear.as_deref().map(ClearManifest::read).transpose()?;
         let rules = match &clear {
             Some(clear) => clear.rules(entry.id, &config.settings, report)?,
-            None => tier_rules(entry.id, &config.settings, self.tier).map_err(wrong)?,
+            None => tier_rules(entry.id, &config.settings, self.tier)?,
         };
         if self.tier == Tier::Moderate && rules == TierRules::default() {
             report.note(&Message::new(format!(
@@ -199,7 +199,7 @@ impl MakeManifest {
             )));
         }
         note_rewards_only(entry, &rules.success, report);
-        let made = entry.make(&EnvConfig { image: None, ..config.clone() }).map_err(failed)?;
+        let made = entry.make(&EnvConfig { image: None, ..config.clone() })?;
         let factors = made.spec().factors.clone();
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let scenario = match &dataset {
@@ -233,7 +233,7 @@ impl MakeManifest {
             }
             _ => None,
         };
-        let mut manifest = make_manifest(entry, &config, &options, pairs).map_err(failed)?;
+        let mut manifest = make_manifest(entry, &config, &options, pairs)?;
         if let Some(path) = &self.stream {
             read_stream(path)?.lay_over(&mut manifest, entry)?;
         }

@@ -32,9 +32,10 @@ mod verify;
 
 use serde_json::{Map, Value as Json};
 use swm_core::Registry;
-use swm_core::error::BoxError;
 use swm_core::settings::{Settings, read_of};
 
+pub(crate) use crate::error::wrong;
+pub use crate::error::{FileError, TaskError, cannot};
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
 pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};
@@ -80,7 +81,7 @@ pub trait Request: Settings {
     ///
     /// # Errors
     ///
-    /// As of [`Request::check`]; [`TaskError::Failed`]: what the work itself met.
+    /// As of [`Request::check`]; another [`TaskError`]: what the work itself met.
     fn run(&self, registry: &Registry, report: &mut dyn Report) -> Result<Self::Outcome, TaskError>;
 
     /// Reads a request from JSON; what is not given has its default.
@@ -97,56 +98,10 @@ pub trait Request: Settings {
     }
 }
 
-/// Why a request is not met.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum TaskError {
-    /// The request is wrong.
-    #[error("{0}")]
-    Request(Box<Message>),
-    /// The work failed, or the core refuses what is asked for.
-    #[error(transparent)]
-    Failed(BoxError),
-}
-
-impl TaskError {
-    /// What helps, where it is known.
-    pub fn fix(&self) -> Option<&Fix> {
-        match self {
-            Self::Request(message) => message.fix.as_ref(),
-            Self::Failed(_) => None,
-        }
-    }
-}
-
-impl From<Message> for TaskError {
-    fn from(message: Message) -> Self {
-        Self::Request(Box::new(message))
-    }
-}
-
-/// Errors of the core and of files; a `TaskError` that was boxed on its way is itself again.
-impl From<BoxError> for TaskError {
-    fn from(error: BoxError) -> Self {
-        error.downcast::<Self>().map_or_else(Self::Failed, |error| *error)
-    }
-}
-
 /// Refuses a request that lacks one of these settings, each with whether it is missing.
 pub(crate) fn must_be_given(settings: &[(&str, bool)]) -> Result<(), TaskError> {
     settings.iter().find(|(_, is_missing)| *is_missing).map_or(Ok(()), |(name, _)| {
         let setting = Some(Assignment::name(*name));
         Err(Message { setting, text: "must be given".to_owned(), fix: None }.into())
     })
-}
-
-/// An error of the core.
-pub(crate) fn failed(error: impl Into<BoxError>) -> TaskError {
-    TaskError::Failed(error.into())
-}
-
-/// A wrong request, in the words of its reason.
-pub(crate) fn wrong(reason: impl Into<BoxError>) -> TaskError {
-    let reason: BoxError = reason.into();
-    Message::new(reason.to_string()).into()
 }

@@ -7,7 +7,7 @@ use swm_core::{EnvEntry, ImageSize, Policy, PolicyArgs, Registry, World};
 use swm_solvers::registered_model;
 
 use super::training_note::{Ask, note_training};
-use super::{Message, Report, TaskError, failed, wrong};
+use super::{Message, Report, TaskError, wrong};
 use crate::text_file::{json_error, read_text, toml_error};
 
 /// Reads `NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value` after it override the file's.
@@ -17,8 +17,8 @@ use crate::text_file::{json_error, read_text, toml_error};
 ///
 /// It is no policy with arguments, or the file cannot be read.
 pub fn policy_args(registry: &Registry, text: &str) -> Result<PolicyArgs, TaskError> {
-    let text = &*registered_model(registry, text).map_err(failed)?;
-    let parse = |text: &str| PolicyArgs::parse(text).map_err(failed);
+    let text = &*registered_model(registry, text)?;
+    let parse = PolicyArgs::parse;
     let Some((name, rest)) = text.split_once(":@") else { return Ok(named(parse(text)?)) };
     let (path, overrides) = rest.split_once(',').unwrap_or((rest, ""));
     let mut args = parse(&format!("{name}:{overrides}"))?;
@@ -53,8 +53,7 @@ fn settings_file(path: &Path) -> Result<Map<String, Json>, TaskError> {
 /// There is no such policy, or its arguments cannot be read.
 pub fn policy_files(registry: &Registry, env: &EnvEntry, text: &str) -> Result<Vec<PathBuf>, TaskError> {
     let args = policy_args(registry, text)?;
-    let mut files =
-        registry.policy_entry(env, &args.name).map_err(failed)?.model_files(&args).map_err(failed)?;
+    let mut files = registry.policy_entry(env, &args.name)?.model_files(&args)?;
     files.extend(text.split_once(":@").map(|(_, rest)| rest.split(',').next().unwrap_or_default().into()));
     Ok(files)
 }
@@ -79,7 +78,7 @@ pub fn make_policy(
     report: &mut dyn Report,
 ) -> Result<Box<dyn Policy>, TaskError> {
     let args = policy_args(registry, text)?;
-    let policy = registry.policy_from(&args, world).map_err(failed)?;
+    let policy = registry.policy_from(&args, world)?;
     note_elites(registry, world.entry(), &args, report);
     note_training(registry, &args, &world.into(), ask, report);
     Ok(policy)

@@ -8,7 +8,7 @@ use swm_core::{EnvConfig, EpisodeEnd, ImageSize, Registry, Rollout, World, World
 use swm_media::{Clip, Format};
 
 use super::{
-    Ask, Fix, Message, Report, Request, Scenario, TaskError, apart, create_parent, failed, make_policy,
+    Ask, Fix, Message, Report, Request, Scenario, TaskError, apart, create_parent, make_policy,
     must_be_given, wrong,
 };
 use crate::threads::{self, within};
@@ -72,7 +72,7 @@ impl Request for Render {
         }
         threads::check(self.threads)?;
         Format::from_path(&self.out).map_err(wrong)?;
-        registry.env(&self.env).map(drop).map_err(failed)
+        Ok(registry.env(&self.env).map(drop)?)
     }
 
     fn run(&self, registry: &Registry, report: &mut dyn Report) -> Result<EpisodeImages, TaskError> {
@@ -80,23 +80,23 @@ impl Request for Render {
         let (size, format) = (self.image_size.unwrap_or(IMAGE), Format::from_path(&self.out).map_err(wrong)?);
         let env = EnvConfig { image: Some(size), settings: self.env_option.clone() };
         let options = WorldOptions::new(1).env(env).max_episode_steps(self.steps.max(1));
-        let entry = registry.env(&self.env).map_err(failed)?;
-        let mut world = World::new(entry, options.threads(self.threads)).map_err(failed)?;
-        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?).map_err(failed)?;
+        let entry = registry.env(&self.env)?;
+        let mut world = World::new(entry, options.threads(self.threads))?;
+        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?)?;
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let reset = scenario.options(entry, &world.spec().factors, report)?;
         let rollout = Rollout::new(0..1).seed(self.seed).options(reset).cancel(report.cancel());
         let mut video = Video::first(1);
-        apart(report, || within(self.threads, || world.run(&rollout, &mut video)))??.map_err(failed)?;
-        let (_, scene) = video.scenes().next().ok_or_else(|| failed("the episode has no images"))?;
-        let wanted = usize::try_from(self.steps).map_err(failed)?.saturating_add(1);
+        apart(report, || within(self.threads, || world.run(&rollout, &mut video)))???;
+        let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
+        let wanted = usize::try_from(self.steps)?.saturating_add(1);
         let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };
         let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());
         for frame in scene.clip.frames().take(wanted).skip(skipped) {
-            clip.push(frame).map_err(failed)?;
+            clip.push(frame)?;
         }
         create_parent(&self.out)?;
-        clip.save(&self.out).map_err(failed)?;
+        clip.save(&self.out)?;
         let end = scene.end.filter(|_| scene.clip.len() < wanted);
         let (out, frames, ImageSize { height, width }) = (self.out.clone(), clip.len(), size);
         Ok(EpisodeImages { out, frames, height, width, end })

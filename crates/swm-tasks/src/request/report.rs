@@ -5,7 +5,7 @@ use std::time::Duration;
 use swm_core::Cancel;
 use swm_core::error::BoxError;
 
-use super::Message;
+use super::{Message, TaskError};
 use crate::evaluation::Role;
 
 /// What a request reports to while it runs.
@@ -116,7 +116,7 @@ impl Report for Vec<Message> {
 /// # Errors
 ///
 /// As of [`Report::apart`].
-pub fn apart<T: Send>(report: &mut dyn Report, work: impl FnOnce() -> T + Send) -> Result<T, BoxError> {
+pub fn apart<T: Send>(report: &mut dyn Report, work: impl FnOnce() -> T + Send) -> Result<T, TaskError> {
     let (mut work, mut result) = (Some(work), None);
     report.apart(&mut || result = work.take().map(|work| work()))?;
     result.ok_or_else(|| "the work was not done".into())

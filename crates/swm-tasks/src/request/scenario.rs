@@ -10,7 +10,7 @@ use swm_data::Dataset;
 use swm_data::rendered::env_named;
 use swm_fov::color_values;
 
-use super::{Assignment, Fix, List, Message, Report, TaskError, failed, value_text, wrong};
+use super::{Assignment, Fix, List, Message, Report, TaskError, value_text, wrong};
 
 /// Which factors vary, which are set.
 #[derive(Clone, Copy, Debug)]
@@ -174,7 +174,7 @@ pub fn look_of(
     };
     let entry = env_named(registry, &metadata.env, &format!("{path} was recorded in")).map_err(wrong)?;
     let config = EnvConfig { image: None, settings: metadata.settings.clone() };
-    let factors = entry.make(&config).map_err(failed)?.spec().factors.clone();
+    let factors = entry.make(&config)?.spec().factors.clone();
     factor_values(set, entry, &factors, report)
 }
 

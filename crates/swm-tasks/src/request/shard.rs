@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::RecordingPart;
 use swm_data::tools::parts;
 
+use crate::error::{TaskError, wrong};
+
 /// One of several equal parts, written `3/16`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
@@ -42,12 +44,12 @@ impl Shard {
 }
 
 impl FromStr for Shard {
-    type Err = String;
+    type Err = TaskError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, TaskError> {
         let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         let shard = parts.and_then(|(index, count)| Self::new(index, count));
-        shard.ok_or_else(|| "must be part I of N parts, I/N with I of 1..=N, such as 3/16".to_owned())
+        shard.ok_or_else(|| wrong("must be part I of N parts, I/N with I of 1..=N, such as 3/16"))
     }
 }
 
@@ -64,9 +66,9 @@ impl From<Shard> for String {
 }
 
 impl TryFrom<String> for Shard {
-    type Error = String;
+    type Error = TaskError;
 
-    fn try_from(text: String) -> Result<Self, String> {
+    fn try_from(text: String) -> Result<Self, TaskError> {
         text.parse()
     }
 }

@@ -13,7 +13,7 @@ use swm_data::remote::is_remote;
 use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered};
 use swm_media::Format;
 
-use super::{Fix, Message, TaskError, failed, wrong};
+use super::{Fix, Message, TaskError, wrong};
 use crate::evaluation::read_manifest;
 
 /// Opens a dataset that the user named.
@@ -46,7 +46,7 @@ pub fn open_dataset_with(
             DataError::Io { ref source, .. } if is_remote(path) && source.kind() == ErrorKind::NotFound => {
                 wrong(error)
             }
-            error => failed(error),
+            error => error.into(),
         }),
     }
 }
@@ -136,12 +136,12 @@ pub fn create_parent(path: &Path) -> Result<(), TaskError> {
     check_here(path)?;
     let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
     std::fs::create_dir_all(parent)
-        .map_err(|source| failed(DataError::io(parent, "create the folder", source)))
+        .map_err(|source| DataError::io(parent, "create the folder", source).into())
 }
 
 /// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
 pub(super) fn claim(path: &Path) -> Result<WriterLock, TaskError> {
-    WriterLock::take(path).map_err(failed)
+    Ok(WriterLock::take(path)?)
 }
 
 /// The format of videos of this name; `None`: mp4 where this build can make it.

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 use swm_core::evaluate::witness;
 use swm_core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Manifest, Schema};
 
@@ -48,10 +47,6 @@ impl Stream {
             let reason = format!("the phases have {total} episodes, the manifest {}", manifest.pairs.len());
             return Err(Message::new(reason).fix(Fix::set("episodes", total)).into());
         }
-        self.lay(manifest, entry).map_err(TaskError::from)
-    }
-
-    fn lay(&self, manifest: &mut Manifest, entry: &EnvEntry) -> Result<(), BoxError> {
         let mut env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         let spec = env.spec().clone();
         let drawn: Vec<String> =

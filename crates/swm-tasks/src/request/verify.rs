@@ -11,9 +11,7 @@ use swm_data::{DataError, Format, OpenOptions, format};
 
 use super::copies::check_exists;
 use super::report::apart;
-use super::{
-    Fix, Message, Report, Request, Stage, TaskError, failed, must_be_given, open_dataset_with, wrong,
-};
+use super::{Fix, Message, Report, Request, Stage, TaskError, must_be_given, open_dataset_with, wrong};
 
 swm_core::settings! {
     /// Read all of a dataset and report what is wrong with it.
@@ -79,13 +77,13 @@ impl Request for Verify {
         let found = apart(report, || verify(&mut dataset, &mut |rows| progress.advance(rows as u64)))?;
         drop(progress);
         if cancel.is_cancelled() {
-            return Err(failed(WorldError::Cancelled));
+            return Err(WorldError::Cancelled.into());
         }
         let to_fix = match format::detect(registry, path) {
             // A recording may be going on: then there is nothing to fix.
             Some(format) if !self.fix || self.dry_run => match format.repair(path, false) {
                 Err(error @ (DataError::Damaged { .. } | DataError::Record { .. })) => {
-                    return Err(failed(error));
+                    return Err(error.into());
                 }
                 plan => plan.unwrap_or_default(),
             },
@@ -99,7 +97,7 @@ impl Request for Verify {
 impl Verify {
     /// Repairs the dataset, or reports what would be done.
     fn repair(&self, format: &Format, report: &mut dyn Report) -> Result<Vec<String>, TaskError> {
-        let plan = format.repair(&self.dataset, false).map_err(failed)?;
+        let plan = format.repair(&self.dataset, false)?;
         let verb = if self.dry_run { "would" } else { "will" };
         for step in &plan {
             report.info(&Message::new(format!("{verb} {step}")));
@@ -109,7 +107,7 @@ impl Verify {
         }
         if !self.dry_run {
             // Without a step, too: a dataset that it must not change is refused.
-            format.repair(&self.dataset, true).map_err(failed)?;
+            format.repair(&self.dataset, true)?;
         }
         Ok(plan)
     }

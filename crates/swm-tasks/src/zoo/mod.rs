@@ -21,9 +21,10 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 use serde_json::Value as Json;
 use swm_core::PolicyArgs;
-use swm_core::error::{BoxError, did_you_mean, nearest};
+use swm_core::error::{did_you_mean, nearest};
 
 use crate::bundle::Bundle;
+use crate::error::TaskError;
 
 pub use recipe::{RECIPE, Recipe};
 
@@ -112,7 +113,7 @@ impl ZooModel {
     /// # Errors
     ///
     /// As of [`Bundle::open`]; its recipe or its license is missing.
-    pub fn open(folder: &Path) -> Result<Self, BoxError> {
+    pub fn open(folder: &Path) -> Result<Self, TaskError> {
         let bundle = Bundle::open(folder)?;
         let recipe = Recipe::read(&folder.join(RECIPE))?;
         let license = bundle
@@ -163,11 +164,11 @@ fn within(folders: &[PathBuf]) -> BTreeMap<String, PathBuf> {
 /// # Errors
 ///
 /// There is none of that name, or none at all: the message has a suggestion, or how to install the zoo.
-pub fn find(name: &str) -> Result<PathBuf, BoxError> {
+pub fn find(name: &str) -> Result<PathBuf, TaskError> {
     find_in(&folders(), name)
 }
 
-fn find_in(folders: &[PathBuf], name: &str) -> Result<PathBuf, BoxError> {
+fn find_in(folders: &[PathBuf], name: &str) -> Result<PathBuf, TaskError> {
     let mut known = within(folders);
     if let Some(folder) = known.remove(name) {
         return Ok(folder);
@@ -188,7 +189,7 @@ fn find_in(folders: &[PathBuf], name: &str) -> Result<PathBuf, BoxError> {
 /// # Errors
 ///
 /// There is no such model; its files were changed; or no name is given.
-pub fn policy_of(args: &PolicyArgs) -> Result<PolicyArgs, BoxError> {
+pub fn policy_of(args: &PolicyArgs) -> Result<PolicyArgs, TaskError> {
     let [Json::String(name)] = &args.positional[..] else {
         return Err("name one model of the zoo, as in `zoo:NAME`; `swm zoo` lists them".into());
     };
@@ -202,7 +203,7 @@ pub fn policy_of(args: &PolicyArgs) -> Result<PolicyArgs, BoxError> {
 /// # Errors
 ///
 /// As of [`policy_of`]; the model is no run.
-pub fn run_of(path: &str) -> Result<PathBuf, BoxError> {
+pub fn run_of(path: &str) -> Result<PathBuf, TaskError> {
     let Some(name) = path.strip_prefix(ZOO).and_then(|rest| rest.strip_prefix(':')) else {
         return Ok(PathBuf::from(path));
     };
@@ -218,7 +219,7 @@ pub fn run_of(path: &str) -> Result<PathBuf, BoxError> {
 /// # Errors
 ///
 /// As of [`policy_of`] and [`run_of`].
-pub fn expanded(args: &PolicyArgs) -> Result<PolicyArgs, BoxError> {
+pub fn expanded(args: &PolicyArgs) -> Result<PolicyArgs, TaskError> {
     let mut args = if args.name == ZOO { policy_of(args)? } else { args.clone() };
     for value in args.positional.iter_mut().chain(args.named.values_mut()) {
         if let Some(text) = value.as_str().filter(|text| text.starts_with("zoo:")) {

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::BoxError;
 
+use crate::error::{TaskError, cannot};
 use crate::text_file::{read_text, toml_error};
 
 /// The file of a recipe in the model's folder.
@@ -30,9 +30,9 @@ impl Recipe {
     /// # Errors
     ///
     /// The file cannot be read, or is no recipe.
-    pub fn read(path: &Path) -> Result<Self, BoxError> {
+    pub fn read(path: &Path) -> Result<Self, TaskError> {
         let shown = path.display();
-        let text = read_text(path).map_err(|error| format!("cannot read the recipe {shown}: {error}"))?;
+        let text = read_text(path).map_err(cannot("read the recipe", path))?;
         Self::parse(&text).map_err(|reason| format!("recipe {shown}: {reason}").into())
     }
 
@@ -41,13 +41,13 @@ impl Recipe {
     /// # Errors
     ///
     /// It is no recipe.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, TaskError> {
         let recipe: Self = toml::from_str(text).map_err(|error| toml_error(text, &error))?;
         match recipe {
             Self { ref about, ref license, .. } if about.trim().is_empty() || license.trim().is_empty() => {
-                Err("about and license must not be empty".to_owned())
+                Err("about and license must not be empty".into())
             }
-            Self { ref steps, .. } if steps.is_empty() => Err("it has no steps".to_owned()),
+            Self { ref steps, .. } if steps.is_empty() => Err("it has no steps".into()),
             recipe => Ok(recipe),
         }
     }
@@ -66,7 +66,7 @@ mod tests {
             ("['eval']", "[]", "no steps"),
             ("result", "results", "`results` is unknown; did you mean `result`?"),
         ] {
-            let said = Recipe::parse(&text.replace(from, to)).unwrap_err();
+            let said = Recipe::parse(&text.replace(from, to)).unwrap_err().to_string();
             assert!(said.contains(told), "{said}");
         }
     }

@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use swm_core::error::BoxError;
 use swm_core::evaluate::stats::rank_correlation;
 use swm_core::{EnvConfig, EnvEntry, EnvState, Policy, PolicyArgs, PolicyError, Space, View};
 use swm_solvers::{
     Iteration, Memory, Plan, PlanPaths, Problem, Trace, TracedPlan, planner_of, stops_at_success,
 };
+use swm_tasks::request::TaskError;
 
 /// Elites of an iteration that are shown.
 const ELITES: usize = 12;
@@ -85,7 +85,7 @@ impl Planner {
         config: &EnvConfig,
         space: &Space,
         frame_skip: u32,
-    ) -> Result<Option<Self>, BoxError> {
+    ) -> Result<Option<Self>, TaskError> {
         let Some(planner) = planner_of(policy) else { return Ok(None) };
         let paths =
             PlanPaths::new(entry, config, planner.actions(space)?, frame_skip, stops_at_success(args))?;

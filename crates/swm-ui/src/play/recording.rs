@@ -5,10 +5,9 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use swm_core::dataset::DatasetRecorder;
-use swm_core::error::BoxError;
 use swm_core::{ImageSize, Registry};
 use swm_data::WriteMode;
-use swm_tasks::request::Record;
+use swm_tasks::request::{Record, TaskError};
 
 use super::take::{Ending, Take};
 
@@ -47,7 +46,7 @@ impl Recording {
         name: String,
         format: Option<String>,
         image: ImageSize,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         let registry = registry.clone();
         let in_file = swm_data::create_in(&registry, &path, &WriteMode::Append.into(), format.as_deref())?
             .num_episodes();
@@ -55,14 +54,14 @@ impl Recording {
     }
 
     /// Keeps an episode; the one before goes into the file.
-    pub(super) fn keep(&mut self, take: Take) -> Result<(), BoxError> {
+    pub(super) fn keep(&mut self, take: Take) -> Result<(), TaskError> {
         self.commit()?;
         self.waiting = Some(take);
         Ok(())
     }
 
     /// Drops the episode that was kept last.
-    pub(super) fn undo(&mut self) -> Result<(), BoxError> {
+    pub(super) fn undo(&mut self) -> Result<(), TaskError> {
         let undone =
             self.waiting.take().ok_or("there is no episode to undo: earlier ones are in the file")?;
         drop(undone);
@@ -79,7 +78,7 @@ impl Recording {
     /// # Errors
     ///
     /// It does not fit the file, or cannot be written; it then waits on.
-    pub(super) fn commit(&mut self) -> Result<(), BoxError> {
+    pub(super) fn commit(&mut self) -> Result<(), TaskError> {
         let Some(take) = &self.waiting else { return Ok(()) };
         self.in_file = self.write(take)?;
         self.waiting = None;
@@ -87,7 +86,7 @@ impl Recording {
     }
 
     /// Runs an episode again, into the file. Returns how many episodes that holds.
-    fn write(&self, take: &Take) -> Result<u64, BoxError> {
+    fn write(&self, take: &Take) -> Result<u64, TaskError> {
         let request = Record {
             env: take.entry.id.to_owned(),
             episodes: Some(1),
@@ -101,7 +100,7 @@ impl Recording {
             ..Record::default()
         };
         let recorded = request.write(&self.registry, &mut (), |episodes, _cancel, sink, _count| {
-            take.repeat(episodes.start, self.image, None, &mut DatasetRecorder::new(sink))
+            Ok(take.repeat(episodes.start, self.image, None, &mut DatasetRecorder::new(sink))?)
         })?;
         Ok(recorded.total_episodes)
     }

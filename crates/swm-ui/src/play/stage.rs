@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::error::BoxError;
 use swm_core::view::Transform;
 use swm_core::{
     Column, EnvConfig, EnvEntry, EpisodeEnd, Field, ImageSize, LiveEpisode, PolicyArgs, Registry,
     ResetOptions, SuccessRule, Value, World, WorldOptions,
 };
+use swm_tasks::request::TaskError;
 
 use super::history::History;
 use super::message::{Open, Reset};
@@ -68,7 +68,7 @@ impl Stage {
     /// # Errors
     ///
     /// No such environment, a setting or image size that it refuses, what it needs is not installed, a reset that it refuses.
-    pub(super) fn open(registry: &Registry, open: &Open, task: Option<&Task>) -> Result<Self, BoxError> {
+    pub(super) fn open(registry: &Registry, open: &Open, task: Option<&Task>) -> Result<Self, TaskError> {
         let manifest = task.map(|task| &task.manifest);
         let entry = registry.env(manifest.map_or(&open.env, |manifest| &manifest.env))?;
         // Policies see what they saw in the evaluation.
@@ -128,13 +128,13 @@ impl Stage {
     /// # Errors
     ///
     /// Why it is refused: a constraint in words, a value out of bounds.
-    pub(super) fn reset(&mut self, registry: &Registry, reset: &Reset) -> Result<(), BoxError> {
+    pub(super) fn reset(&mut self, registry: &Registry, reset: &Reset) -> Result<(), TaskError> {
         let seed = reset.seed.unwrap_or(self.seed);
         let episode = reset.episode.unwrap_or(if seed == self.seed { self.episode } else { 0 });
         let set = reset.set.iter().map(|(name, value)| Ok((name.clone(), Value::from_json(name, value)?)));
         let mut options = self.pair.clone().unwrap_or_default();
         options.variation = reset.vary.clone().or(options.variation);
-        options.variation_values.extend(set.collect::<Result<Vec<_>, BoxError>>()?);
+        options.variation_values.extend(set.collect::<Result<Vec<_>, TaskError>>()?);
         match self.begin(seed, episode, &options) {
             Ok(()) => (self.seed, self.episode, self.options) = (seed, episode, options),
             Err(refused) => {
@@ -147,14 +147,14 @@ impl Stage {
     }
 
     /// The next episode of the run, under the same options.
-    pub(super) fn next_episode(&mut self, registry: &Registry) -> Result<(), BoxError> {
+    pub(super) fn next_episode(&mut self, registry: &Registry) -> Result<(), TaskError> {
         let options = self.options.clone();
         self.begin(self.seed, self.episode + 1, &options)?;
         self.episode += 1;
         self.attach(registry)
     }
 
-    fn begin(&mut self, seed: u64, episode: u64, options: &ResetOptions) -> Result<(), BoxError> {
+    fn begin(&mut self, seed: u64, episode: u64, options: &ResetOptions) -> Result<(), TaskError> {
         self.world.reset_slots(&[(0, LiveEpisode::of(seed, episode), options)])?;
         self.history.clear();
         self.actions.clear();
@@ -172,7 +172,7 @@ impl Stage {
         &mut self,
         registry: &Registry,
         policy: Option<PolicyArgs>,
-    ) -> Result<(), BoxError> {
+    ) -> Result<(), TaskError> {
         let before = std::mem::replace(&mut self.policy, policy);
         self.attach(registry).inspect_err(|_| self.policy = before)
     }
@@ -182,14 +182,14 @@ impl Stage {
         &mut self,
         registry: &Registry,
         policy: Option<PolicyArgs>,
-    ) -> Result<(), BoxError> {
+    ) -> Result<(), TaskError> {
         self.set_policy(registry, policy)?;
         self.world.set_policy_seed(0);
         Ok(())
     }
 
     /// Attaches the policy anew: what it remembers is of another past.
-    fn attach(&mut self, registry: &Registry) -> Result<(), BoxError> {
+    fn attach(&mut self, registry: &Registry) -> Result<(), TaskError> {
         let Some(args) = &self.policy else {
             self.planner = None;
             return Ok(());
@@ -223,7 +223,7 @@ impl Stage {
         }
     }
 
-    pub(super) fn set_hand(&mut self, values: Vec<f64>) -> Result<(), BoxError> {
+    pub(super) fn set_hand(&mut self, values: Vec<f64>) -> Result<(), TaskError> {
         let dim = self.hand.len();
         if values.len() != dim || values.iter().any(|value| !value.is_finite()) {
             return Err(format!("an action has {dim} finite values, not {values:?}").into());
@@ -241,7 +241,7 @@ impl Stage {
     /// # Errors
     ///
     /// The policy fails, or the simulation does.
-    pub(super) fn step(&mut self) -> Result<(), BoxError> {
+    pub(super) fn step(&mut self) -> Result<(), TaskError> {
         if self.is_over() {
             return Ok(());
         }
@@ -265,7 +265,7 @@ impl Stage {
         self.world.places(0).first().map(|place| place.at)
     }
 
-    fn action_by_hand(&self) -> Result<Column, BoxError> {
+    fn action_by_hand(&self) -> Result<Column, TaskError> {
         let space = &self.world.spec().action;
         let agent = self.agent();
         let mut values = match (&self.steer, self.pointer, agent) {
@@ -285,7 +285,7 @@ impl Stage {
     /// # Errors
     ///
     /// The environment cannot restore its state.
-    pub(super) fn rewind(&mut self, registry: &Registry, step: u64) -> Result<(), BoxError> {
+    pub(super) fn rewind(&mut self, registry: &Registry, step: u64) -> Result<(), TaskError> {
         let step = step.min(self.actions.len() as u64);
         let saved = self.history.back_to(step).ok_or("the episode has not begun")?;
         let from = saved.step().unwrap_or(0);

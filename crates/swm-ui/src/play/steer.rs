@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 use swm_core::env::Episode;
-use swm_core::error::BoxError;
 use swm_core::{EnvConfig, EnvEntry, EnvState, EpisodeSeed, ResetOptions, Space, Value};
+use swm_tasks::request::TaskError;
 
 /// How actions of two values follow from the pointer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -31,7 +31,7 @@ impl Steer {
     /// # Errors
     ///
     /// The environment cannot be made or stepped.
-    pub(super) fn measure(entry: &EnvEntry, config: &EnvConfig) -> Result<Option<Self>, BoxError> {
+    pub(super) fn measure(entry: &EnvEntry, config: &EnvConfig) -> Result<Option<Self>, TaskError> {
         let config = EnvConfig { image: None, settings: config.settings.clone() };
         let mut env = entry.make(&config)?;
         let space = env.spec().action.clone();
@@ -54,7 +54,7 @@ impl Steer {
             let mut start = EnvState::new();
             env.snapshot(&mut start)?;
             // Two steps: the action, and none.
-            let mut moved = |action: [f64; 2]| -> Result<[[f64; 2]; 2], BoxError> {
+            let mut moved = |action: [f64; 2]| -> Result<[[f64; 2]; 2], TaskError> {
                 env.restore(&start)?;
                 let from = env.places()[0].at;
                 let mut moved = [[0.0; 2]; 2];

@@ -11,6 +11,7 @@ use swm_core::{
     Rollout, RunInfo, SuccessRule, World, WorldOptions, policy,
 };
 use swm_media::{Clip, Format};
+use swm_tasks::request::TaskError;
 
 use crate::data::{MAX_VIDEO, encode};
 
@@ -62,7 +63,7 @@ impl Take {
         image: ImageSize,
         transform: Option<Arc<dyn Transform>>,
         recorder: &mut dyn Recorder,
-    ) -> Result<(), BoxError> {
+    ) -> Result<(), TaskError> {
         let config = EnvConfig { image: Some(image), ..self.config.clone() };
         let options = WorldOptions::new(1)
             .env(config)
@@ -100,7 +101,7 @@ impl Take {
     /// # Errors
     ///
     /// As [`Take::repeat`]; more frames than fit into memory.
-    pub(super) fn video(&self, image: ImageSize) -> Result<(Format, Vec<u8>), BoxError> {
+    pub(super) fn video(&self, image: ImageSize) -> Result<(Format, Vec<u8>), TaskError> {
         if (self.actions.len() + 1) * image.height * image.width * 3 > MAX_VIDEO {
             return Err(format!(
                 "the video has more than {} MB of frames; show smaller images, or a shorter episode",

@@ -2,9 +2,9 @@
 
 use super::Failure;
 use super::work;
-use crate::evaluation::file_hash;
+use crate::evaluation::{file_bytes, file_hash};
 use crate::jobs::JobFolder;
-use crate::jobs::files::{bytes, ranges};
+use crate::jobs::files::ranges;
 use crate::jobs::progress::{Done, Progress};
 
 /// Words for the shards whose parts are gone, to be put behind those that are not done; nothing if there are none.
@@ -28,7 +28,7 @@ pub(super) fn check_parts(folder: &JobFolder, progress: &Progress) -> Result<(),
     let (mut shards, mut parts) = (Vec::new(), Vec::new());
     for (shard, done) in Done::all(folder, progress)? {
         let part = work::shard_output(folder, shard);
-        if bytes(&part)? != done.bytes || file_hash(&part)? != done.sha256 {
+        if file_bytes(&part)? != done.bytes || file_hash(&part)? != done.sha256 {
             shards.push(shard);
             parts.push(part);
         }

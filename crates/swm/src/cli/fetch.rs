@@ -44,8 +44,9 @@ impl Fetch {
 fn fetch(address: &Path, out: Option<&Path>, output: &Output) -> Result<(), Failure> {
     use serde_json::json;
     use swm_data::remote::{self, RemoteErrorKind as Kind};
+    use swm_tasks::request::create_parent;
 
-    use super::output::{counted, create_parent};
+    use super::output::counted;
 
     if let Some(out) = out {
         create_parent(out)?;

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
+use swm_tasks::request::cannot;
 
 use super::job_status::{Held, Status, text};
 use super::output::{counted, print};
@@ -117,7 +118,7 @@ impl Jobs {
             return Err(usage(format!("{what} has no log yet, as it was not started: {path}")));
         }
         let text = read_text(&path);
-        print(&text.map_err(|error| format!("cannot read {}: {error}", path.display()))?)
+        print(&text.map_err(cannot("read", &path))?)
     }
 }
 

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
+use swm_tasks::request::make_folder;
 
-use super::output::{claim, create_folder};
+use super::output::claim;
 use super::{Failure, Output, usage};
 
 /// The template's files. Its manifest has another name so that cargo does not take the folder for a package.
@@ -106,7 +107,7 @@ impl NewEnv {
         let source = self.source()?;
         let write = |name: &str, text: &str| {
             let path = folder.join(name);
-            path.parent().map_or(Ok(()), create_folder)?;
+            path.parent().map_or(Ok(()), make_folder)?;
             fs::write(&path, text)
                 .map_err(|error| Failure::from(format!("cannot write {}: {error}", path.display())))
         };

@@ -16,6 +16,7 @@ use super::called;
 pub(super) use super::streams::{print, print_of_clap, print_to_stderr};
 pub(crate) use super::table::table;
 use super::words::Options;
+use crate::jobs::JobError;
 
 /// A command that did not succeed.
 #[derive(Debug)]
@@ -94,11 +95,14 @@ pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
 impl<E: Into<BoxError>> From<E> for Failure {
     fn from(error: E) -> Self {
         let source: BoxError = error.into();
-        let source = match source.downcast::<TaskError>().map(|error| *error) {
-            Ok(TaskError::Request(message)) => return usage(message.in_words(&Options)),
-            Ok(TaskError::Failed(source)) => source,
+        let source = match source.downcast::<JobError>().map(|error| *error) {
+            Ok(JobError::Task(error)) => error.into(),
             Ok(error) => error.into(),
             Err(source) => source,
+        };
+        let source = match TaskError::from(source) {
+            TaskError::Request(message) => return usage(message.in_words(&Options)),
+            error => error.into_source(),
         };
         let usage = is_usage(source.as_ref()) || is_denied(source.as_ref());
         // A wrong request is wrong for every environment: the first that met it says nothing.
@@ -285,28 +289,14 @@ fn pace(state: &ProgressState, out: &mut dyn fmt::Write) {
     }
 }
 
-/// Makes the folder that `path` will lie in.
-pub(super) fn create_parent(path: &Path) -> Result<(), Failure> {
-    let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
-    Ok(std::fs::create_dir_all(parent)
-        .map_err(|source| DataError::io(parent, "create the folder", source))?)
-}
-
 /// Keeps other processes from writing the file or folder `path`, which need not be there yet, until the lock is dropped.
 pub(super) fn claim(path: &Path) -> Result<WriterLock, Failure> {
     match WriterLock::take(path) {
-        Err(DataError::Io { source, .. }) => Err(unwritable(path, &source)),
+        Err(DataError::Io { source, .. }) => {
+            Err(usage(format!("cannot write to the folder {}: {source}", path.display())))
+        }
         taken => Ok(taken?),
     }
-}
-
-/// Makes a folder for results.
-pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(dir).map_err(|error| unwritable(dir, &error))
-}
-
-fn unwritable(dir: &Path, error: &std::io::Error) -> Failure {
-    usage(format!("cannot write to the folder {}: {error}", dir.display()))
 }
 
 /// A difference as people write it: whole numbers as such, others by four digits or more.
@@ -337,6 +327,8 @@ pub(crate) fn key_values(rows: &[(&str, String)]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use swm_tasks::request::{Message, cannot};
+
     use super::*;
 
     #[test]
@@ -354,6 +346,23 @@ mod tests {
         };
         let codes = if cfg!(windows) { [5, 5, 112] } else { [13, 30, 28] };
         assert_eq!(codes.map(text), [2, 2, 1]);
+    }
+
+    #[test]
+    fn errors_of_jobs_count_as_what_is_within() {
+        let request = TaskError::from(Message::about("seed", 1, "is taken"));
+        let failure = Failure::from(JobError::from(request));
+        assert_eq!((failure.exit_code(), failure.reason().as_str()), (2, "--seed 1: is taken"));
+        let file = |kind: std::io::ErrorKind| {
+            Failure::from(JobError::from(cannot("write", Path::new("job.json"))(kind.into())))
+        };
+        assert_eq!(file(std::io::ErrorKind::PermissionDenied).exit_code(), 2);
+        let failure = file(std::io::ErrorKind::TimedOut);
+        assert!(
+            failure.exit_code() == 1
+                && failure.is_passing()
+                && failure.reason().starts_with("cannot write job.json: ")
+        );
     }
 
     #[test]

@@ -8,10 +8,11 @@ use swm_core::env::PIXELS;
 use swm_core::{Dtype, FieldKind, ImageSize, Metadata, Registry, SliceMut};
 use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, framed, png};
+use swm_tasks::request::create_parent;
 
 use super::args::ImageArg;
 use super::opening::OpenArgs;
-use super::output::{counted, create_parent};
+use super::output::counted;
 use super::replay::selection;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, images, inputs, usage};

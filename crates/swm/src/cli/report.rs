@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::Registry;
 use swm_media::Format;
+use swm_tasks::request::create_parent;
 
-use super::output::{claim, create_parent};
+use super::output::claim;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, usage};
 use crate::report_page::{Item, PageOptions, is_page, write_page};

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use swm_core::Registry;
-use swm_tasks::request::{self, ManifestSource, NUM_ENVS, Request as _, Swept};
+use swm_tasks::request::{self, ManifestSource, NUM_ENVS, Request as _, Swept, make_folder};
 
-use super::output::create_folder;
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt, usage};
@@ -59,7 +58,7 @@ impl RobustnessCommand {
                 task.env
             )));
         }
-        create_folder(&self.out)?;
+        make_folder(&self.out)?;
         let sweep = |name: &str, policy: &str| -> Result<Sweep, Failure> {
             output.note(format!("{name}: {policy}"));
             let out = self.out.join("sweeps").join(name);
@@ -82,7 +81,7 @@ impl RobustnessCommand {
         let sweeps: Vec<Sweep> =
             numbered.map(|(number, policy)| sweep(&number.to_string(), policy)).collect::<Result<_, _>>()?;
         let oracle = self.oracle.as_ref().map(|policy| sweep("oracle", policy)).transpose()?;
-        let table = Robustness::join(&sweeps, oracle.as_ref(), Some(task.published)).map_err(usage)?;
+        let table = Robustness::join(&sweeps, oracle.as_ref(), Some(task.published))?;
         table.write(&self.out, &sweeps)?;
         output
             .result(&table, || format!("{}\n{}", table.markdown(), self.out.join("robustness.md").display()))

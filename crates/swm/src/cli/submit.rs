@@ -7,11 +7,13 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
+use swm_tasks::request::cannot;
 
 use super::output::counted;
 use super::{Failure, Output, usage, version, work};
+use crate::evaluation::file_bytes;
 use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
-use crate::jobs::files::{bytes, now, ranges};
+use crate::jobs::files::{now, ranges};
 use crate::jobs::held::{held_shards, queued};
 use crate::jobs::job::Input;
 use crate::jobs::progress::Progress;
@@ -205,10 +207,10 @@ impl Submit {
         }
         let path = work::run_pilot(registry, folder, self.pilot)?;
         let recorded = swm_data::open_in(registry, &path)?.num_episodes().max(1) as u64;
-        let bytes = bytes(&path)?;
+        let bytes = file_bytes(&path)?;
         let removed =
             if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
-        removed.map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
+        removed.map_err(cannot("remove", &path))?;
         let needed = (bytes as f64 / recorded as f64 * folder.job.episodes as f64) as u64 * PARTS_AND_RESULT;
         let gigabytes = |bytes: u64| format!("{:.2} GB", bytes as f64 / 1e9);
         let free = free_bytes(&folder.dir);

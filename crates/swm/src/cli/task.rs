@@ -8,14 +8,15 @@ use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
 use swm_data::recording::WriterLock;
+use swm_tasks::request::cannot;
 
 use super::damage;
 use super::output::{Postponed, counted, print_to_stderr};
 use super::work;
 use super::{Failure, Output, interrupt, usage, version};
-use crate::evaluation::file_hash;
+use crate::evaluation::{file_bytes, file_hash};
 use crate::jobs::JobFolder;
-use crate::jobs::files::{bytes, cannot, is_written, node, ranges, write_json};
+use crate::jobs::files::{is_written, node, ranges, write_json};
 use crate::jobs::log::{self, Attempt, attempts};
 use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
 
@@ -249,7 +250,7 @@ impl Run<'_> {
             shard,
             range: [range.start, range.end],
             episodes: range.end - range.start,
-            bytes: bytes(&path)?,
+            bytes: file_bytes(&path)?,
             sha256: file_hash(&path)?,
             attempt: attempt.number,
             node: attempt.node.clone(),
@@ -258,7 +259,7 @@ impl Run<'_> {
         write_json(&folder.done(shard), &done)?;
         match std::fs::remove_file(folder.failed(shard)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(cannot("remove", &folder.failed(shard), error).into())
+                Err(cannot("remove", &folder.failed(shard))(error).into())
             }
             _ => Ok(()),
         }
@@ -310,7 +311,7 @@ impl Run<'_> {
         }
         let is_divided = !folder.job.request.is_of_runs();
         let sha256 = if is_divided { file_hash(&path)? } else { String::new() };
-        let finished = Finished { result, bytes: bytes(&path)?, sha256, episodes: folder.job.episodes };
+        let finished = Finished { result, bytes: file_bytes(&path)?, sha256, episodes: folder.job.episodes };
         write_json(&folder.finished(), &finished)?;
         let told = json!({ "job": folder.dir, "result": path, "bytes": finished.bytes, "episodes": finished.episodes });
         output.result(&told, || match is_divided {
@@ -343,8 +344,7 @@ impl Redirected {
     pub(super) fn to(path: &Path) -> Result<Self, Failure> {
         use std::os::fd::AsFd as _;
 
-        let failed = |error| Failure::from(cannot("write", path, error));
-        let file = log::open(path).map_err(failed)?;
+        let file = log::open(path).map_err(cannot("write", path))?;
         std::io::stdout().flush()?;
         let before = [
             std::io::stdout().as_fd().try_clone_to_owned()?,

@@ -6,16 +6,14 @@ use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory as _, FromArgMatches as _};
 use swm_core::Registry;
-use swm_core::error::BoxError;
 use swm_data::WriteMode;
-use swm_tasks::request::{Divided, Shard};
+use swm_tasks::request::{Divided, Shard, TaskError, cannot};
 use swm_tasks::threads::within;
 
 use super::task::Redirected;
 use super::{Cli, Command, Failure, Output, collect, convert, eval, sweep, track, train, usage, verify};
-use crate::jobs::files::cannot;
 use crate::jobs::job::{Asked, Tracking, extension};
-use crate::jobs::{Job, JobFolder};
+use crate::jobs::{Job, JobError, JobFolder};
 use crate::text_file::read_text;
 
 /// The commands that can be divided.
@@ -86,9 +84,11 @@ pub(super) fn work(
 /// # Errors
 ///
 /// As of [`JobFolder::open`].
-pub(super) fn open(registry: &Registry, dir: &Path) -> Result<Option<JobFolder>, BoxError> {
+pub(super) fn open(registry: &Registry, dir: &Path) -> Result<Option<JobFolder>, JobError> {
     let silent = Output::new(false, true);
-    JobFolder::open(dir, |line, each| work(registry, line, each, &silent).map_err(Failure::into_source))
+    JobFolder::open(dir, |line, each| {
+        work(registry, line, each, &silent).map_err(|failure| TaskError::from(failure.into_source()))
+    })
 }
 
 fn parse(line: &[String]) -> Result<Command, Failure> {
@@ -203,7 +203,7 @@ pub(super) fn join(registry: &Registry, folder: &JobFolder, output: &Output) -> 
     let all: Vec<PathBuf> = (1..=job.shards).map(|shard| shard_output(folder, shard)).collect();
     match all.as_slice() {
         [one] if one.is_file() => {
-            fs::copy(one, &result).map_err(|error| cannot("write", &result, error))?;
+            fs::copy(one, &result).map_err(cannot("write", &result))?;
         }
         _ => convert::join(all, result.clone(), registry, output)?,
     }

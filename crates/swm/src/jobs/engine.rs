@@ -5,11 +5,12 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::{BoxError, nearest};
+use swm_core::error::nearest;
+use swm_tasks::request::cannot;
 
 use super::JobFolder;
 use super::engines::{hq, script, slurm};
-use super::files::cannot;
+use super::error::JobError;
 use crate::text_file::read_text;
 
 /// Every engine.
@@ -57,14 +58,14 @@ pub(crate) trait Driver: Sync {
     /// # Errors
     ///
     /// A setting is wrong.
-    fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, BoxError>;
+    fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, JobError>;
 
     /// Checks what can be known of the settings before anything is written.
     ///
     /// # Errors
     ///
     /// A setting is wrong.
-    fn check(&self, _settings: &Settings) -> Result<(), BoxError> {
+    fn check(&self, _settings: &Settings) -> Result<(), JobError> {
         Ok(())
     }
 
@@ -73,21 +74,21 @@ pub(crate) trait Driver: Sync {
     /// # Errors
     ///
     /// A setting is wrong, or the engine cannot have it.
-    fn script(&self, request: &Request<'_>) -> Result<String, BoxError>;
+    fn script(&self, request: &Request<'_>) -> Result<String, JobError>;
 
     /// Hands a script over; returns the engine's name for it. `None`: nothing was submitted, a person does it.
     ///
     /// # Errors
     ///
     /// The engine refuses it, in its words.
-    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, BoxError>;
+    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, JobError>;
 
     /// The script of the task that joins the shards once job `id` has ended, where [`Driver::script`] does not hold it.
     ///
     /// # Errors
     ///
     /// As of [`Driver::script`].
-    fn finish_script(&self, _request: &Request<'_>, _id: &str) -> Result<Option<String>, BoxError> {
+    fn finish_script(&self, _request: &Request<'_>, _id: &str) -> Result<Option<String>, JobError> {
         Ok(None)
     }
 
@@ -96,7 +97,7 @@ pub(crate) trait Driver: Sync {
     /// # Errors
     ///
     /// As of [`Driver::script`].
-    fn dry_run(&self, request: &Request<'_>) -> Result<String, BoxError> {
+    fn dry_run(&self, request: &Request<'_>) -> Result<String, JobError> {
         let mut text = self.script(request)?;
         if let Some(finish) = self.finish_script(request, "ARRAY_ID")? {
             text += "\n# The join of the shards, a job of its own that waits for the array:\n";
@@ -110,7 +111,7 @@ pub(crate) trait Driver: Sync {
     /// # Errors
     ///
     /// As of [`Driver::submit`].
-    fn submit_finish(&self, _request: &Request<'_>, _id: &str) -> Result<(), BoxError> {
+    fn submit_finish(&self, _request: &Request<'_>, _id: &str) -> Result<(), JobError> {
         Ok(())
     }
 
@@ -119,14 +120,14 @@ pub(crate) trait Driver: Sync {
     /// # Errors
     ///
     /// The engine does not answer.
-    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, BoxError>;
+    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, JobError>;
 
     /// Cancels the tasks of the job.
     ///
     /// # Errors
     ///
     /// The engine does not answer.
-    fn cancel(&self, folder: &JobFolder) -> Result<(), BoxError>;
+    fn cancel(&self, folder: &JobFolder) -> Result<(), JobError>;
 }
 
 /// A line of `submissions.jsonl`.
@@ -149,12 +150,12 @@ impl Submission {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub(crate) fn record(&self, folder: &JobFolder) -> Result<(), BoxError> {
+    pub(crate) fn record(&self, folder: &JobFolder) -> Result<(), JobError> {
         let path = folder.submissions();
         let line = serde_json::to_string(self)? + "\n";
         let file = OpenOptions::new().create(true).append(true).open(&path);
-        file.and_then(|mut file| file.write_all(line.as_bytes()))
-            .map_err(|error| cannot("write", &path, error))
+        let written = file.and_then(|mut file| file.write_all(line.as_bytes()));
+        Ok(written.map_err(cannot("write", &path))?)
     }
 
     /// All submissions of a job; a line that was cut off is left out.
@@ -162,11 +163,11 @@ impl Submission {
     /// # Errors
     ///
     /// The file cannot be read.
-    pub(crate) fn all(folder: &JobFolder) -> Result<Vec<Self>, BoxError> {
+    pub(crate) fn all(folder: &JobFolder) -> Result<Vec<Self>, JobError> {
         let path = folder.submissions();
         match read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
-            Err(error) => Err(cannot("read", &path, error)),
+            Err(error) => Err(cannot("read", &path)(error).into()),
             Ok(text) => Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()),
         }
     }
@@ -186,10 +187,10 @@ impl Settings {
     /// # Errors
     ///
     /// It is something else.
-    pub(crate) fn number(&self, key: &str) -> Result<Option<u64>, BoxError> {
+    pub(crate) fn number(&self, key: &str) -> Result<Option<u64>, JobError> {
         let read = |text: &str| match text.parse() {
             Ok(number) if number > 0 => Ok(number),
-            _ => Err(format!("--on: {key}={text} is no whole number above 0").into()),
+            _ => Err(JobError::Setting(format!("--on: {key}={text} is no whole number above 0"))),
         };
         self.get(key).map(read).transpose()
     }
@@ -200,16 +201,17 @@ impl Settings {
 /// # Errors
 ///
 /// There is no such engine or key; the message names those that exist.
-pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError> {
+pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), JobError> {
     let (name, rest) = text.split_once(':').unwrap_or((text, ""));
     let names = || ENGINES.iter().map(|engine| engine.name).collect::<Vec<_>>().join(", ");
     let engine = ENGINES.iter().find(|engine| engine.name == name);
     let engine = engine.ok_or_else(|| {
-        format!(
+        JobError::Setting(format!(
             "--on: `{name}` is unknown; there are: {}; script prints the commands for any other scheduler",
             names()
-        )
+        ))
     })?;
+    let wrong = |reason: String| JobError::Setting(format!("--on {name}: {reason}"));
     let mut settings = BTreeMap::new();
     let mut rest = rest;
     while !rest.is_empty() {
@@ -217,7 +219,7 @@ pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError
         let (one, more) = if is_raw { (rest, "") } else { rest.split_once(',').unwrap_or((rest, "")) };
         rest = more;
         let (key, value) =
-            one.split_once('=').ok_or_else(|| format!("--on {name}: write KEY=VALUE, not `{one}`"))?;
+            one.split_once('=').ok_or_else(|| wrong(format!("write KEY=VALUE, not `{one}`")))?;
         if !engine.keys.iter().any(|(known, _)| *known == key) {
             let keys: Vec<&str> = engine.keys.iter().map(|(key, _)| *key).collect();
             let known = match keys.is_empty() {
@@ -225,11 +227,11 @@ pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError
                 false => format!("its keys: {}", keys.join(", ")),
             };
             let hint = nearest(key, keys).map_or(String::new(), |near| format!(" (did you mean `{near}`?)"));
-            return Err(format!("--on {name}: there is no key `{key}`{hint}; {known}").into());
+            return Err(wrong(format!("there is no key `{key}`{hint}; {known}")));
         }
         let value = value.trim_matches('"');
         if value.is_empty() || value.contains('\n') {
-            return Err(format!("--on {name}: {key} needs a value in one line").into());
+            return Err(wrong(format!("{key} needs a value in one line")));
         }
         settings.insert(key.to_owned(), value.to_owned());
     }

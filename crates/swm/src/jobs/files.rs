@@ -7,9 +7,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use swm_core::error::BoxError;
+use swm_tasks::request::cannot;
 
-use crate::evaluation::file_bytes;
+use super::error::JobError;
 use crate::text_file::{read_text, replace_text};
 
 /// Writes a file as a whole: readers see the old one or the new one.
@@ -17,9 +17,9 @@ use crate::text_file::{read_text, replace_text};
 /// # Errors
 ///
 /// The file cannot be written.
-pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), BoxError> {
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), JobError> {
     let text = serde_json::to_string_pretty(value)? + "\n";
-    replace_text(path, &text).map_err(|error| cannot("write", path, error))
+    Ok(replace_text(path, &text).map_err(cannot("write", path))?)
 }
 
 /// Reads a file that [`write_json`] wrote; `None` if it is not there, or empty, as a loss of power or a full disk leaves it.
@@ -27,36 +27,20 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), BoxE
 /// # Errors
 ///
 /// It cannot be read, or is not such a file.
-pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, BoxError> {
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, JobError> {
     match read_text(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(cannot("read", path, error)),
+        Err(error) => Err(cannot("read", path)(error).into()),
         Ok(text) if text.trim().is_empty() => Ok(None),
-        Ok(text) => match serde_json::from_str(&text) {
-            Ok(value) => Ok(Some(value)),
-            Err(error) => Err(format!("cannot read {}: {error}", path.display()).into()),
-        },
+        Ok(text) => {
+            Ok(Some(serde_json::from_str(&text).map_err(|error| cannot("read", path)(error.into()))?))
+        }
     }
 }
 
 /// Whether a file that [`write_json`] writes is there, and not emptied by a loss of power.
 pub(crate) fn is_written(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| there.is_file() && there.len() > 0)
-}
-
-/// `cannot read FILE: …`, with the system's error as the cause.
-#[expect(clippy::needless_pass_by_value, reason = "it stands where closures map errors")]
-pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {
-    io::Error::new(error.kind(), format!("cannot {what} {}: {error}", path.display())).into()
-}
-
-/// The size of a file, or of all files below a folder.
-///
-/// # Errors
-///
-/// It is not there, or cannot be read.
-pub(crate) fn bytes(path: &Path) -> Result<u64, BoxError> {
-    file_bytes(path).map_err(|(path, error)| cannot("read", &path, error))
 }
 
 /// Ascending numbers as `1-3,7`.
@@ -118,10 +102,6 @@ mod tests {
         assert_eq!(read_json::<u64>(&path).unwrap(), None);
         fs::write(&path, "{").unwrap();
         assert!(read_json::<u64>(&path).unwrap_err().to_string().contains("cannot read"));
-        fs::create_dir(folder.join("below")).unwrap();
-        fs::write(folder.join("below/b"), "four").unwrap();
-        assert_eq!((bytes(&path).unwrap(), bytes(&folder).unwrap()), (1, 5));
-        assert!(bytes(&folder.join("none")).unwrap_err().to_string().contains("cannot read"));
         fs::remove_dir_all(folder).unwrap();
     }
 

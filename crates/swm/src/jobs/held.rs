@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use swm_core::error::BoxError;
-
 use super::JobFolder;
 use super::engine::{Engine, Queued, Submission};
+use super::error::JobError;
 use super::progress::shards_of;
 
 /// The tasks that engines hold: those of former submissions, and of `engine`, to which one may have been handed without a trace.
@@ -13,7 +12,7 @@ pub(crate) fn queued(
     folder: &JobFolder,
     before: &[Submission],
     engine: Option<&'static Engine>,
-) -> Result<Vec<Queued>, BoxError> {
+) -> Result<Vec<Queued>, JobError> {
     let mut engines: BTreeMap<&str, &Engine> = engine.iter().map(|&engine| (engine.name, engine)).collect();
     for submission in before {
         let (engine, _) = super::engine(&submission.on)?;
@@ -22,7 +21,7 @@ pub(crate) fn queued(
     let mut all = Vec::new();
     for engine in engines.values() {
         let held = engine.driver.queued(folder);
-        all.extend(held.map_err(|error| format!("cannot find out what is queued: {error}"))?);
+        all.extend(held.map_err(|error| JobError::Queue(Box::new(error)))?);
     }
     Ok(all)
 }

@@ -5,14 +5,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::BoxError;
 use swm_core::evaluate::sha256;
 use swm_data::recording::WriterLock;
 use swm_data::remote::is_remote;
 use swm_data::tools::parts;
-use swm_tasks::request::{Divided, Record};
+use swm_tasks::request::{Divided, Record, TaskError, cannot};
 
-use super::files::{cannot, read_json, seconds, write_json};
+use super::error::JobError;
+use super::files::{read_json, seconds, write_json};
 use super::program::{Program, copy_in};
 use crate::evaluation::file_hash;
 
@@ -102,12 +102,12 @@ impl Input {
     /// # Errors
     ///
     /// It cannot be read.
-    pub(crate) fn of(path: &Path) -> Result<Self, BoxError> {
+    pub(crate) fn of(path: &Path) -> Result<Self, JobError> {
         if is_remote(path) {
             // Its hash is that of its version, which costs little.
             return Ok(Self { bytes: 0, modified: 0, sha256: file_hash(path)?, path: path.to_owned() });
         }
-        let path = std::path::absolute(path).map_err(|error| cannot("read", path, error))?;
+        let path = std::path::absolute(path).map_err(cannot("read", path))?;
         let (bytes, modified) = stamp(&path)?;
         Ok(Self { bytes, modified, sha256: file_hash(&path)?, path })
     }
@@ -117,23 +117,19 @@ impl Input {
     /// # Errors
     ///
     /// It is missing or has changed.
-    pub(crate) fn check(&self, fully: bool) -> Result<(), BoxError> {
+    pub(crate) fn check(&self, fully: bool) -> Result<(), JobError> {
         let has_stamp = !fully && !is_remote(&self.path) && !self.path.is_dir();
         let is_as_it_was = has_stamp && stamp(&self.path)? == (self.bytes, self.modified);
         if is_as_it_was || file_hash(&self.path)? == self.sha256 {
             return Ok(());
         }
-        Err(format!(
-            "{} has changed since the job was submitted; restore it, or submit another job for it",
-            self.path.display()
-        )
-        .into())
+        Err(JobError::Changed(self.path.clone()))
     }
 }
 
 /// Size and time of the last change.
-fn stamp(path: &Path) -> Result<(u64, u64), BoxError> {
-    let metadata = fs::metadata(path).map_err(|error| cannot("read", path, error))?;
+fn stamp(path: &Path) -> Result<(u64, u64), JobError> {
+    let metadata = fs::metadata(path).map_err(cannot("read", path))?;
     Ok((metadata.len(), metadata.modified().map_or(0, seconds)))
 }
 
@@ -149,7 +145,7 @@ impl Job {
         each: Vec<Vec<String>>,
         shards: u64,
         program: Program,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, JobError> {
         let (hash, inputs, folder) = (String::new(), Vec::new(), std::env::current_dir()?);
         let version = JOB_VERSION;
         let Asked { request, report_every, mut tracking } = asked;
@@ -179,13 +175,13 @@ impl Job {
     /// # Errors
     ///
     /// As of [`Job::new`].
-    pub(crate) fn with(self, episodes: u64, inputs: Vec<Input>) -> Result<Self, BoxError> {
+    pub(crate) fn with(self, episodes: u64, inputs: Vec<Input>) -> Result<Self, JobError> {
         let mut job = Self { episodes, inputs, ..self };
         job.hash = job.hashed()?;
         Ok(job)
     }
 
-    fn hashed(&self) -> Result<String, BoxError> {
+    fn hashed(&self) -> Result<String, JobError> {
         let contents: Vec<(&Path, &str)> =
             self.inputs.iter().map(|input| (input.path.as_path(), input.sha256.as_str())).collect();
         let Self { request, shards, episodes, program, .. } = self;
@@ -270,30 +266,24 @@ impl JobFolder {
     /// The folder holds something else, or a job of a newer version; or `read` fails.
     pub(crate) fn open(
         dir: &Path,
-        read: impl FnOnce(&[String], &[Vec<String>]) -> Result<Asked, BoxError>,
-    ) -> Result<Option<Self>, BoxError> {
-        let dir = std::path::absolute(dir).map_err(|error| cannot("read", dir, error))?;
+        read: impl FnOnce(&[String], &[Vec<String>]) -> Result<Asked, TaskError>,
+    ) -> Result<Option<Self>, JobError> {
+        let dir = std::path::absolute(dir).map_err(cannot("read", dir))?;
         let Some(mut job) = read_json::<Job>(&dir.join("job.json"))? else {
             let is_used = fs::read_dir(&dir).is_ok_and(|entries| {
                 // What an interrupted `swm submit` leaves is no obstacle.
                 entries.flatten().any(|entry| !OWN_FOLDERS.iter().any(|own| entry.file_name() == *own))
             });
-            return match is_used {
-                true => {
-                    Err(format!("{} holds no job but other files; give another folder", dir.display()).into())
-                }
-                false => Ok(None),
-            };
+            return if is_used { Err(JobError::NoJob(dir)) } else { Ok(None) };
         };
         if job.version > JOB_VERSION {
-            let (dir, version) = (dir.display(), job.version);
-            return Err(format!("{dir} is a job of a newer version ({version}); use a newer `swm`").into());
+            return Err(JobError::Newer { dir, version: job.version });
         }
         if job.request == nothing() {
             let Asked { request, tracking, .. } = read(&job.command, &job.each)?;
             (job.request, job.tracking) = (request, tracking);
         }
-        job.check().map_err(|reason| format!("{}: {reason}", dir.join("job.json").display()))?;
+        job.check().map_err(|reason| JobError::Damaged { file: dir.join("job.json"), reason })?;
         Ok(Some(Self { dir, job }))
     }
 
@@ -302,16 +292,16 @@ impl JobFolder {
     /// # Errors
     ///
     /// The folder cannot be written.
-    pub(crate) fn create(dir: &Path, job: Job) -> Result<Self, BoxError> {
+    pub(crate) fn create(dir: &Path, job: Job) -> Result<Self, JobError> {
         let created = Self::planned(dir, job)?;
         for folder in ["parts", "done", "logs"] {
             let folder = created.dir.join(folder);
-            fs::create_dir_all(&folder).map_err(|error| cannot("make the folder", &folder, error))?;
+            fs::create_dir_all(&folder).map_err(cannot("make the folder", &folder))?;
         }
         if created.job.program.is_copied {
             let (to, new) = (copy_in(&created.dir), created.dir.join("swm.new"));
             let copied = fs::copy(&created.job.program.path, &new).and_then(|_| fs::rename(&new, &to));
-            copied.map_err(|error| cannot("copy the program to", &to, error))?;
+            copied.map_err(cannot("copy the program to", &to))?;
         }
         write_json(&created.dir.join("job.json"), &created.job)?;
         Ok(created)
@@ -322,8 +312,8 @@ impl JobFolder {
     /// # Errors
     ///
     /// The working folder is unknown.
-    pub(crate) fn planned(dir: &Path, job: Job) -> Result<Self, BoxError> {
-        let dir = std::path::absolute(dir).map_err(|error| cannot("write", dir, error))?;
+    pub(crate) fn planned(dir: &Path, job: Job) -> Result<Self, JobError> {
+        let dir = std::path::absolute(dir).map_err(cannot("write", dir))?;
         Ok(Self { dir, job })
     }
 
@@ -332,8 +322,8 @@ impl JobFolder {
     /// # Errors
     ///
     /// Another process holds it, who is named.
-    pub(crate) fn lock(dir: &Path) -> Result<WriterLock, BoxError> {
-        fs::create_dir_all(dir).map_err(|error| cannot("make the folder", dir, error))?;
+    pub(crate) fn lock(dir: &Path) -> Result<WriterLock, JobError> {
+        fs::create_dir_all(dir).map_err(cannot("make the folder", dir))?;
         Ok(WriterLock::take(&dir.join("job"))?)
     }
 
@@ -342,7 +332,7 @@ impl JobFolder {
     /// # Errors
     ///
     /// One of them differs.
-    pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), BoxError> {
+    pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), JobError> {
         self.job.program.check(&self.dir, about)?;
         self.job.inputs.iter().try_for_each(|input| input.check(fully))
     }

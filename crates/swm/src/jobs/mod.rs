@@ -3,6 +3,7 @@
 
 pub(crate) mod engine;
 mod engines;
+mod error;
 pub(crate) mod files;
 pub(crate) mod held;
 pub(crate) mod job;
@@ -12,6 +13,7 @@ mod program;
 pub(crate) mod progress;
 
 pub(crate) use engine::engine;
+pub(crate) use error::JobError;
 pub(crate) use job::{Job, JobFolder};
 pub(crate) use process::free_bytes;
 pub(crate) use program::Program;

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use swm_core::error::BoxError;
+use super::error::JobError;
 
 /// Seconds that a program of an engine may take; `SWM_ENGINE_TIMEOUT` is another number.
 const LIMIT: u64 = 60;
@@ -35,7 +35,7 @@ impl Said {
 /// # Errors
 ///
 /// It is not there, cannot be started, or does not end in time. That it fails is no error.
-pub(super) fn run(program: &str, args: &[&str], input: &str) -> Result<Said, BoxError> {
+pub(super) fn run(program: &'static str, args: &[&str], input: &str) -> Result<Said, JobError> {
     let limit =
         std::env::var("SWM_ENGINE_TIMEOUT").ok().and_then(|limit| limit.parse().ok()).unwrap_or(LIMIT);
     let mut command = Command::new(program);
@@ -47,10 +47,8 @@ pub(super) fn run(program: &str, args: &[&str], input: &str) -> Result<Said, Box
         }
     }
     let mut child = command.spawn().map_err(|error| match error.kind() {
-        std::io::ErrorKind::NotFound => {
-            format!("there is no program `{program}` here; run this where it is, such as on a login node")
-        }
-        _ => format!("cannot start `{program}`: {error}"),
+        std::io::ErrorKind::NotFound => JobError::NoProgram(program),
+        _ => JobError::NotStarted { program, source: error },
     })?;
     if let Some(mut stdin) = child.stdin.take() {
         // A program that reads no input ends without it.
@@ -65,7 +63,7 @@ pub(super) fn run(program: &str, args: &[&str], input: &str) -> Result<Said, Box
                 // It may have ended just now.
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(format!("`{program}` does not answer for {limit} s; try again later").into());
+                return Err(JobError::NoAnswer { program, seconds: limit });
             }
             None => thread::sleep(PAUSE),
         }

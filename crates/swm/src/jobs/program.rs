@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::BoxError;
 
+use super::error::JobError;
 use crate::evaluation::file_hash;
 
 /// How others start this command, where it is a package in an interpreter and the running file is the interpreter.
@@ -72,7 +72,7 @@ impl Program {
     /// # Errors
     ///
     /// Its file cannot be read, or the interpreter that runs it is unknown.
-    pub(crate) fn this(about: &str, copies: bool) -> Result<Self, BoxError> {
+    pub(crate) fn this(about: &str, copies: bool) -> Result<Self, JobError> {
         let about = about.to_owned();
         let Some(launcher) = LAUNCHER.get() else {
             let path = std::env::current_exe()?;
@@ -80,10 +80,10 @@ impl Program {
         };
         let Launcher { words, library, package } = launcher;
         let (path, arguments) = words.split_first().ok_or_else(|| {
-            format!(
+            JobError::OtherProgram(format!(
                 "tasks need the interpreter that runs {package}, and this process does not know it (Python's sys.executable is \
                  empty); run the command from a Python that is a program of its own"
-            )
+            ))
         })?;
         let (install, library, arguments) = (package.clone(), library.clone(), arguments.to_vec());
         let sha256 = file_hash(&library)?;
@@ -103,7 +103,7 @@ impl Program {
     /// # Errors
     ///
     /// It is another one.
-    pub(crate) fn check(&self, dir: &Path, about: &str) -> Result<(), BoxError> {
+    pub(crate) fn check(&self, dir: &Path, about: &str) -> Result<(), JobError> {
         match (&self.package, LAUNCHER.get()) {
             (Some(package), Some(launcher)) => self.check_package(package, launcher, dir)?,
             (None, None) => {
@@ -119,22 +119,21 @@ impl Program {
             _ => return Err(self.is_not(&std::env::current_exe()?, dir)),
         }
         if about != self.about {
-            return Err(format!(
+            return Err(JobError::OtherProgram(format!(
                 "on this machine results would differ from those of the job: it was submitted with\n{}\nand here is\n{about}",
                 self.about
-            )
-            .into());
+            )));
         }
         Ok(())
     }
 
-    fn check_package(&self, then: &Package, now: &Launcher, dir: &Path) -> Result<(), BoxError> {
+    fn check_package(&self, then: &Package, now: &Launcher, dir: &Path) -> Result<(), JobError> {
         let found = file_hash(&now.library)?;
         if found == self.sha256 {
             return Ok(());
         }
         let short = |hash: &str| hash.get(..12).unwrap_or(hash).to_owned();
-        Err(format!(
+        Err(JobError::OtherProgram(format!(
             "the package has changed since the job {} was submitted: that was {} (SHA-256 {}… of {}), here is {} ({}… of {}); \
              install the former again (pip install {}), or submit another job",
             dir.display(),
@@ -145,34 +144,31 @@ impl Program {
             short(&found),
             now.library.display(),
             then.install
-        )
-        .into())
+        )))
     }
 
     /// Of the copy in the folder of the job.
-    fn has_changed(&self, dir: &Path) -> BoxError {
+    fn has_changed(&self, dir: &Path) -> JobError {
         let (copy, from) = (copy_in(dir), &self.path);
         let fix = match file_hash(from) {
             Ok(hash) if hash == self.sha256 => format!("copy {} there again", from.display()),
             _ => "submit another job".to_owned(),
         };
-        format!(
+        JobError::OtherProgram(format!(
             "{}, the job's copy of the program, has changed since the job was submitted; {fix}",
             copy.display()
-        )
-        .into()
+        ))
     }
 
-    fn is_not(&self, this: &Path, dir: &Path) -> BoxError {
+    fn is_not(&self, this: &Path, dir: &Path) -> JobError {
         let words: Vec<String> =
             self.words(dir).iter().map(|word| word.to_string_lossy().into_owned()).collect();
-        format!(
+        JobError::OtherProgram(format!(
             "{} is not the program of the job {}: run the tasks with {}",
             this.display(),
             dir.display(),
             words.join(" ")
-        )
-        .into()
+        ))
     }
 }
 

@@ -6,12 +6,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use swm_core::error::BoxError;
 
 use swm_data::files::is_plain_name;
+use swm_tasks::request::cannot;
 
 use super::JobFolder;
-use super::files::{cannot, is_written, read_json, write_json};
+use super::error::JobError;
+use super::files::{is_written, read_json, write_json};
 
 /// `done/0003.json`: a shard is done.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -71,19 +72,15 @@ impl Finished {
     /// # Errors
     ///
     /// The file cannot be read.
-    pub(crate) fn of(folder: &JobFolder) -> Result<Option<Self>, BoxError> {
+    pub(crate) fn of(folder: &JobFolder) -> Result<Option<Self>, JobError> {
         let path = folder.finished();
         let finished: Option<Self> = read_json(&path)?;
-        if let Some(elsewhere) =
-            finished.as_ref().map(|made| &made.result).filter(|name| !is_plain_name(name))
-        {
-            let path = path.display();
-            return Err(format!(
-                "{path} names the result `{elsewhere}`, which is no file of the job; remove {path}"
-            )
-            .into());
+        match &finished {
+            Some(made) if !is_plain_name(&made.result) => {
+                Err(JobError::OtherResult { file: path, named: made.result.clone() })
+            }
+            _ => Ok(finished),
         }
-        Ok(finished)
     }
 
     /// What of the result is not there any more: its file, or the first folder of a training run.
@@ -121,18 +118,19 @@ impl Progress {
     /// # Errors
     ///
     /// The folder cannot be read.
-    pub(crate) fn of(folder: &JobFolder) -> Result<Self, BoxError> {
+    pub(crate) fn of(folder: &JobFolder) -> Result<Self, JobError> {
         let dir = folder.dir.join("done");
         let finished = Finished::of(folder)?;
         let lost_result = finished.as_ref().and_then(|finished| finished.lost(folder));
         let finished = finished.filter(|_| lost_result.is_none());
         let mut progress = Self { finished, lost_result, ..Self::default() };
+        let failed = cannot("read the folder", &dir);
         let entries = match fs::read_dir(&dir) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(progress),
-            entries => entries.map_err(|error| cannot("read the folder", &dir, error))?,
+            entries => entries.map_err(failed)?,
         };
         for entry in entries {
-            let entry = entry.map_err(|error| cannot("read the folder", &dir, error))?;
+            let entry = entry.map_err(failed)?;
             let name = entry.file_name();
             let Some((shard, kind)) = name.to_str().and_then(|name| name.split_once('.')) else { continue };
             let Some(shard) = shard.parse().ok().filter(|shard| (1..=folder.job.shards).contains(shard))
@@ -173,12 +171,12 @@ impl Progress {
 }
 
 /// What the folder that holds `path` lists: one look, whatever the number of shards.
-fn names_beside(path: &Path) -> Result<BTreeSet<OsString>, BoxError> {
+fn names_beside(path: &Path) -> Result<BTreeSet<OsString>, JobError> {
     let dir = path.parent().unwrap_or(path);
-    let failed = |error| cannot("read the folder", dir, error);
+    let failed = cannot("read the folder", dir);
     match fs::read_dir(dir) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeSet::new()),
-        Err(error) => Err(failed(error)),
+        Err(error) => Err(failed(error).into()),
         Ok(entries) => entries.map(|entry| Ok(entry.map_err(failed)?.file_name())).collect(),
     }
 }
@@ -189,7 +187,7 @@ impl Done {
     /// # Errors
     ///
     /// A file cannot be read.
-    pub(crate) fn all(folder: &JobFolder, progress: &Progress) -> Result<BTreeMap<u64, Self>, BoxError> {
+    pub(crate) fn all(folder: &JobFolder, progress: &Progress) -> Result<BTreeMap<u64, Self>, JobError> {
         let read = |&shard: &u64| Ok(read_json(&folder.done(shard))?.map(|done| (shard, done)));
         progress.done.iter().filter_map(|shard| read(shard).transpose()).collect()
     }

@@ -8,9 +8,10 @@ mod target;
 
 use serde::Serialize;
 use swm_core::Batch;
-use swm_core::error::BoxError;
 use swm_core::evaluate::stats::correlation;
 use swm_core::moments::{Moments, of_rows};
+
+use crate::error::TaskError;
 
 pub use network::NetworkProbe;
 #[cfg(feature = "faer")]
@@ -129,7 +130,7 @@ pub fn probe(
     latent_dim: usize,
     targets: &[ProbeTarget],
     seed: u64,
-) -> Result<Vec<Probed>, BoxError> {
+) -> Result<Vec<Probed>, TaskError> {
     if episodes.len() < 2 {
         return Err(
             "probes are scored on other episodes than they are fitted to: 2 episodes or more are needed"

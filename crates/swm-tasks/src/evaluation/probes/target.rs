@@ -4,7 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 
 use swm_core::Batch;
-use swm_core::error::BoxError;
+
+use crate::error::{TaskError, wrong};
 
 /// Written `state`, `state[0,1]`, or `angle(state[4])`. An angle jumps where it wraps; cosine and sine do not.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,7 +24,7 @@ impl ProbeTarget {
     /// # Errors
     ///
     /// There is no such column or element, or it holds no numbers.
-    pub fn values(&self, rows: &Batch) -> Result<(Vec<f64>, usize), BoxError> {
+    pub fn values(&self, rows: &Batch) -> Result<(Vec<f64>, usize), TaskError> {
         let column = rows.column(rows.schema().require(&self.column)?);
         let dim = column.len() / rows.rows().max(1);
         let all: Vec<usize> = (0..dim).collect();
@@ -55,10 +56,10 @@ impl From<&str> for ProbeTarget {
 }
 
 impl FromStr for ProbeTarget {
-    type Err = String;
+    type Err = TaskError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}`: write COLUMN, COLUMN[0,1] or angle(COLUMN[4])");
+    fn from_str(text: &str) -> Result<Self, TaskError> {
+        let wrong = || wrong(format!("`{text}`: write COLUMN, COLUMN[0,1] or angle(COLUMN[4])"));
         let inner =
             text.strip_prefix("angle(").map(|rest| rest.strip_suffix(')').ok_or_else(wrong)).transpose()?;
         let named = inner.unwrap_or(text);
@@ -104,7 +105,7 @@ mod tests {
             assert_eq!(text.parse::<ProbeTarget>().unwrap().to_string(), text);
         }
         for text in ["", "state[", "state[x]", "angle(state", "state]", "angle()", "cos(state)"] {
-            assert!(text.parse::<ProbeTarget>().unwrap_err().contains("write COLUMN"), "{text}");
+            assert!(text.parse::<ProbeTarget>().unwrap_err().to_string().contains("write COLUMN"), "{text}");
         }
     }
 

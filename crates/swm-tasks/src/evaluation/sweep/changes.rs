@@ -7,6 +7,8 @@ use swm_core::env::FactorSpec;
 use swm_core::env::selects;
 use swm_core::{ResetOptions, Space, Value};
 
+use crate::error::{TaskError, wrong};
+
 /// Which values factors get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -74,13 +76,13 @@ pub(crate) fn unknown_factor(factors: &[FactorSpec], asked: &[String]) -> Option
 ///
 /// # Errors
 ///
-/// A sentence: an unknown factor, or a grid of fewer than 2 values.
-pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
+/// [`TaskError::Request`]: an unknown factor, or a grid of fewer than 2 values.
+pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, TaskError> {
     let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
     if let Some(unknown) = unknown_factor(factors, asked) {
         let near = swm_core::env::nearest_factor(&unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
-        return Err(format!("unknown factor `{unknown}`{meant}"));
+        return Err(wrong(format!("unknown factor `{unknown}`{meant}")));
     }
     let wanted: Vec<&str> = factors
         .iter()
@@ -106,7 +108,7 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
             .map(|index| index as f64 / (count - 1) as f64)
             .map(|share| (format!("{:.0} % of the range", 100.0 * share), Some(share)))
             .collect(),
-        Values::Grid(count) => return Err(format!("a grid of {count} value(s); use 2 or more")),
+        Values::Grid(count) => return Err(wrong(format!("a grid of {count} value(s); use 2 or more"))),
     };
     // Of one's own: factors that change together, such as two that may make each other worse.
     let joint = asked.iter().filter(|asked| asked.contains('+')).map(|asked| (asked.as_str(), Scope::Group));
@@ -243,7 +245,8 @@ mod tests {
     fn factors_come_alone_in_groups_and_together() {
         let of = |asked: &[&str], values| {
             let asked: Vec<String> = asked.iter().map(|&name| name.to_owned()).collect();
-            changes(&factors(), &asked, values).map(|changes| {
+            let changes = changes(&factors(), &asked, values).map_err(|error| error.to_string());
+            changes.map(|changes| {
                 changes.iter().map(|change| format!("{} {}", change.name, change.value)).collect::<Vec<_>>()
             })
         };

@@ -4,14 +4,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use swm_core::Manifest;
-use swm_core::error::BoxError;
 
 use super::{Change, Sweep, Values};
+use crate::error::{TaskError, cannot};
 use crate::evaluation::difference::hashes;
 use crate::evaluation::held::refusal;
 use crate::evaluation::run::Candidate;
 use crate::report_page::sweep_figure;
-use crate::request::TaskError;
 use crate::text_file::{json_error, read_text, replace_text};
 
 /// Writes a sweep into the folder `dir`: as JSON, as a table and as a figure. Existing files are replaced.
@@ -19,10 +18,10 @@ use crate::text_file::{json_error, read_text, replace_text};
 /// # Errors
 ///
 /// A file cannot be written.
-pub fn write_sweep(dir: &Path, sweep: &Sweep) -> Result<(), BoxError> {
+pub fn write_sweep(dir: &Path, sweep: &Sweep) -> Result<(), TaskError> {
     let write = |name: &str, text: &str| {
         let path = dir.join(name);
-        replace_text(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+        replace_text(&path, text).map_err(cannot("write", &path))
     };
     write("sweep.json", &(serde_json::to_string_pretty(sweep)? + "\n"))?;
     write("sweep.csv", &sweep.csv())?;
@@ -34,10 +33,9 @@ pub fn write_sweep(dir: &Path, sweep: &Sweep) -> Result<(), BoxError> {
 /// # Errors
 ///
 /// The file cannot be read, or is no sweep.
-pub fn read_sweep(path: &Path) -> Result<Sweep, BoxError> {
+pub fn read_sweep(path: &Path) -> Result<Sweep, TaskError> {
     let path = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
-    let text =
-        read_text(&path).map_err(|error| format!("cannot read the sweep {}: {error}", path.display()))?;
+    let text = read_text(&path).map_err(cannot("read the sweep", &path))?;
     Ok(serde_json::from_str(&text)
         .map_err(|error| format!("{} is no sweep: {}", path.display(), json_error(&text, &error)))?)
 }

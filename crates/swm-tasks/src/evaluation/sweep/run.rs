@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 use swm_core::{EnvEntry, Manifest, Registry, ResetOptions};
 
 use super::trial::Trial;
 use super::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values};
+use crate::error::TaskError;
 use crate::evaluation::cells::CellLedger;
 use crate::evaluation::files::env_of;
 use crate::evaluation::probe::{Fingerprints, fingerprints};
@@ -54,7 +54,7 @@ impl<'a> SweepRun<'a> {
         changes: Vec<Change>,
         values: Values,
         options: RunOptions,
-    ) -> Result<Self, BoxError> {
+    ) -> Result<Self, TaskError> {
         let entry = env_of(registry, manifest)?;
         Ok(Self {
             registry,
@@ -92,7 +92,7 @@ impl<'a> SweepRun<'a> {
     /// # Errors
     ///
     /// The environment cannot be made or stepped.
-    pub fn identity(&self) -> Result<Vec<Json>, BoxError> {
+    pub fn identity(&self) -> Result<Vec<Json>, TaskError> {
         let entry = env_of(self.registry, self.manifest)?;
         let names = self.changes.iter().map(|change| (change.name.clone(), change.value.clone()));
         let fingerprints: Fingerprints = fingerprints(entry, self.manifest, self.candidate.seed)?;
@@ -102,7 +102,7 @@ impl<'a> SweepRun<'a> {
     }
 
     /// SHA-256 of every file that the policy depends on.
-    fn files(&self, entry: &EnvEntry) -> Result<BTreeMap<String, String>, BoxError> {
+    fn files(&self, entry: &EnvEntry) -> Result<BTreeMap<String, String>, TaskError> {
         match &self.described {
             Some((_, files)) => Ok(files.clone()),
             None => self.candidate.files(self.registry, entry),
@@ -120,7 +120,7 @@ impl<'a> SweepRun<'a> {
         ledger: &mut CellLedger,
         mut foreign: Option<&mut ForeignPolicy<'_>>,
         mut each: impl FnMut(&str),
-    ) -> Result<(), BoxError> {
+    ) -> Result<(), TaskError> {
         for cell in 0..self.cells() {
             if !ledger.wanted(cell).is_empty() {
                 let pairs = self.admit(cell)?;
@@ -143,7 +143,7 @@ impl<'a> SweepRun<'a> {
         ledger: &mut CellLedger,
         mut foreign: Option<&mut ForeignPolicy<'_>>,
         mut each: impl FnMut(&Cell),
-    ) -> Result<Sweep, BoxError> {
+    ) -> Result<Sweep, TaskError> {
         let entry = env_of(self.registry, self.manifest)?;
         let policy = match &self.described {
             Some((description, _)) => description.clone(),
@@ -203,7 +203,7 @@ impl<'a> SweepRun<'a> {
     }
 
     /// Finds out which pairs can have the values of a cell.
-    fn admit(&mut self, cell: u64) -> Result<CellPairs, BoxError> {
+    fn admit(&mut self, cell: u64) -> Result<CellPairs, TaskError> {
         let all = self.pairs();
         let Some(change) = cell.checked_sub(1).map(|change| &self.changes[change as usize]) else {
             return Ok(CellPairs { resets: self.resets.clone(), pairs: (0..all).collect(), note: None });
@@ -223,7 +223,7 @@ impl<'a> SweepRun<'a> {
         foreign: Option<&mut ForeignPolicy<'_>>,
         cell: u64,
         CellPairs { resets, pairs, .. }: &CellPairs,
-    ) -> Result<Vec<EpisodeResult>, BoxError> {
+    ) -> Result<Vec<EpisodeResult>, TaskError> {
         let (wanted, known) = (ledger.wanted(cell), ledger.known(cell));
         let here = pairs.iter().copied().filter(|pair| wanted.contains(pair));
         let options = RunOptions { pairs: Some(here.collect()), ..self.options.clone() };

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use swm_core::env::{FactorSpec, VARIATION_PREFIX};
-use swm_core::error::BoxError;
 use swm_core::evaluate::Pair;
 use swm_core::{
     Batch, Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, ResetOptions, Schema,
 };
 
 use super::changes::Change;
+use crate::error::TaskError;
 
 /// Halvings of the way from a value that cannot be to one that can.
 const HALVINGS: usize = 16;
@@ -33,7 +33,7 @@ pub(super) struct Tried {
 }
 
 impl Trial {
-    pub(super) fn new(entry: &EnvEntry, manifest: &Manifest) -> Result<Self, BoxError> {
+    pub(super) fn new(entry: &EnvEntry, manifest: &Manifest) -> Result<Self, TaskError> {
         let env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         Ok(Self { factors: env.spec().factors.clone(), row, env })
@@ -46,7 +46,7 @@ impl Trial {
         manifest: &Manifest,
         resets: &[ResetOptions],
         change: &Change,
-    ) -> Result<Tried, BoxError> {
+    ) -> Result<Tried, TaskError> {
         let mut tried = Tried { resets: Vec::with_capacity(resets.len()), moved: 0, reason: None };
         for (pair, reset) in manifest.pairs.iter().zip(resets) {
             let asked = change.apply(&self.factors, reset, &BTreeMap::new(), 0.0);
@@ -68,7 +68,7 @@ impl Trial {
         pair: &Pair,
         reset: &ResetOptions,
         change: &Change,
-    ) -> Result<Option<ResetOptions>, BoxError> {
+    ) -> Result<Option<ResetOptions>, TaskError> {
         if !change.has_values() || self.refusal(pair, reset)?.is_some() {
             return Ok(None);
         }
@@ -99,7 +99,7 @@ impl Trial {
     }
 
     /// Why the environment does not take a reset, if it does not.
-    fn refusal(&mut self, pair: &Pair, options: &ResetOptions) -> Result<Option<String>, BoxError> {
+    fn refusal(&mut self, pair: &Pair, options: &ResetOptions) -> Result<Option<String>, TaskError> {
         match self.env.reset(&Episode::new(EpisodeSeed::new(pair.seed as u64), options)) {
             Ok(_) => Ok(None),
             Err(error @ (EnvError::Constraint { .. } | EnvError::Reset { .. })) => {

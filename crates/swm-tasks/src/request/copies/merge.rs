@@ -13,7 +13,7 @@ use swm_data::tools::parts::{arrange, beside_parts};
 use swm_data::{DataError, OpenOptions};
 
 use super::super::report::apart;
-use super::super::{Message, Report, Request, TaskError, failed, must_be_given, wrong};
+use super::super::{Message, Report, Request, TaskError, must_be_given, wrong};
 use super::images::check_alike;
 use super::{CopyOptions, DatasetCopy, Target};
 
@@ -59,7 +59,7 @@ impl Request for Merge {
             )));
         }
         let sources = if self.partial { sources } else { arrange(sources).map_err(wrong)? };
-        let mut sources = apart(report, move || fill_factors(sources, registry))?.map_err(failed)?;
+        let mut sources = apart(report, move || fill_factors(sources, registry))??;
         let pieces = all(&sources);
         self.to.check_rate(&mut sources, &pieces, report)?;
         self.to.copy(registry, &sources, &pieces, Target { setting: "out", path: &self.out }, report)
@@ -72,7 +72,7 @@ impl Merge {
         let mut paths = Vec::with_capacity(self.sources.len());
         for source in &self.sources {
             check_exists(source)?;
-            let parts = datasets_in(registry, source).map_err(failed)?;
+            let parts = datasets_in(registry, source)?;
             paths.extend(if parts.is_empty() { vec![source.clone()] } else { parts });
         }
         match paths == self.sources && paths.len() == 1 {

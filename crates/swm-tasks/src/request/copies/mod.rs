@@ -19,8 +19,7 @@ use swm_data::{DataError, Dataset, LastRow, OpenOptions, RenderOptions, Rendered
 
 use super::report::apart;
 use super::{
-    Fix, ImageChoice, Message, Report, Stage, TaskError, create_parent, failed, look_of, open_dataset_with,
-    wrong,
+    Fix, ImageChoice, Message, Report, Stage, TaskError, create_parent, look_of, open_dataset_with, wrong,
 };
 
 pub use convert::Convert;
@@ -101,13 +100,13 @@ struct Target<'a> {
 fn of_data(error: DataError) -> TaskError {
     match error {
         DataError::Option { option, reason } => Message::about_setting(option, reason).into(),
-        error => failed(error),
+        error => error.into(),
     }
 }
 
 /// What the work was ended by, where the user ended it.
 fn ended(error: TaskError, report: &dyn Report) -> TaskError {
-    if report.cancel().is_cancelled() { failed(WorldError::Cancelled) } else { error }
+    if report.cancel().is_cancelled() { WorldError::Cancelled.into() } else { error }
 }
 
 /// A size of images as JSON.
@@ -119,7 +118,7 @@ impl CopyOptions {
     /// Refuses what is out of bounds, before anything is opened.
     fn check(&self, registry: &Registry) -> Result<(), TaskError> {
         if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format).map_err(failed)?;
+            swm_data::format::by_name(registry, format)?;
         }
         let refuse = |name: &str, value: Json, text: &str| -> Result<(), TaskError> {
             Err(Message::about(name, value, text).into())

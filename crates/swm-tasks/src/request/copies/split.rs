@@ -58,12 +58,12 @@ impl From<Parts> for Vec<String> {
 }
 
 impl TryFrom<Vec<String>> for Parts {
-    type Error = String;
+    type Error = TaskError;
 
-    fn try_from(texts: Vec<String>) -> Result<Self, String> {
+    fn try_from(texts: Vec<String>) -> Result<Self, TaskError> {
         let mut parts: Vec<(String, f64)> = Vec::with_capacity(texts.len());
         for text in &texts {
-            let wrong = |why: &str| format!("{text}: {why}");
+            let wrong = |why: &str| wrong(format!("{text}: {why}"));
             let (name, fraction) = text.split_once('=').ok_or_else(|| wrong("write NAME=FRACTION"))?;
             let fraction = fraction.trim().parse().map_err(|_| wrong("the fraction is no number"))?;
             let name = name.trim();
@@ -77,9 +77,9 @@ impl TryFrom<Vec<String>> for Parts {
 }
 
 impl FromStr for Parts {
-    type Err = String;
+    type Err = TaskError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, TaskError> {
         text.split(',').map(str::to_owned).collect::<Vec<_>>().try_into()
     }
 }

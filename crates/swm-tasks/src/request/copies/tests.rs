@@ -246,8 +246,7 @@ fn a_copy_or_a_verification_that_is_cancelled_says_so() {
         verify.run(&registry(), &mut Ended(swm_core::Cancel::new())).map(drop).unwrap_err(),
     ];
     for error in errors {
-        let TaskError::Failed(source) = error else { panic!("{error}") };
-        assert!(matches!(source.downcast_ref(), Some(WorldError::Cancelled)), "{source}");
+        assert!(matches!(error, TaskError::World(WorldError::Cancelled)), "{error}");
     }
 }
 

@@ -6,7 +6,6 @@ mod online;
 use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json, json};
-use swm_core::error::BoxError;
 use swm_core::settings::Settings as _;
 use swm_core::{Evaluation, Registry};
 use swm_data::OpenOptions;
@@ -14,7 +13,7 @@ use swm_data::OpenOptions;
 use super::policy::policy_args;
 use super::source::{check_opening, video_format_of};
 use super::{
-    Fix, Foreign, ImageChoice, ManifestSource, Message, NUM_ENVS, Report, Request, Shard, TaskError, failed,
+    Fix, Foreign, ImageChoice, ManifestSource, Message, NUM_ENVS, Report, Request, Shard, TaskError,
 };
 use crate::evaluation::Receipt;
 use crate::threads;
@@ -88,7 +87,7 @@ pub enum Evaluated {
     /// A part of one, of so many episodes, is done.
     Part(Shard, u64),
     /// Episodes without a manifest. The files that were written, or why one of them could not be.
-    Episodes(Box<Evaluation>, Result<Vec<PathBuf>, BoxError>),
+    Episodes(Box<Evaluation>, Result<Vec<PathBuf>, TaskError>),
 }
 
 /// What a manifest fixes.
@@ -132,8 +131,8 @@ impl Request for Evaluate {
         check_parts(self.out.is_some(), self.again, self.shard, self.join)?;
         self.roles()?;
         if self.manifest.is_none() {
-            let entry = registry.env(&self.env).map_err(failed)?;
-            registry.policy_entry(entry, &policy_args(registry, &self.policy)?.name).map_err(failed)?;
+            let entry = registry.env(&self.env)?;
+            registry.policy_entry(entry, &policy_args(registry, &self.policy)?.name)?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde_json::json;
-use swm_core::error::{BoxError, did_you_mean, nearest};
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{Manifest, Registry, ResetOptions};
 
@@ -254,10 +254,10 @@ impl Runs<'_, '_> {
         pairs: Option<Vec<u64>>,
         known: &BTreeMap<u64, EpisodeResult>,
         progress: &dyn Progress,
-        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
+        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), TaskError> + Send,
     ) -> Result<Vec<EpisodeResult>, TaskError> {
         let Entrant { manifest, steps, .. } = self.entrant;
-        let resets: Vec<ResetOptions> = manifest.resets().map_err(crate::request::failed)?;
+        let resets: Vec<ResetOptions> = manifest.resets()?;
         known.values().for_each(|episode| progress.done(Some(episode.success)));
         let (num_envs, threads, cancel) = (self.num_envs, self.threads, Some(self.report.cancel()));
         let options = RunOptions { num_envs, threads, cancel, pairs };
@@ -267,12 +267,12 @@ impl Runs<'_, '_> {
         };
         if let Some(foreign) = self.foreign.as_deref_mut().filter(|_| *candidate == self.entrant.candidate) {
             let mut foreign = self.entrant.foreign(foreign);
-            return Ok(foreign.run_pairs(manifest, &resets, &options, known, true, counted)?);
+            return foreign.run_pairs(manifest, &resets, &options, known, true, counted);
         }
         let registry = self.registry;
         let run =
             || run_pairs(registry, manifest, &resets, candidate, *steps, &options, known, true, counted);
-        Ok(apart(self.report, run)??)
+        apart(self.report, run)?
     }
 
     /// All episodes of `candidate`; those of an earlier try are in the ledger `path`, which belongs to `identity`. One of another
@@ -325,6 +325,6 @@ impl Runs<'_, '_> {
             let each = |pair, result: &_| ledger.push(cell, pair, result);
             self.pairs(candidate, Some(wanted.collect()), &known, progress.as_ref(), each)?;
         }
-        Ok(ledger.finish_part()?)
+        ledger.finish_part()
     }
 }

@@ -18,7 +18,7 @@ use crate::request::source::{
 };
 use crate::request::{
     Ask, BUDGET_DATASET, BUDGET_ONLINE, Fix, Message, Progress, Report, Scenario, Stage, TaskError,
-    envs_at_most, failed, wrong,
+    envs_at_most, wrong,
 };
 use crate::video::Video;
 
@@ -31,7 +31,7 @@ impl Evaluate {
         registry: &Registry,
         report: &mut dyn Report,
     ) -> Result<Evaluated, TaskError> {
-        let entry = registry.env(&self.env).map_err(failed)?;
+        let entry = registry.env(&self.env)?;
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let of_model = model_image(registry, entry, &self.policy);
         let image = self.image_size.map_or(of_model.or(recorded), |size| size.0);
@@ -50,10 +50,9 @@ impl Evaluate {
         let num_envs = envs_at_most(self.num_envs, self.episodes);
         let options =
             WorldOptions::new(num_envs).env(EnvConfig { image, settings }).max_episode_steps(budget);
-        let mut world =
-            World::new(entry, options.frame_skip(frame_skip).threads(self.threads)).map_err(failed)?;
+        let mut world = World::new(entry, options.frame_skip(frame_skip).threads(self.threads))?;
         let ask = if dataset.is_some() { Ask::Dataset } else { Ask::Here };
-        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?).map_err(failed)?;
+        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?)?;
         let factors = &world.spec().factors;
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let reset = match &dataset {
@@ -70,7 +69,7 @@ impl Evaluate {
         let evaluated = apart(report, || match &mut dataset {
             None => {
                 let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(&cancel);
-                world.evaluate_with(&rollout.options(reset), &mut watch).map_err(BoxError::from)
+                Ok::<_, TaskError>(world.evaluate_with(&rollout.options(reset), &mut watch)?)
             }
             Some(dataset) => {
                 let options = EvalOptions {

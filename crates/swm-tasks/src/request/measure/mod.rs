@@ -15,8 +15,7 @@ use swm_data::OpenOptions;
 use super::copies::holds_images;
 use super::source::{check_opening, check_recorded_in, open_dataset_with, rendered};
 use super::{
-    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, apart, failed, must_be_given,
-    note_training_of,
+    Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, apart, must_be_given, note_training_of,
 };
 use crate::evaluation::{
     ProbeTarget, Quality, QualityOptions, default_probes, measurements, quality, recorded_episodes,
@@ -86,7 +85,7 @@ impl Request for Measure {
             return Err(Message::about("rows", self.rows, text).into());
         }
         threads::check(self.threads)?;
-        registry.env(&self.env).map_err(failed)?;
+        registry.env(&self.env)?;
         trained(registry, &self.model)?;
         self.violation.iter().try_for_each(|text| violation(text).map(drop))?;
         self.named_probes()?;
@@ -95,7 +94,7 @@ impl Request for Measure {
 
     fn run(&self, registry: &Registry, report: &mut dyn Report) -> Result<Quality, TaskError> {
         self.check(registry)?;
-        let entry = registry.env(&self.env).map_err(failed)?;
+        let entry = registry.env(&self.env)?;
         let trained = trained(registry, &self.model)?;
         let violations = self.violation.iter().map(|text| Ok((text.clone(), violation(text)?)));
         let violations: Vec<_> = violations.collect::<Result<_, TaskError>>()?;
@@ -117,14 +116,14 @@ impl Request for Measure {
             }
             (dataset, _) => dataset,
         };
-        let mut env = entry.make(&config).map_err(failed)?;
+        let mut env = entry.make(&config)?;
         let learned = match &trained {
             Some((model, args)) => {
                 let context = PolicyContext::new(entry, &config).within(registry);
                 // The steps of a dataset are as far apart as they are.
                 let settings = model.trained_in(args).map(|trained| trained.frame_skip(None));
                 note_training_of(args, settings.as_ref(), &context, Ask::Here, report);
-                Some(model.make(&context, args).map_err(failed)?)
+                Some(model.make(&context, args)?)
             }
             None => None,
         };
@@ -182,8 +181,8 @@ impl Measure {
 }
 
 /// Why something cannot be probed for.
-fn wrong_probe(reason: String) -> Message {
-    Message::about_setting("probe", reason)
+fn wrong_probe(reason: impl std::fmt::Display) -> Message {
+    Message::about_setting("probe", reason.to_string())
 }
 
 /// A note where a probe misses the gate, and the reason may be that it was fitted to few episodes.

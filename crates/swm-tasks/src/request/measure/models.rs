@@ -7,7 +7,7 @@ use swm_core::{Batch, EnvConfig, EnvEntry, PolicyArgs, Registry};
 
 use crate::evaluation::ImageModel;
 use crate::request::policy::policy_args;
-use crate::request::{Fix, Message, TaskError, failed};
+use crate::request::{Fix, Message, TaskError};
 
 /// Why there is no model of this name.
 fn no_model(name: &str, others: &str) -> TaskError {
@@ -43,7 +43,7 @@ pub(super) fn trained(
                 format!("trained models such as {} need a build with the feature `baselines`", args.name);
             Err(Message::about("model", name, text).into())
         }
-        Err(unknown) => Err(failed(unknown)),
+        Err(unknown) => Err(unknown.into()),
     }
 }
 
@@ -62,8 +62,8 @@ pub(super) fn yardstick(
         }
         Some(Ok(cells)) if cells > 0 => Ok(Box::new(ImageModel::new(cells))),
         _ => {
-            let model = StateModel::new(entry, config, gain(name)?).map_err(failed)?;
-            Ok(Box::new(model.standardized(recorded).map_err(failed)?))
+            let model = StateModel::new(entry, config, gain(name)?)?;
+            Ok(Box::new(model.standardized(recorded)?))
         }
     }
 }

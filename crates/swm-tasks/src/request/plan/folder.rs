@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use swm_data::DataError;
 use swm_data::recording::WriterLock;
 
-use crate::request::{Fix, Message, TaskError, failed, wrong};
+use crate::request::{Fix, Message, TaskError, wrong};
 
 /// Why nothing can be written to the folder.
 pub(super) fn unwritable(dir: &Path, error: &std::io::Error) -> TaskError {
@@ -17,7 +17,7 @@ pub(super) fn unwritable(dir: &Path, error: &std::io::Error) -> TaskError {
 pub(super) fn claim(dir: &Path) -> Result<WriterLock, TaskError> {
     match WriterLock::take(dir) {
         Err(DataError::Io { source, .. }) => Err(unwritable(dir, &source)),
-        taken => taken.map_err(failed),
+        taken => Ok(taken?),
     }
 }
 

@@ -25,7 +25,7 @@ use super::policy::{model_image, note_images, policy_args};
 use super::source::{check_built, video_format_of};
 use super::{
     Fix, ImageChoice, List, ManifestSource, Message, Progress, Report, Request, Scenario, Stage, TaskError,
-    apart, failed,
+    apart,
 };
 use crate::plan::{self, EpisodeSummary, PlanFigures, PlanSummary, Watched, planner_of, write_report};
 use crate::threads::{self, within};
@@ -83,7 +83,7 @@ pub struct Planned {
     /// Episodes and plans.
     pub summary: PlanSummary,
     /// The files that were written, the page first, or why one of them could not be.
-    pub written: Result<Vec<PathBuf>, BoxError>,
+    pub written: Result<Vec<PathBuf>, TaskError>,
 }
 
 /// What a manifest fixes.
@@ -117,7 +117,7 @@ impl Request for Plan {
                 return Err(Message::new("nothing names the environment").fix(fix).into());
             }
             (None, None) => {
-                registry.env(&self.env).map_err(failed)?;
+                registry.env(&self.env)?;
             }
         }
         for (name, is_zero, text) in [
@@ -156,12 +156,12 @@ impl Request for Plan {
         let config = EnvConfig { image: seen, settings: problem.settings.clone() };
         let options = WorldOptions::new(1).env(config.clone()).max_episode_steps(problem.budget);
         let options = options.frame_skip(problem.frame_skip).threads(self.threads);
-        let mut world = World::new(entry, options).map_err(failed)?;
+        let mut world = World::new(entry, options)?;
         let asked = problem.policy(registry, policy_args(registry, &self.policy)?);
         let mut policy = planner(registry, &asked, &world)?;
         problem.note_training(registry, &asked, &world, report);
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &asked.name))?;
-        let actions = planner.actions(&world.spec().action).map_err(failed)?;
+        let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let rollout = problem.rollout(&mut world, scenario, report)?.cancel(report.cancel());
@@ -173,7 +173,7 @@ impl Request for Plan {
         };
         let watched = Watched::new(policy, DRAWN_ELITES, trace);
         let (policy, session) = watched.map_err(|_| makes_no_plans(registry, &asked.name))?;
-        world.set_policy(policy).map_err(failed)?;
+        world.set_policy(policy)?;
         let episodes = problem.episodes.end - problem.episodes.start;
         let stage = Stage { name: &asked.name, role: None, unit: "steps", total: episodes * problem.budget };
         let mut video = Video::first(if image.is_some() { episodes } else { 0 });
@@ -183,9 +183,9 @@ impl Request for Plan {
         let Episodes { list, progress } = watch.1;
         drop(progress);
         let finished = lines.map(|lines| lines.lock().unwrap_or_else(PoisonError::into_inner).finish());
-        ran.map_err(failed)?;
+        ran?;
         if let (Some(Err(error)), Some(dir)) = (finished, &self.trace) {
-            return Err(failed(format!("cannot write to the folder {}: {error}", dir.display())));
+            return Err(format!("cannot write to the folder {}: {error}", dir.display()).into());
         }
         let session = session.lock().unwrap_or_else(PoisonError::into_inner);
         let summary = PlanSummary {
@@ -253,7 +253,7 @@ fn planners(registry: &Registry) -> Vec<&'static str> {
 fn planner(registry: &Registry, args: &PolicyArgs, world: &World) -> Result<Box<dyn Policy>, TaskError> {
     let name = args.name.as_str();
     if registry.policy_entry(world.entry(), name).is_ok() {
-        return registry.policy_from(args, world).map_err(failed);
+        return Ok(registry.policy_from(args, world)?);
     }
     let known = planners(registry);
     if registry.find::<SolverEntry>(name).is_ok() {

@@ -10,7 +10,7 @@ use crate::distractors;
 use crate::evaluation::{Candidate, env_of};
 use crate::request::policy::model_image;
 use crate::request::training_note::{Ask, note_training, note_training_on};
-use crate::request::{ManifestSource, Message, Report, Scenario, TaskError, failed, wrong};
+use crate::request::{ManifestSource, Message, Report, Scenario, TaskError, wrong};
 
 /// Episodes to plan in.
 pub(super) struct Problem {
@@ -37,7 +37,7 @@ impl Problem {
 
     /// New episodes, with images as the model of the policy sees them.
     fn new_episodes(request: &Plan, registry: &Registry) -> Result<Self, TaskError> {
-        let entry = registry.env(&request.env).map_err(failed)?;
+        let entry = registry.env(&request.env)?;
         Ok(Self {
             entry,
             settings: request.env_option.clone(),
@@ -105,12 +105,12 @@ impl Problem {
     ) -> Result<Rollout, TaskError> {
         let Some(manifest) = &self.manifest else {
             let options = scenario.options(self.entry, &world.spec().factors, report)?;
-            world.reset(self.seed, &options).map_err(failed)?;
+            world.reset(self.seed, &options)?;
             return Ok(Rollout::new(self.episodes.clone()).seed(self.seed).options(options));
         };
-        manifest.check().map_err(failed)?;
-        world.set_transform(distractors::parse_all(&manifest.distractors).map_err(failed)?);
-        manifest.rollout(self.episodes.clone()).map_err(failed)
+        manifest.check()?;
+        world.set_transform(distractors::parse_all(&manifest.distractors)?);
+        Ok(manifest.rollout(self.episodes.clone())?)
     }
 
     /// Runs the episodes.

@@ -20,7 +20,7 @@ use swm_data::{WriteMode, WriteOptions};
 
 use super::{
     Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Needs, Report, Request, Scenario, Shard, Stage,
-    TaskError, create_parent, envs_at_most, failed, make_policy, must_be_given, policy_files, wrong,
+    TaskError, create_parent, envs_at_most, make_policy, must_be_given, policy_files, wrong,
 };
 use crate::memory::{episodes_note, machine_bytes};
 use crate::threads::{self, within};
@@ -102,7 +102,7 @@ impl Request for Record {
 
     fn check(&self, registry: &Registry) -> Result<(), TaskError> {
         must_be_given(&[("env", self.env.is_empty())])?;
-        registry.env(&self.env).map_err(failed)?;
+        registry.env(&self.env)?;
         threads::check(self.threads)?;
         if self.replayable.is_some() && ![None, Some(IMAGE)].contains(&self.image_size) {
             let size = serde_json::to_value(self.image_size).unwrap_or_default();
@@ -147,8 +147,8 @@ impl Record {
             .threads(self.threads)
             .unrecorded(self.without.iter().filter(|name| !is_rendered_later(name)).cloned())
             .checkpoints(self.replayable);
-        let mut world = World::new(registry.env(&self.env).map_err(failed)?, options).map_err(of_option)?;
-        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?).map_err(failed)?;
+        let mut world = World::new(registry.env(&self.env)?, options).map_err(of_option)?;
+        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?)?;
         let row_bytes = world.infos().schema().row_bytes() as u64;
         if let Some(much) =
             episodes_note(world.options().num_envs, self.max_steps, row_bytes, machine_bytes())
@@ -175,7 +175,7 @@ impl Record {
             let text = format!("up to {steps} image files are too many for a shared file system");
             return Err(Message::about("format", "folder", text).fix(Fix::Leave("format")).into());
         }
-        let entry = registry.env(&self.env).map_err(failed)?;
+        let entry = registry.env(&self.env)?;
         Ok(Needs { episodes, inputs: policy_files(registry, entry, &self.policy)? })
     }
 
@@ -201,8 +201,7 @@ impl Record {
         let last_run = self.last_run(registry);
         create_parent(&self.out)?;
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
-        let mut writer =
-            swm_data::create_in(registry, &self.out, &how, self.format.as_deref()).map_err(failed)?;
+        let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
         let (offset, episodes) = self.range(held)?;
         let part = self.shard.and_then(|shard| shard.part(self.wanted()));
@@ -254,7 +253,7 @@ impl Record {
             return Err(Message::about("quality", quality, "use 1 to 100").into());
         }
         if let Some(format) = &self.format {
-            swm_data::format::by_name(registry, format).map_err(failed)?;
+            swm_data::format::by_name(registry, format)?;
         }
         Ok(())
     }
@@ -343,6 +342,6 @@ fn of_option(error: WorldError) -> TaskError {
                 false => wrong(WorldError::Option { option, reason }),
             }
         }
-        error => failed(error),
+        error => error.into(),
     }
 }

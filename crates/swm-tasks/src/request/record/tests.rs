@@ -237,10 +237,7 @@ fn a_cancelled_recording_keeps_what_is_committed_and_goes_on() {
     let twenty = Record { episodes: Some(20), num_envs: 1, threads: Some(1), ..request(&out) };
     let mut heard = Heard { most: Some(2), ..Heard::default() };
     let error = twenty.run(&registry(), &mut heard).unwrap_err();
-    assert!(matches!(&error, TaskError::Failed(source) if matches!(
-        source.downcast_ref(),
-        Some(WorldError::Cancelled)
-    )));
+    assert!(matches!(error, TaskError::World(WorldError::Cancelled)), "{error}");
     let held = swm_data::open(&out).unwrap().num_episodes();
     assert!((2..20).contains(&held), "{held}");
     let rest = Record { episodes: None, total: Some(20), mode: WriteMode::Append, ..request(&out) };

@@ -12,7 +12,7 @@ use super::scenario::no_factor;
 use super::source::{claim, make_folder};
 use super::{
     Assignment, Fix, Foreign, ManifestSource, Message, NUM_ENVS, Needs, Report, Request, Shard, Stage,
-    TaskError, failed, must_be_given, note_rewards_only, note_training_on,
+    TaskError, must_be_given, note_rewards_only, note_training_on,
 };
 use crate::evaluation::{
     self, CellLedger, Change, Division, RunOptions, SweepRun, Values, changes, grid_points, held_sweep,
@@ -220,7 +220,7 @@ impl Sweep {
     fn changes(&self, entrant: &Entrant) -> Result<(Values, Vec<Change>), TaskError> {
         let Entrant { manifest, entry, .. } = entrant;
         let config = EnvConfig { image: None, settings: manifest.settings.clone() };
-        let factors = entry.make(&config).map_err(failed)?.spec().factors.clone();
+        let factors = entry.make(&config)?.spec().factors.clone();
         if let Some(name) = unknown_factor(&factors, &self.factors) {
             let setting = Assignment::of("factors", json!([name]));
             return Err(no_factor(setting, &name, entry, &factors).into());
@@ -231,7 +231,10 @@ impl Sweep {
             _ => Values::Sampled,
         };
         let changes = changes(&factors, &self.factors, values);
-        Ok((values, changes.map_err(|text| Message::about("factors", json!(self.factors), text))?))
+        Ok((
+            values,
+            changes.map_err(|error| Message::about("factors", json!(self.factors), error.to_string()))?,
+        ))
     }
 }
 

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::fs;
 
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
+use swm_tasks::request::cannot;
 
 use super::super::JobFolder;
 use super::super::engine::{Driver, Engine, Queued, Request, Settings};
-use super::super::files::cannot;
+use super::super::error::JobError;
 use super::super::process::{quoted, run};
 use super::task;
 
@@ -32,11 +32,11 @@ const FINISH: u64 = 0;
 struct HyperQueue;
 
 impl Driver for HyperQueue {
-    fn entries(&self, shards: u64, _: &Settings) -> Result<u64, BoxError> {
+    fn entries(&self, shards: u64, _: &Settings) -> Result<u64, JobError> {
         Ok(shards)
     }
 
-    fn script(&self, request: &Request<'_>) -> Result<String, BoxError> {
+    fn script(&self, request: &Request<'_>) -> Result<String, JobError> {
         let Request { folder, settings, indices, .. } = request;
         let (task, crash_limit) = (task(folder), settings.number("crash_limit")?.unwrap_or(CRASH_LIMIT));
         let resources = resources(settings)?;
@@ -57,23 +57,24 @@ impl Driver for HyperQueue {
         Ok(text)
     }
 
-    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, BoxError> {
+    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, JobError> {
         let file = request.folder.dir.join("hq.toml");
-        fs::write(&file, script).map_err(|error| cannot("write", &file, error))?;
+        fs::write(&file, script).map_err(cannot("write", &file))?;
         let file = file.display().to_string();
         let said = hq(&["job", "submit-file", &file, "--output-mode", "json"])?;
         let id = json_in(&said).and_then(|json| json["id"].as_u64());
         match id {
             Some(id) => Ok(Some(id.to_string())),
-            None => Err(format!("hq job submit-file names no job: {}", said.trim()).into()),
+            None => Err(failed(format!(" job submit-file names no job: {}", said.trim()))),
         }
     }
 
-    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, BoxError> {
+    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, JobError> {
         let mut queued = Vec::new();
         for id in jobs_of(folder)? {
             let said = hq(&["task", "list", &id, "--output-mode", "json"])?;
-            let json = json_in(&said).ok_or_else(|| format!("hq task list: no JSON in: {}", said.trim()))?;
+            let json =
+                json_in(&said).ok_or_else(|| failed(format!(" task list: no JSON in: {}", said.trim())))?;
             for task in json[&id].as_array().into_iter().flatten() {
                 let (Some(number), Some(state)) = (task["id"].as_u64(), task["state"].as_str()) else {
                     continue;
@@ -88,32 +89,35 @@ impl Driver for HyperQueue {
         Ok(queued)
     }
 
-    fn cancel(&self, folder: &JobFolder) -> Result<(), BoxError> {
+    fn cancel(&self, folder: &JobFolder) -> Result<(), JobError> {
         jobs_of(folder)?.iter().try_for_each(|id| hq(&["job", "cancel", id]).map(drop))
     }
 }
 
 /// The running and waiting jobs of HyperQueue that have the job's name.
-fn jobs_of(folder: &JobFolder) -> Result<Vec<String>, BoxError> {
+fn jobs_of(folder: &JobFolder) -> Result<Vec<String>, JobError> {
     let said = hq(&["job", "list", "--output-mode", "json"])?;
-    let json = json_in(&said).ok_or_else(|| format!("hq job list: no JSON in: {}", said.trim()))?;
+    let json = json_in(&said).ok_or_else(|| failed(format!(" job list: no JSON in: {}", said.trim())))?;
     let name = folder.job.name();
     let ours = json.as_array().into_iter().flatten().filter(|job| job["name"] == name.as_str());
     Ok(ours.filter_map(|job| Some(job["id"].as_u64()?.to_string())).collect())
 }
 
 /// Asks the server.
-fn hq(args: &[&str]) -> Result<String, BoxError> {
+fn hq(args: &[&str]) -> Result<String, JobError> {
     let said = run("hq", args, "")?;
     match said.is_ok {
         true => Ok(said.out),
-        false => Err(format!(
-            "hq {}: {} (a server must run: `hq server start`)",
+        false => Err(failed(format!(
+            " {}: {} (a server must run: `hq server start`)",
             args[..2.min(args.len())].join(" "),
             said.words()
-        )
-        .into()),
+        ))),
     }
+}
+
+fn failed(answer: String) -> JobError {
+    JobError::Engine { program: "hq", answer }
 }
 
 /// The JSON of an output, which warnings may precede.
@@ -134,7 +138,7 @@ fn push_task(text: &mut String, id: u64, command: &str) {
 }
 
 /// The resources of a task.
-fn resources(settings: &Settings) -> Result<String, BoxError> {
+fn resources(settings: &Settings) -> Result<String, JobError> {
     let mut all = Vec::new();
     if let Some(cpus) = settings.get("cpus") {
         all.push(format!("cpus = {}", toml(cpus)));

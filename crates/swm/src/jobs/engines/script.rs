@@ -2,10 +2,9 @@
 
 use std::fmt::Write as _;
 
-use swm_core::error::BoxError;
-
 use super::super::JobFolder;
 use super::super::engine::{Driver, Engine, Queued, Request, Settings};
+use super::super::error::JobError;
 use super::task;
 
 pub(in super::super) const ENGINE: Engine = Engine {
@@ -18,11 +17,11 @@ pub(in super::super) const ENGINE: Engine = Engine {
 struct Script;
 
 impl Driver for Script {
-    fn entries(&self, shards: u64, _: &Settings) -> Result<u64, BoxError> {
+    fn entries(&self, shards: u64, _: &Settings) -> Result<u64, JobError> {
         Ok(shards)
     }
 
-    fn script(&self, request: &Request<'_>) -> Result<String, BoxError> {
+    fn script(&self, request: &Request<'_>) -> Result<String, JobError> {
         let task = task(request.folder);
         let mut text = String::new();
         for index in request.indices {
@@ -33,15 +32,15 @@ impl Driver for Script {
         Ok(text)
     }
 
-    fn submit(&self, _: &Request<'_>, _: &str) -> Result<Option<String>, BoxError> {
+    fn submit(&self, _: &Request<'_>, _: &str) -> Result<Option<String>, JobError> {
         Ok(None)
     }
 
-    fn queued(&self, _: &JobFolder) -> Result<Vec<Queued>, BoxError> {
+    fn queued(&self, _: &JobFolder) -> Result<Vec<Queued>, JobError> {
         Ok(Vec::new())
     }
 
-    fn cancel(&self, _: &JobFolder) -> Result<(), BoxError> {
+    fn cancel(&self, _: &JobFolder) -> Result<(), JobError> {
         Ok(())
     }
 }

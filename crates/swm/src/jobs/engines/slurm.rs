@@ -3,10 +3,9 @@
 
 use std::fmt::Write as _;
 
-use swm_core::error::BoxError;
-
 use super::super::JobFolder;
 use super::super::engine::{Driver, Engine, Queued, Request, Settings};
+use super::super::error::JobError;
 use super::super::files::ranges;
 use super::super::process::{Said, run};
 use super::task;
@@ -54,7 +53,7 @@ const UNLIMITED: [&str; 2] = ["UNLIMITED", "INFINITE"];
 struct Slurm;
 
 impl Driver for Slurm {
-    fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, BoxError> {
+    fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, JobError> {
         // Where it does not answer, `sbatch` says why.
         let config = run("scontrol", &["show", "config"], "").map(|said| said.out).unwrap_or_default();
         let size = config.lines().find_map(|line| {
@@ -66,17 +65,16 @@ impl Driver for Slurm {
         Ok(shards.min(limit).min(settings.number("max")?.unwrap_or(u64::MAX)))
     }
 
-    fn check(&self, settings: &Settings) -> Result<(), BoxError> {
+    fn check(&self, settings: &Settings) -> Result<(), JobError> {
         match settings.get("time") {
-            Some(time) if time_limit(time).is_none() && !UNLIMITED.contains(&time) => Err(format!(
-                "--on slurm: time={time} is no time limit; write H:M:S, such as 2:00:00, or D-H:M:S"
-            )
-            .into()),
+            Some(time) if time_limit(time).is_none() && !UNLIMITED.contains(&time) => Err(JobError::Setting(
+                format!("--on slurm: time={time} is no time limit; write H:M:S, such as 2:00:00, or D-H:M:S"),
+            )),
             _ => Ok(()),
         }
     }
 
-    fn script(&self, request: &Request<'_>) -> Result<String, BoxError> {
+    fn script(&self, request: &Request<'_>) -> Result<String, JobError> {
         let Request { folder, settings, entries, indices, .. } = request;
         let at_once = settings.number("tasks")?.unwrap_or(TASKS);
         let mut text = head(folder, &folder.job.name(), settings, |_| true)?;
@@ -109,14 +107,14 @@ exit \"$status\"
         Ok(text)
     }
 
-    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, BoxError> {
+    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, JobError> {
         if request.indices.is_empty() {
             return self.submit_finish(request, "").map(|()| None);
         }
         sbatch(script).map(Some)
     }
 
-    fn finish_script(&self, request: &Request<'_>, id: &str) -> Result<Option<String>, BoxError> {
+    fn finish_script(&self, request: &Request<'_>, id: &str) -> Result<Option<String>, JobError> {
         let Request { folder, settings, after, .. } = request;
         let name = format!("{}-finish", folder.job.name());
         let mut text = head(folder, &name, settings, |key| FINISH_OPTIONS.contains(&key))?;
@@ -130,26 +128,26 @@ exit \"$status\"
         Ok(Some(text))
     }
 
-    fn submit_finish(&self, request: &Request<'_>, id: &str) -> Result<(), BoxError> {
+    fn submit_finish(&self, request: &Request<'_>, id: &str) -> Result<(), JobError> {
         self.finish_script(request, id)?.map_or(Ok(()), |script| sbatch(&script).map(drop))
     }
 
-    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, BoxError> {
+    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, JobError> {
         let name = folder.job.name();
         let names = format!("{name},{name}-finish");
         let said = run("squeue", &["-h", "--me", "-r", "-n", &names, "-o", "%K|%T|%r|%i|%j"], "")?;
         if !said.is_ok && !said.err.contains("Invalid job id") {
-            return Err(refused("squeue", &said).into());
+            return Err(refused("squeue", &said));
         }
         Ok(said.out.lines().filter_map(|line| queued_line(line, &name)).collect())
     }
 
-    fn cancel(&self, folder: &JobFolder) -> Result<(), BoxError> {
+    fn cancel(&self, folder: &JobFolder) -> Result<(), JobError> {
         let name = folder.job.name();
         for name in [format!("{name}-finish"), name] {
             let said = run("scancel", &["--me", "-n", &name], "")?;
             if !said.is_ok {
-                return Err(refused("scancel", &said).into());
+                return Err(refused("scancel", &said));
             }
         }
         Ok(())
@@ -162,13 +160,12 @@ fn head(
     name: &str,
     settings: &Settings,
     wants: impl Fn(&str) -> bool,
-) -> Result<String, BoxError> {
+) -> Result<String, JobError> {
     let dir = folder.dir.display().to_string();
     if dir.contains(['%', '"', '\\', '\n']) {
-        return Err(format!(
+        return Err(JobError::Setting(format!(
             "{dir}: Slurm cannot write its output into a folder with %, \" or \\ in its name"
-        )
-        .into());
+        )));
     }
     // A folder that is missing would end every task without a word, so it is made before. One file per array: tasks have logs of
     // their own.
@@ -187,7 +184,7 @@ fn head(
 }
 
 /// Submits a script; returns the job's number.
-fn sbatch(script: &str) -> Result<String, BoxError> {
+fn sbatch(script: &str) -> Result<String, JobError> {
     let said = run("sbatch", &["--parsable"], script)?;
     // Behind warnings: the number, or `NUMBER;CLUSTER` on federations.
     let number = said.out.lines().rev().find_map(|line| {
@@ -196,8 +193,10 @@ fn sbatch(script: &str) -> Result<String, BoxError> {
     });
     match number {
         Some(number) if said.is_ok => Ok(number),
-        _ if is_unconfigured(&said) => Err(refused("sbatch", &said).into()),
-        _ => Err(format!("sbatch refused the job: {}", said.words()).into()),
+        _ if is_unconfigured(&said) => Err(refused("sbatch", &said)),
+        _ => {
+            Err(JobError::Engine { program: "sbatch", answer: format!(" refused the job: {}", said.words()) })
+        }
     }
 }
 
@@ -207,16 +206,13 @@ fn is_unconfigured(said: &Said) -> bool {
 }
 
 /// Why a program of Slurm did not do what it was asked, in one line.
-fn refused(program: &str, said: &Said) -> String {
+fn refused(program: &'static str, said: &Said) -> JobError {
     if is_unconfigured(said) {
-        return format!(
-            "this machine belongs to no Slurm cluster: `{program}` is here and finds no configuration; run this on a login node, or \
-             name the file of the cluster in SLURM_CONF"
-        );
+        return JobError::NoCluster(program);
     }
     let own = format!("{program}: ");
     let lines = said.words().lines().map(|line| line.strip_prefix(&own).unwrap_or(line).trim());
-    format!("{own}{}", lines.collect::<Vec<_>>().join("; "))
+    JobError::Engine { program, answer: format!(": {}", lines.collect::<Vec<_>>().join("; ")) }
 }
 
 /// A line of `squeue`; anything else is a warning.
@@ -271,12 +267,13 @@ mod tests {
     #[test]
     fn refusals_are_one_line() {
         let said = |err: &str| Said { is_ok: false, out: String::new(), err: err.to_owned() };
-        let told = refused("squeue", &said("squeue: error: slow\nsqueue: error: no controller\n"));
+        let told =
+            refused("squeue", &said("squeue: error: slow\nsqueue: error: no controller\n")).to_string();
         assert_eq!(told, "squeue: error: slow; error: no controller");
         let alone = "squeue: error: resolve_ctls_from_dns_srv: res_nsearch error: Unknown host\n\
                      squeue: error: fetch_config: DNS SRV lookup failed\n\
                      squeue: fatal: Could not establish a configuration source\n";
-        let told = refused("squeue", &said(alone));
+        let told = refused("squeue", &said(alone)).to_string();
         assert!(told.contains("no Slurm cluster") && told.contains("SLURM_CONF"), "{told}");
         assert!(!told.contains("resolve_ctls") && !told.contains('\n'), "{told}");
     }
