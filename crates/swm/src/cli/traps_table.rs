@@ -129,7 +129,7 @@ pub(super) const TRAPS: &[Trap] = &[
         software: "Minari 0.5.4, `combine_datasets`",
         does: "it copies the whole storage behind each dataset: what `filter_episodes` left out comes back, the parts of `split_dataset` bring all episodes once each, and the episodes' seeds are lost",
         who: "who combines selected episodes before they are opened or converted here",
-        fix: "select here: `swm.data.split`, or `swm split`, of the whole file",
+        fix: "select here, from the whole file: `dataset.subset`, `swm.data.split`, or `swm split`",
         script: Some("minari-combines-what-was-filtered-out"),
         when: &[Need("minari", "==0.5.4")],
     },
