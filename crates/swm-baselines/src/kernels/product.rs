@@ -22,7 +22,7 @@ const ROWS: usize = 24;
 const DEPTH: usize = 512;
 
 /// Values of the right matrix that are packed at once: a part of the second-level cache.
-const PACKED: usize = 1 << 15;
+const PACKED: usize = 3 << 14;
 
 /// Of a left matrix by columns that are so many values from each other, few lines fit into the first-level cache: they share its sets.
 const FAR: usize = 512;
@@ -130,7 +130,7 @@ pub(crate) fn multiply(
         zeros = vec![0.0; width];
         &zeros
     };
-    let most = depth.clamp(1, DEPTH);
+    let most = depth.div_ceil(depth.div_ceil(DEPTH).max(1)).max(1);
     let block = (PACKED / most / COLUMNS * COLUMNS).min(width.next_multiple_of(COLUMNS));
     let mut packed = vec![[0.0; COLUMNS]; block / COLUMNS * most];
     for column in (0..width).step_by(block) {
