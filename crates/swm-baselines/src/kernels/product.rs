@@ -255,6 +255,7 @@ fn strips_of<const R: usize, const FUSED: bool>(
 
 /// Sums of a tile, with the products of some rows and a panel. Of rows beyond the last, they are those of the last.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "what iterators call is compiled for any CPU")]
 fn tile<const R: usize, const FUSED: bool>(
     a: Matrix<'_>,
     (row, rows): (usize, usize),
@@ -316,6 +317,10 @@ fn tile_of_columns<const R: usize, const FUSED: bool>(
 }
 
 #[inline(always)]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "only where the CPU fuses: the result is the same on all that do"
+)]
 fn add_products<const FUSED: bool>(sums: &mut [f32; COLUMNS], left: f32, right: &[f32; COLUMNS]) {
     for at in 0..COLUMNS {
         sums[at] = if FUSED { left.mul_add(right[at], sums[at]) } else { left * right[at] + sums[at] };
@@ -329,14 +334,9 @@ pub(super) fn by_height(a: Matrix<'_>, b: Matrix<'_>) -> [Vec<f32>; 3] {
     pack(b, a.columns, &mut packed);
     let (bias, size) = (vec![0.0; b.columns], a.rows * b.columns);
     let target = Target { count: a.rows, width: b.columns, columns: b.columns, column: 0 };
-    let found: [&dyn Fn(&mut [f32]); 3] = [
-        &|out| strips_of::<2, false>(a, a.columns, &packed, Some(&bias), out, target),
-        &|out| strips_of::<6, true>(a, a.columns, &packed, Some(&bias), out, target),
-        &|out| strips_of::<8, true>(a, a.columns, &packed, Some(&bias), out, target),
-    ];
-    found.map(|strips| {
-        let mut out = vec![0.0; size];
-        strips(&mut out);
-        out
-    })
+    let [mut low, mut six, mut eight] = [0; 3].map(|_| vec![0.0; size]);
+    strips_of::<2, false>(a, a.columns, &packed, Some(&bias), &mut low, target);
+    strips_of::<6, true>(a, a.columns, &packed, Some(&bias), &mut six, target);
+    strips_of::<8, true>(a, a.columns, &packed, Some(&bias), &mut eight, target);
+    [low, six, eight]
 }

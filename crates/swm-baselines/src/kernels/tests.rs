@@ -315,6 +315,7 @@ const SIZES: [[usize; 3]; 9] = [
 ];
 
 #[test]
+#[expect(clippy::disallowed_methods, reason = "slow where the CPU does not fuse, and right")]
 fn products_are_chains_of_fused_sums_in_any_layout() {
     let device = Device::flex();
     for [rows, depth, columns] in SIZES {
