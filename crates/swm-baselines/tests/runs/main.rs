@@ -261,7 +261,12 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(fails(",precision=fp16").contains("use fp32 or bf16"));
     assert!(made(&format!("mpc:{run},precision=bf16")).is_ok());
     assert!(made(&format!("policy:{run}")).err().unwrap().contains("mpc:RUN"));
-    assert!(paths(&format!("mpc:{run}"), 1, None).err().unwrap().contains("--image-size"));
+    assert!(
+        paths(&format!("mpc:{run}"), 1, None)
+            .err()
+            .unwrap()
+            .contains("set the size of images, such as 64x64")
+    );
 
     let args = |text: &str| PolicyArgs::parse(text).unwrap();
     let (mpc, config) = (&POLICIES[0], EnvConfig::default());
