@@ -153,7 +153,8 @@ def _collect(found: dict[str, Any], of: Any, prefix: str, depth: int) -> None:
         value = _kept(of, name)
         if value is _MISSING:
             continue
-        if is_dataclass(value) and not isinstance(value, type):
+        has_settings = callable(getattr(value, "settings", None))
+        if is_dataclass(value) and not isinstance(value, type) and not has_settings:
             for field in fields(value):
                 # What a solver has under the same name stays.
                 free = prefix + field.name not in found

@@ -87,7 +87,8 @@ class BaseSolver:
             if type(self).__init__ is init:
                 self._check_settings()
 
-        cls.__init__ = init  # type: ignore[method-assign]
+        # As an assignment, it would be the type of `__init__` in all of them.
+        type.__setattr__(cls, "__init__", init)
 
     def __post_init__(self) -> None:
         self._require_cost(self.cost)
