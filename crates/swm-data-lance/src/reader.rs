@@ -88,7 +88,7 @@ impl Shared {
         let videos = Table::exists(&beside).then(|| Videos::open(&beside)).transpose()?;
         let ours = Manifest::read(table.about())?;
         let reader = DataReader::new(table)?;
-        let (episodes, numbers, note) = episodes(&reader, ours.is_some())?;
+        let Found { episodes, numbers, note } = Found::of(&reader, ours.is_some())?;
         if videos.is_some() && (note.is_some() || reader.table().has_deletions()) {
             return Err(unsupported(
                 "rows of it are missing, and its videos count the rows that were recorded; write the table anew from its source",
@@ -171,36 +171,50 @@ impl Shared {
     }
 }
 
-/// Where episodes lie, their numbers, and what a user has to know of them.
-fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>, Option<String>)> {
-    let table = reader.table();
-    // As we recorded it, and nobody has put its files together or deleted rows since.
-    if is_ours && is_recorded(table.fragments()) && !table.has_deletions() {
-        let numbers = (0..table.fragments().len() as i32).collect();
-        return Ok((reader.fragments().collect(), numbers, None));
+/// The episodes of a table.
+struct Found {
+    /// Their rows.
+    episodes: Vec<Range<usize>>,
+    /// Their numbers in the table.
+    numbers: Vec<i32>,
+    /// What a user has to know of them.
+    note: Option<String>,
+}
+
+impl Found {
+    fn of(reader: &DataReader, is_ours: bool) -> Result<Self> {
+        let table = reader.table();
+        // As we recorded it, and nobody has put its files together or deleted rows since.
+        if is_ours && is_recorded(table.fragments()) && !table.has_deletions() {
+            let numbers = (0..table.fragments().len() as i32).collect();
+            return Ok(Self { episodes: reader.fragments().collect(), numbers, note: None });
+        }
+        let field =
+            reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
+        let field = field.ok_or_else(|| {
+            missing(format!("it has no column `{EPISODE}` of int32, which says what an episode is"))
+        })?;
+        let mut found =
+            TableEpisodes::of([EPISODE, STEP], &|take| integers(reader, field.id, EPISODE, take))?;
+        let step = table.schema().field(STEP).filter(|field| field.data_type() == DataType::Int32);
+        let steps = step.map(|field| {
+            let id = field.id;
+            move |take: &mut dyn FnMut(&[i64]) -> Result<()>| integers(reader, id, STEP, take)
+        });
+        let behind = reader.behind_deleted();
+        let counted =
+            StepNumbers::of(&found.lengths, behind, steps.as_ref().map(|steps| steps as Blocks<'_>))?;
+        let note = found.divide(&counted.gaps);
+        let mut first = 0;
+        let range = |&length: &usize| {
+            first += length;
+            first - length..first
+        };
+        let episodes = found.lengths.iter().map(range).collect();
+        let number = |number: i64| i32::try_from(number).map_err(FormatError::other);
+        let numbers = found.numbers.into_iter().map(number).collect::<Result<_>>()?;
+        Ok(Self { episodes, numbers, note })
     }
-    let field = reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
-    let field = field.ok_or_else(|| {
-        missing(format!("it has no column `{EPISODE}` of int32, which says what an episode is"))
-    })?;
-    let mut found = TableEpisodes::of([EPISODE, STEP], &|take| integers(reader, field.id, EPISODE, take))?;
-    let step = table.schema().field(STEP).filter(|field| field.data_type() == DataType::Int32);
-    let steps = step.map(|field| {
-        let id = field.id;
-        move |take: &mut dyn FnMut(&[i64]) -> Result<()>| integers(reader, id, STEP, take)
-    });
-    let behind = reader.behind_deleted();
-    let counted = StepNumbers::of(&found.lengths, behind, steps.as_ref().map(|steps| steps as Blocks<'_>))?;
-    let note = found.divide(&counted.gaps);
-    let mut first = 0;
-    let range = |&length: &usize| {
-        first += length;
-        first - length..first
-    };
-    let episodes = found.lengths.iter().map(range).collect();
-    let number = |number: i64| i32::try_from(number).map_err(FormatError::other);
-    let numbers = found.numbers.into_iter().map(number).collect::<Result<_>>()?;
-    Ok((episodes, numbers, note))
 }
 
 /// The values of a column of int32, batch by batch.
