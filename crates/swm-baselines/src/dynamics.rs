@@ -50,11 +50,19 @@ pub(crate) trait LatentDynamics: Module + Sync {
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2>;
 }
 
-/// How many of `count` candidates go through a network at once: groups of about one size, on a CPU one for each thread at least.
+/// Images of a group on a CPU.
+const IMAGES: usize = 8;
+
+/// How many of `count` candidates go through a network at once.
 pub(crate) fn group_size<M: LatentDynamics>(device: &Device, count: usize) -> usize {
+    even::<M>(device, M::GROUP, count)
+}
+
+/// Groups of about one size: on a CPU of `most` at most, and one for each thread at least.
+fn even<M: LatentDynamics>(device: &Device, most: usize, count: usize) -> usize {
     let count = count.max(1);
     let most = match Placement::of(device) {
-        Placement::Host => M::GROUP.min(count.div_ceil(rayon::current_num_threads())),
+        Placement::Host => most.min(count.div_ceil(rayon::current_num_threads())),
         Placement::Device => M::GROUP_ON_DEVICE,
     };
     count.div_ceil(count.div_ceil(most))
@@ -91,12 +99,7 @@ pub(crate) fn encode<M: LatentDynamics>(
     let pixels = images::to_tensor("pixels", &seen.pixels, (form.image, form.normalization), device)?;
     let proprio = form.state("proprio", seen.proprio.as_ref(), count, device)?;
     let dim = model.latent_dim().max(1);
-    /// Images of a group on a CPU.
-    const IMAGES: usize = 8;
-    let most = match Placement::of(device) {
-        Placement::Host => count.div_ceil(rayon::current_num_threads()).clamp(1, IMAGES),
-        Placement::Device => group_size::<M>(device, count),
-    };
+    let most = even::<M>(device, IMAGES, count);
     let groups: Vec<_> = latents.chunks_mut(most * dim).enumerate().collect();
     for_each_group(device, groups, |(index, latents)| {
         let part = latents.len() / dim;

@@ -189,15 +189,13 @@ impl Found {
             let numbers = (0..table.fragments().len() as i32).collect();
             return Ok(Self { episodes: reader.fragments().collect(), numbers, note: None });
         }
-        let field =
-            reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
-        let field = field.ok_or_else(|| {
+        let int32 = |name| table.schema().field(name).filter(|field| field.data_type() == DataType::Int32);
+        let field = int32(EPISODE).ok_or_else(|| {
             missing(format!("it has no column `{EPISODE}` of int32, which says what an episode is"))
         })?;
         let mut found =
             TableEpisodes::of([EPISODE, STEP], &|take| integers(reader, field.id, EPISODE, take))?;
-        let step = table.schema().field(STEP).filter(|field| field.data_type() == DataType::Int32);
-        let steps = step.map(|field| {
+        let steps = int32(STEP).map(|field| {
             let id = field.id;
             move |take: &mut dyn FnMut(&[i64]) -> Result<()>| integers(reader, id, STEP, take)
         });

@@ -161,10 +161,10 @@ impl Heads {
     fn forward(self, head: usize, qkv: [&FlexTensor; 3], causal: bool) -> (Vec<f32>, Vec<f32>) {
         let qkv = qkv.map(|tensor| self.one(tensor, head));
         let [q, k, v] = qkv.each_ref().map(Matrix::of);
-        let mut weights = product(q, k.transposed(), None);
+        let mut weights = product(q, k.transposed());
         let keys = weights.len() / self.tokens;
         vector::softmax(&mut weights, keys, attention_scale(self.dim), causal);
-        let outputs = product(Matrix::new(&weights, keys), v, None);
+        let outputs = product(Matrix::new(&weights, keys), v);
         (weights, outputs)
     }
 
@@ -179,11 +179,11 @@ impl Heads {
         let (qkv, given) = (qkv.map(|tensor| self.one(tensor, head)), self.one(given, head));
         let ([q, k, v], given) = (qkv.each_ref().map(Matrix::of), Matrix::of(&given));
         let keys = weights.len() / self.tokens;
-        let of_v = product(Matrix::new(weights, keys).transposed(), given, None);
-        let mut scores = product(given, v.transposed(), None);
+        let of_v = product(Matrix::new(weights, keys).transposed(), given);
+        let mut scores = product(given, v.transposed());
         vector::softmax_back(&mut scores, weights, keys, attention_scale(self.dim));
         let scores = Matrix::new(&scores, keys);
-        [product(scores, k, None), product(scores.transposed(), q, None), of_v]
+        [product(scores, k), product(scores.transposed(), q), of_v]
     }
 
     /// One head of a tensor, without a copy unless its rows are in pieces: `[N, E]`.

@@ -134,7 +134,7 @@ impl<const N: usize> Backward<Flex, N> for Projected {
                 }
                 1 => {
                     let [x, given] = [&x, &given].map(Matrix::of);
-                    tensor_of(product(x.transposed(), given, None), weight.layout().shape().dims::<2>())
+                    tensor_of(product(x.transposed(), given), weight.layout().shape().dims::<2>())
                 }
                 _ => sum_of_rows(&given),
             };

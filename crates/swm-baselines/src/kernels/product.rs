@@ -73,17 +73,17 @@ pub(super) fn as_matrix(tensor: FlexTensor) -> FlexTensor {
     if is_matrix { tensor } else { tensor.to_contiguous() }
 }
 
-/// A B, plus a bias to each row: `[M, K]` and `[K, N]` → `[M, N]`, on all threads.
-pub(crate) fn product(a: Matrix<'_>, b: Matrix<'_>, bias: Option<&[f32]>) -> Vec<f32> {
-    if a.strides[1] >= FAR && b.strides[0] < a.strides[1] && b.strides[1] == 1 && bias.is_none() {
+/// A B: `[M, K]` and `[K, N]` → `[M, N]`, on all threads.
+pub(crate) fn product(a: Matrix<'_>, b: Matrix<'_>) -> Vec<f32> {
+    if a.strides[1] >= FAR && b.strides[0] < a.strides[1] && b.strides[1] == 1 {
         // The same values, mirrored.
-        let out = product(b.transposed(), a.transposed(), None);
+        let out = product(b.transposed(), a.transposed());
         return mirrored(&out, a.rows);
     }
     let mut out = vec![0.0; a.rows * b.columns];
     let rows = rows_of_thread(a.rows, a.columns * b.columns);
     out.par_chunks_mut((rows * b.columns).max(1)).enumerate().for_each(|(index, out)| {
-        multiply(a.rows_from(index * rows), b, bias, out, |_, _, _| ());
+        multiply(a.rows_from(index * rows), b, None, out, |_, _, _| ());
     });
     out
 }

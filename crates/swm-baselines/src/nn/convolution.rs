@@ -177,10 +177,10 @@ impl Seen {
                 add_rows(&mut bias, &passed);
                 let passed = Matrix::new(&passed, form.outputs);
                 if !back.is_empty() {
-                    form.add_patches(&product(passed, transposed, None), back);
+                    form.add_patches(&product(passed, transposed), back);
                 }
                 let patches = form.patches(images);
-                [product(Matrix::new(&patches, form.seen()).transposed(), passed, None), bias]
+                [product(Matrix::new(&patches, form.seen()).transposed(), passed), bias]
             })
             .collect();
         // In order: the same bits on any number of threads.

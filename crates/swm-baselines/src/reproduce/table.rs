@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use swm_core::evaluate::Summary;
 use swm_tasks::evaluation::{Receipt, Role};
-use swm_tasks::request::TaskError;
+use swm_tasks::request::{TaskError, cannot};
 use swm_tasks::text_file::replace_text;
 
 use super::needs::Need;
@@ -95,9 +95,8 @@ impl Reproduced {
     pub(super) fn write(&mut self, folder: &Path) -> Result<(), TaskError> {
         let path = folder.join("reproduction.json");
         self.file = Some(path.clone());
-        let text = serde_json::to_string_pretty(self).map_err(|error| TaskError::Failed(Box::new(error)))?;
-        replace_text(&path, &(text + "\n"))
-            .map_err(|error| TaskError::Failed(format!("cannot write {}: {error}", path.display()).into()))
+        let text = serde_json::to_string_pretty(self)?;
+        Ok(replace_text(&path, &(text + "\n")).map_err(cannot("write", &path))?)
     }
 }
 

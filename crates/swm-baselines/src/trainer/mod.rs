@@ -69,13 +69,13 @@ pub fn failed(error: BaselineError) -> TaskError {
         | BaselineError::Columns { .. }
         | BaselineError::Device { .. }
         | BaselineError::Run { .. } => Message::new(error.to_string()).into(),
-        BaselineError::World(error) => TaskError::Failed(error.into()),
-        BaselineError::Dataset(error) => TaskError::Failed(error.into()),
+        BaselineError::World(error) => error.into(),
+        BaselineError::Dataset(error) => error.into(),
         error => TaskError::Failed(error.into()),
     }
 }
 
 /// The error of a training that was asked to stop.
 fn interrupted() -> TaskError {
-    TaskError::Failed(WorldError::Cancelled.into())
+    WorldError::Cancelled.into()
 }

@@ -66,6 +66,8 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         let reason = said(error, None, None);
         report.problems.push(Problem { episode: None, column: None, reason });
     }
+    // What other programs wrote is as they wrote it, in copies, too.
+    let is_of_others = dataset.info().runs.iter().any(|(_, run)| run.source.is_some());
     let mut missing = vec![0usize; schema.fields().len()];
     let mut infinite: Vec<Option<(usize, usize)>> = vec![None; schema.fields().len()];
     let count = dataset.num_episodes();
@@ -76,7 +78,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         let end = count.min(first + per_round);
         let look = |(thread, handle): (usize, &mut Box<dyn Dataset>)| -> Vec<(usize, EpisodeCheck)> {
             let own = (first + thread..end).step_by(threads);
-            own.map(|episode| (episode, EpisodeCheck::of(handle.as_mut(), episode))).collect()
+            own.map(|episode| (episode, EpisodeCheck::of(handle.as_mut(), episode, is_of_others))).collect()
         };
         let mut checks: Vec<_> = handles.par_iter_mut().enumerate().flat_map_iter(look).collect();
         checks.sort_by_key(|(episode, _)| *episode);
@@ -131,13 +133,11 @@ struct EpisodeCheck {
 }
 
 impl EpisodeCheck {
-    fn of(dataset: &mut dyn Dataset, episode: usize) -> Self {
+    fn of(dataset: &mut dyn Dataset, episode: usize, is_of_others: bool) -> Self {
         let (rows, schema) = (dataset.episode_len(episode), dataset.schema().clone());
         let columns = schema.fields().len();
         let mut found =
             Self { rows, problems: Vec::new(), missing: vec![0; columns], infinite: vec![None; columns] };
-        // What other programs wrote is as they wrote it, in copies, too.
-        let is_of_others = dataset.info().runs.iter().any(|(_, run)| run.source.is_some());
         let mut problem = |column: Option<&str>, reason: String| {
             if found.problems.len() < MAX_PROBLEMS {
                 let (episode, column) = (Some(episode), column.map(str::to_owned));

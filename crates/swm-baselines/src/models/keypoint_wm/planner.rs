@@ -18,7 +18,6 @@ pub(crate) struct Problem {
 }
 
 impl LatentDynamics for KeypointWm {
-    /// Of 100 or 300 candidates, the usual numbers, no group is in part empty.
     const GROUP: usize = 50;
 
     type Problem = Problem;

@@ -267,15 +267,15 @@ mod tests {
     #[test]
     fn refusals_are_one_line() {
         let said = |err: &str| Said { is_ok: false, out: String::new(), err: err.to_owned() };
-        let told =
+        let message =
             refused("squeue", &said("squeue: error: slow\nsqueue: error: no controller\n")).to_string();
-        assert_eq!(told, "squeue: error: slow; error: no controller");
+        assert_eq!(message, "squeue: error: slow; error: no controller");
         let alone = "squeue: error: resolve_ctls_from_dns_srv: res_nsearch error: Unknown host\n\
                      squeue: error: fetch_config: DNS SRV lookup failed\n\
                      squeue: fatal: Could not establish a configuration source\n";
-        let told = refused("squeue", &said(alone)).to_string();
-        assert!(told.contains("no Slurm cluster") && told.contains("SLURM_CONF"), "{told}");
-        assert!(!told.contains("resolve_ctls") && !told.contains('\n'), "{told}");
+        let message = refused("squeue", &said(alone)).to_string();
+        assert!(message.contains("no Slurm cluster") && message.contains("SLURM_CONF"), "{message}");
+        assert!(!message.contains("resolve_ctls") && !message.contains('\n'), "{message}");
     }
 
     #[test]

@@ -26,13 +26,15 @@ def setting_of(keyword: str) -> str:
     return KEYWORDS.get(keyword, keyword)
 
 
-@functools.cache
 def native_settings(name: str) -> dict[str, str]:
     """The settings of a Rust solver in the order of its table, with their documentation."""
-    for solver, _, settings in solvers():
-        if solver == name:
-            return {setting: doc for setting, doc, _ in settings}
-    return {}
+    return _tables().get(name, {})
+
+
+@functools.cache
+def _tables() -> dict[str, dict[str, str]]:
+    """Those of all Rust solvers."""
+    return {solver: {setting: doc for setting, doc, _ in settings} for solver, _, settings in solvers()}
 
 
 def native_solver(key: tuple[str, str], keywords: dict[str, str]) -> Solver:
