@@ -35,6 +35,7 @@ from .formats.video import VideoDataset, VideoWriter
 from .loader import Loader, collate
 from .native import NativeDataset
 from .normalization import ColumnNormalizer, IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
+from .rerun import to_rerun
 from .utils import convert, download, ensure_dir_exists, get_cache_dir, load_dataset, merge, split, split_files, split_held_out, verify
 
 __all__ = [
@@ -85,6 +86,7 @@ __all__ = [
     "split_episode_data",
     "split_files",
     "split_held_out",
+    "to_rerun",
     "validate_write_mode",
     "verify",
 ]
