@@ -172,6 +172,9 @@ def test_subsets_and_splits(path: Path) -> None:
     assert part.lengths.tolist() == [12, 10] and len(part) == 20 and len(dataset) == ROWS - 3
     np.testing.assert_array_equal(array(part[0]["both"]), array(dataset[9 + 6]["both"]))
     assert part.subset([1]).episodes == [0]
+    for mask in ([True, False, True], np.array([True, False, True])):
+        with pytest.raises(TypeError, match=r"np\.flatnonzero\(mask\)"):
+            dataset.subset(mask)
     parts = swm.data.split(dataset, [0.7, 0.3], seed=1)
     assert sorted(sum((list(p.episodes or []) for p in parts), [])) == [0, 1, 2]
     assert [p.episodes for p in parts] == [p.episodes for p in swm.data.split(dataset, [0.7, 0.3], seed=1)]

@@ -473,6 +473,8 @@ class NativeDataset(Dataset):
 
     def subset(self, episodes: Sequence[int]) -> Self:
         """The same dataset with some of its episodes, in this order. Nothing is copied but merged columns."""
+        if any(isinstance(episode, (bool, np.bool_)) for episode in episodes):
+            raise TypeError("episodes is a mask of booleans; give the numbers of the episodes, np.flatnonzero(mask)")
         wanted = [whole_number("episodes", episode, least=-(2**63)) for episode in episodes]
         count = len(self.lengths)
         missing = [episode for episode in wanted if not 0 <= episode < count]
