@@ -6,6 +6,7 @@ use swm_core::error::did_you_mean;
 use swm_core::{BoxError, WorldError};
 use swm_data::DataError;
 use swm_solvers::PlanError;
+use swm_tasks::request::TaskError;
 use thiserror::Error;
 
 /// A baseline cannot be made, trained, saved, or asked.
@@ -180,6 +181,12 @@ impl BaselineError {
     /// A file of weights that cannot be used.
     pub(crate) fn weights(path: &Path, reason: impl Into<String>) -> Self {
         Self::Weights { path: path.to_owned(), reason: reason.into() }
+    }
+}
+
+impl From<BaselineError> for TaskError {
+    fn from(error: BaselineError) -> Self {
+        Self::Failed(error.into())
     }
 }
 

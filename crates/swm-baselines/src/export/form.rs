@@ -48,7 +48,7 @@ pub(super) struct Form {
 
 impl Form {
     pub(super) fn of_run(request: &Export) -> Result<Self, TaskError> {
-        let run = RunFolder::open(&request.run).map_err(failed)?;
+        let run = RunFolder::open(&request.run)?;
         let which: Which = request.checkpoint.parse().map_err(|reason| {
             TaskError::from(swm_tasks::request::Message::about(
                 "checkpoint",
@@ -56,11 +56,11 @@ impl Form {
                 format!("is no checkpoint: {reason}"),
             ))
         })?;
-        let form = match online_agent(&run).map_err(failed)? {
+        let form = match online_agent(&run)? {
             Some(_) => Self::of_agent(request, &run, which),
             None => Self::of_model(request, &run, which),
         };
-        form.map_err(failed)
+        Ok(form?)
     }
 
     fn of_model(request: &Export, run: &RunFolder, which: Which) -> Result<Self, BaselineError> {
@@ -200,10 +200,6 @@ fn of_prefixes(name: &str, renamed: &[(String, String)]) -> String {
         .iter()
         .find_map(|(ours, theirs)| Some(format!("{theirs}{}", name.strip_prefix(ours.as_str())?)));
     new.unwrap_or_else(|| name.to_owned())
-}
-
-fn failed(error: BaselineError) -> TaskError {
-    TaskError::Failed(Box::new(error))
 }
 
 fn no_form(run: &RunFolder, reason: &str) -> BaselineError {

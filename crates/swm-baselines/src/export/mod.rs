@@ -125,7 +125,7 @@ impl Request for Export {
         if written.is_err() {
             let _ = fs::remove_dir_all(&draft);
         }
-        written.map_err(|error| TaskError::Failed(Box::new(error)))
+        Ok(written?)
     }
 }
 

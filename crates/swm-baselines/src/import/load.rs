@@ -15,7 +15,7 @@ use super::recipe::{Given, Recipe, lay_over, nested};
 use super::scales::{self, Scales};
 use super::shapes::Shapes;
 use super::source::{self, Source, give};
-use super::{Description, Import, failed, joint, tdmpc2, tokens};
+use super::{Description, Import, joint, tdmpc2, tokens};
 use crate::data::DataDims;
 use crate::device::Device;
 use crate::models::table::{MakeOptions, make};
@@ -54,12 +54,7 @@ pub(super) fn load(
     registry: &Registry,
 ) -> Result<(Description, Option<Loaded>), TaskError> {
     let source = source::find(&request.from, request.file.as_deref())?;
-    let found = source
-        .weights
-        .as_deref()
-        .map(|path| weights::contents(path, Of::Shapes))
-        .transpose()
-        .map_err(failed)?;
+    let found = source.weights.as_deref().map(|path| weights::contents(path, Of::Shapes)).transpose()?;
     let set = set_of(request, &source);
     let recipe = recipe(request, &source, found.as_ref(), &set)?;
     let mut description = describe(&recipe, &source, found.as_ref())?;
@@ -149,12 +144,7 @@ fn recipe(
     if let Some(found) = found {
         tokens::check_names(&Shapes::of(found.tensors.clone()))?;
     }
-    let encoder = request
-        .encoder
-        .as_deref()
-        .map(|path| weights::contents(path, Of::Shapes))
-        .transpose()
-        .map_err(failed)?;
+    let encoder = request.encoder.as_deref().map(|path| weights::contents(path, Of::Shapes)).transpose()?;
     let encoder = encoder.map_or_else(Shapes::default, |found| Shapes::of(weights::to_ours(found.tensors)));
     let config = source.config.as_ref().map(|config| Node::root(&config.name, &config.value)).transpose()?;
     let model = config.as_ref().map(Node::model).transpose()?.flatten();
@@ -280,7 +270,7 @@ fn tensors(recipe: &Recipe, action_dim: usize, frameskip: usize, set: &Json) -> 
     let dims = DataDims { action_dim, proprio_dim: recipe.vector };
     let options =
         MakeOptions { changes: settings(recipe, frameskip, set), ..MakeOptions::new("paper", dims) };
-    Ok(make(recipe.name, &options).map_err(failed)?.tensors().len())
+    Ok(make(recipe.name, &options)?.tensors().len())
 }
 
 /// All that a run is made of.
@@ -304,10 +294,10 @@ impl Parts<'_> {
         let dims = DataDims { action_dim: action, proprio_dim: recipe.vector };
         let changes = settings(&recipe, frameskip.unwrap_or(1), &set);
         let options = MakeOptions { changes, ..MakeOptions::new("paper", dims) };
-        let mut baseline = make(recipe.name, &options).map_err(failed)?;
-        let lacks = baseline.load_for_use(path, recipe.without_encoder).map_err(failed)?;
+        let mut baseline = make(recipe.name, &options)?;
+        let lacks = baseline.load_for_use(path, recipe.without_encoder)?;
         if let (true, Some(encoder)) = (recipe.without_encoder, &request.encoder) {
-            baseline.load_encoder(encoder).map_err(failed)?;
+            baseline.load_encoder(encoder)?;
         }
         let all = baseline.tensors().len();
         description.tensors = [all - lacks.len(), all];
@@ -345,7 +335,7 @@ impl Parts<'_> {
         let env = place.env.clone().unwrap_or_default();
         let has_vector = recipe.vector > 0;
         let image = (recipe.image > 0).then_some(recipe.image);
-        let made = agent_of("tdmpc2", &env, &settings(&recipe, 1, &set)).map_err(failed)?;
+        let made = agent_of("tdmpc2", &env, &settings(&recipe, 1, &set))?;
         let config = AgentConfig {
             agent: "tdmpc2".to_owned(),
             preset: "paper".to_owned(),
@@ -355,8 +345,8 @@ impl Parts<'_> {
             action_dim: action,
             seed: 0,
         };
-        let mut agent = crate::online::restore_agent(&config, &Map::new(), Device::Cpu).map_err(failed)?;
-        agent.load_weights(path).map_err(failed)?;
+        let mut agent = crate::online::restore_agent(&config, &Map::new(), Device::Cpu)?;
+        agent.load_weights(path)?;
         description.settings = config.settings.clone();
         let scale = scales.of.get(&recipe.column).map(|(scale, _)| scale.clone());
         let [low, high] = bounds.unwrap_or_else(|| [vec![-1.0; action], vec![1.0; action]]);

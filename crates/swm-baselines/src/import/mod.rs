@@ -170,7 +170,7 @@ impl Request for Import {
             report.note(&Message::new(ignored.clone()));
         }
         let Some(loaded) = loaded.filter(|_| !self.check_only) else { return Ok(description) };
-        self.write(loaded).map_err(failed)?;
+        self.write(loaded)?;
         description.run = Some(self.out.clone());
         Ok(description)
     }
@@ -233,9 +233,4 @@ pub(crate) fn cached(repository: &str) -> Result<Option<PathBuf>, TaskError> {
 pub(crate) fn weights_of(from: &str, file: Option<&str>) -> Result<PathBuf, TaskError> {
     let found = source::find(from, file)?.weights;
     found.ok_or_else(|| Message::about("checkpoint", from, "holds no weights").into())
-}
-
-/// What the work met.
-fn failed(error: BaselineError) -> TaskError {
-    TaskError::Failed(Box::new(error))
 }

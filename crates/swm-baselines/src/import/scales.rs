@@ -43,8 +43,7 @@ pub(super) fn find(request: &Import, registry: &Registry, columns: &[&str]) -> R
         let keys: Vec<String> =
             columns.iter().filter(|name| has(name)).map(|&name| name.to_owned()).collect();
         let options = StatisticsOptions { keys: Some(keys), quantiles: Vec::new(), sample: 1 };
-        let statistics = Statistics::compute(opened.as_mut(), &options);
-        let statistics = statistics.map_err(|error| TaskError::Failed(Box::new(error)))?;
+        let statistics = Statistics::compute(opened.as_mut(), &options)?;
         for (name, column) in &statistics.columns {
             if let Some(scale) = Scale::of(column) {
                 of.insert(name.clone(), (scale, path.display().to_string()));

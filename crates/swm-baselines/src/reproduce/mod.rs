@@ -177,8 +177,7 @@ impl Reproduce {
         let weights = weights_of(&from, file.as_deref())?;
         needs::check_weights(&weights, recipe)?;
         if out.join("config.json").is_file() {
-            let held = RunFolder::open(&out).and_then(|run| RunConfig::read(&run));
-            let held = held.map_err(|error| TaskError::Failed(Box::new(error)))?;
+            let held = RunFolder::open(&out).and_then(|run| RunConfig::read(&run))?;
             let hash = swm_tasks::evaluation::file_hash(&weights)?;
             if held.imported.is_some_and(|imported| imported.sha256 == hash) {
                 return Ok(out);
