@@ -58,7 +58,7 @@ fn the_doctor_notes_installed_versions_that_surprise() {
 #[cfg(all(unix, feature = "mujoco"))]
 fn copied_home(folder: &Folder) -> std::path::PathBuf {
     let home = std::path::PathBuf::from(folder.path("home"));
-    let installed = swm::envs_mujoco::assets::data_folder().expect("the data folder can be copied");
+    let installed = swm::envs_mujoco::mujoco::assets::data_folder().expect("the data folder can be copied");
     copy_files(&installed.join("dm_control"), &home.join("dm_control"));
     for name in ["mujoco", "ogbench"] {
         std::os::unix::fs::symlink(installed.join(name), home.join(name))
@@ -125,7 +125,7 @@ fn altered_models_and_libraries_are_not_used() {
     // A library that lies there is not run before it was compared.
     std::fs::write(&model, sound).unwrap();
     std::fs::remove_file(home.join("mujoco")).unwrap();
-    let library = swm::envs_mujoco::assets::library_path().unwrap();
+    let library = swm::envs_mujoco::mujoco::assets::library_path().unwrap();
     let place = home.join("mujoco/3.17.0").join(library.file_name().unwrap());
     std::fs::create_dir_all(place.parent().unwrap()).unwrap();
     let bytes = std::fs::read(&library).unwrap();

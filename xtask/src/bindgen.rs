@@ -28,7 +28,7 @@ pub(crate) struct Args {
 }
 
 /// What is made.
-const BINDINGS: &str = "crates/swm-envs-mujoco/src/ffi/bindings.rs";
+const BINDINGS: &str = "crates/swm-mujoco/src/bindings.rs";
 
 /// Headers below the wheel's include folder.
 const HEADERS: &[&str] = &["mujoco/mujoco.h", "mujoco/mjbatch.h"];

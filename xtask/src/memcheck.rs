@@ -16,10 +16,10 @@ use crate::{process, setup};
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The crate whose tests run
-    #[arg(short, long, value_name = "CRATE", default_value = "swm-envs-mujoco")]
+    #[arg(short, long, value_name = "CRATE", default_value = "swm-mujoco")]
     package: String,
     /// Run the tests whose path contains this; `""` runs all of them, which takes long
-    #[arg(default_value = "ffi::")]
+    #[arg(default_value = "tests::")]
     filter: String,
 }
 

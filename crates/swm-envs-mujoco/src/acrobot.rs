@@ -6,12 +6,12 @@ use std::f64::consts::PI;
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
     Control, Domain, Effect, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors,
     listed, make, planner, tolerance, unchanged, uniform,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape};
 
 /// The table entry.
 pub const ACROBOT: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

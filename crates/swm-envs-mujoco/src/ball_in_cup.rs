@@ -4,13 +4,13 @@
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, listed, make,
     planner, unchanged, uniform, until_free_of_contacts,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape};
 
 /// The table entry.
 pub const BALL_IN_CUP: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

@@ -4,13 +4,13 @@
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
     listed, make, planner, tolerance, unchanged, uniform,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// The table entry.
 pub const CHEETAH: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

@@ -5,12 +5,12 @@ use std::f64::consts::PI;
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
     Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, listed, make,
     planner, randomize_joints, recall_touch, uniform, until_free_of_contacts,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape, Spec};
 
 /// The table entry.
 pub const FINGER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

@@ -4,12 +4,12 @@
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
     listed, make, mean, planner, randomize_joints, recall_touch, tolerance, unchanged,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// The table entry.
 pub const HOPPER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

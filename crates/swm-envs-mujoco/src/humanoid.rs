@@ -3,13 +3,13 @@
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
 use crate::hopper::small_control;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
     listed, make, planner, randomize_joints, tolerance, unchanged, until_free_of_contacts,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// The table entry.
 pub const HUMANOID: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

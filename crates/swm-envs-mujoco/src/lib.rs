@@ -13,8 +13,7 @@
 //! # Ok::<(), swm_core::BoxError>(())
 //! ```
 //!
-//! * [`ffi`]: the C library, loaded at run time, behind safe owners;
-//! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
+//! * [`mujoco`]: the C library, loaded at run time, behind safe owners, and where it and the models lie;
 //! * [`suite`]: what all domains share;
 //! * one file per domain, and one line in [`ENVS`];
 //! * `ogbench`: the arm at its tables;
@@ -28,14 +27,10 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)] // They panic where the reader is gone or the disk full.
 
 mod acrobot;
-pub mod assets;
 mod ball_in_cup;
 mod cartpole;
 mod cheetah;
-pub mod error;
 mod fetch;
-#[expect(unsafe_code, reason = "the C library")]
-pub mod ffi;
 mod finger;
 mod given;
 mod hopper;
@@ -60,7 +55,6 @@ pub use acrobot::ACROBOT;
 pub use ball_in_cup::BALL_IN_CUP;
 pub use cartpole::CARTPOLE;
 pub use cheetah::CHEETAH;
-pub use error::MujocoError;
 pub use fetch::{
     FETCH_PICK_AND_PLACE, FETCH_PICK_AND_PLACE_DENSE, FETCH_PICK_AND_PLACE_DICT, FETCH_PUSH,
     FETCH_PUSH_DENSE, FETCH_PUSH_DICT, FETCH_REACH, FETCH_REACH_DENSE, FETCH_REACH_DICT, FETCH_SLIDE,
@@ -75,6 +69,7 @@ pub use ogbench::{OGB_CUBE, OGB_SCENE};
 pub use pendulum::PENDULUM;
 pub use quadruped::QUADRUPED;
 pub use reacher::REACHER;
+pub use swm_mujoco as mujoco;
 pub use walker::WALKER;
 
 /// All environments of this crate.

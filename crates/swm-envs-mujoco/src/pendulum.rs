@@ -6,13 +6,13 @@ use std::f64::consts::PI;
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, listed, make, planner,
     unchanged, uniform,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape};
 
 /// The table entry.
 pub const PENDULUM: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

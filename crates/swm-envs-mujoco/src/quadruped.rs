@@ -4,12 +4,12 @@
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{JointKind, Model, Object, Spec};
 use crate::suite::{
     Control, Domain, Effect, Falloff, Stage, Task, TaskEntry, direction, entry, factors, listed, make,
     planner, tolerance,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{JointKind, Model, Object, Spec};
 
 /// The table entry.
 pub const QUADRUPED: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

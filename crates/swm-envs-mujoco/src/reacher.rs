@@ -6,13 +6,13 @@ use std::f64::consts::PI;
 use swm_core::seed::Stream;
 use swm_core::{EnvEntry, EnvTask};
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, listed, make, planner,
     randomize_joints, uniform,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape, Spec};
 
 /// The table entry.
 pub const REACHER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

@@ -1,6 +1,6 @@
 //! For tests: whether a compiled model is the reference's, array by array. `tests/golden/models/` has their checksums.
 
-use crate::ffi::Model;
+use swm_mujoco::Model;
 
 /// The name of each array of a model, how many bytes it takes in a file, and a checksum of them.
 #[derive(serde::Deserialize)]

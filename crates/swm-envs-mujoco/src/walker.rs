@@ -5,13 +5,13 @@ use swm_core::seed::Stream;
 use swm_core::{Dtype, EnvEntry, EnvTask, Space, Value};
 use swm_fov::Factor;
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Spec};
 use crate::suite::learned::learned_expert;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors,
     listed, make, planner, randomize_joints, tolerance, unchanged,
 };
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Spec};
 
 /// The table entry.
 pub const WALKER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config)).tasks(&LISTED);

@@ -12,7 +12,7 @@ use swm_core::env::PIXELS;
 use swm_core::{
     Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Value,
 };
-use swm_envs_mujoco::ffi::gl::GlContext;
+use swm_mujoco::gl::GlContext;
 
 /// A case in `tests/golden/pictures/scenes.json`; its image has the same name.
 #[derive(Deserialize)]

@@ -10,8 +10,8 @@ use serde::Deserialize;
 use swm_core::env::PIXELS;
 use swm_core::{Batch, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Value};
 use swm_envs_mujoco::ENVS;
-use swm_envs_mujoco::ffi::{Model, Object, Simulation, Spec};
 use swm_envs_mujoco::software::SoftwareRenderer;
+use swm_mujoco::{Model, Object, Simulation, Spec};
 
 /// A case in `tests/golden/pictures/suite.json` or `metaworld.json`; its image, drawn by MuJoCo's own renderer, has the same name.
 #[derive(Deserialize)]
@@ -136,7 +136,7 @@ fn images_do_not_depend_on_what_was_drawn_before() {
 
 #[test]
 fn segments_and_depths_belong_to_the_image() {
-    let spec = Spec::read(&swm_envs_mujoco::assets::suite_model("reacher.xml").expect("it was set up"));
+    let spec = Spec::read(&swm_mujoco::assets::suite_model("reacher.xml").expect("it was set up"));
     let model = Arc::new(spec.and_then(|mut spec| spec.compile()).expect("a model"));
     let geom = |name: &str| Model::id(&model, Object::Geom, name).expect("a geom") as i32;
     let mut sim = Simulation::new(Arc::clone(&model)).expect("a simulation");

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use pyo3::prelude::*;
 use swm::cli::{Launcher, set_launcher};
 use swm::core::{EnvEntry, PolicyEntry};
-use swm::envs_mujoco::assets;
+use swm::envs_mujoco::mujoco::assets;
 
 use crate::errors::SwmError;
 use crate::world::registry;

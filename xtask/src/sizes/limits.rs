@@ -9,7 +9,7 @@ const GPU: &str = "cubecl-cuda";
 const HDF5: &str = "hdf5-metno";
 const LANCE: &str = "lance-core";
 const MATRICES: &str = "faer";
-const MUJOCO: &str = "swm-envs-mujoco";
+const MUJOCO: &str = "swm-mujoco";
 const ONNX: &str = "ort";
 const NETWORK: &str = "ureq-proto";
 const PARQUET: &str = "parquet";
@@ -32,6 +32,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-lance", &[], &["swm-core", "png"]),
     ("swm-envs-2d", &[PHYSICS_2D], &["swm-data", "swm-solvers"]),
     ("swm-envs-3d", &[PHYSICS_3D], &["swm-data", "swm-solvers"]),
+    ("swm-mujoco", &[MUJOCO], &["swm-data", "swm-fov", "swm-solvers"]),
     ("swm-envs-mujoco", &[MUJOCO], &["swm-data", "swm-solvers"]),
     ("swm-solvers", &[MATRICES], &["swm-data", "swm-render"]),
     ("swm-data", &[HDF5, NETWORK, PARQUET, VIDEOS], &["swm-solvers"]),

@@ -78,6 +78,7 @@ const PROGRAMS: &[(&str, &str)] = &[
         "swm-media",
         "fn main() { println!(\"{:?}\", swm_media::Clip::new(16, 24, 10.0).save(std::path::Path::new(\"none.gif\"))); }",
     ),
+    ("swm-mujoco", "fn main() { println!(\"{:?}\", swm_mujoco::Library::get().is_ok()); }"),
     (
         "swm-render",
         "use swm_render::{Geometry, Renderer, Style}; fn main() { println!(\"{:?}\", Renderer::new(Style::Exact, Geometry::new(64, 64)).is_ok()); }",

@@ -12,6 +12,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-media", &[]),
     ("swm-lance", &[]),
     ("swm-fov", &["swm-core"]),
+    ("swm-mujoco", &["swm-core", "swm-render"]),
+    ("swm-envs-mujoco", &["swm-core", "swm-fov", "swm-mujoco", "swm-render"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
     ("swm-data", &["swm-core", "swm-lance", "swm-media", "swm-render"]),

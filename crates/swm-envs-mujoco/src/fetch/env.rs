@@ -14,13 +14,13 @@ use super::robot::{Robot, distance};
 use super::rows::{TaskState, episode_columns, fields, start_columns};
 use super::settings::{SETTINGS, Settings};
 use super::task::{REACHED, Reward, SUBSTEPS, Task, Variant};
-use crate::assets;
-use crate::error::MujocoError;
-use crate::ffi::visuals::mjTEXTURE_SKYBOX;
-use crate::ffi::{Object, Simulation};
 use crate::given::finite_values;
 use crate::suite::Control;
 use crate::views::{CameraName, Images, Views, settings};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
+use swm_mujoco::visuals::mjTEXTURE_SKYBOX;
+use swm_mujoco::{Object, Simulation};
 
 /// The share of the gripper's distance to the object in the task cost: a planner finds the object by it.
 const APPROACH_COST: f64 = 0.1;

@@ -4,9 +4,9 @@ use swm_core::{Dtype, Space, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::task::{CLEARANCE, Task};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
 use crate::suite::{Control, Effect};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// The camera that images are rendered from: where the reference's free camera is.
 pub(super) const VIEW: &str = "view";

@@ -8,10 +8,10 @@ use swm_fov::Fov;
 use super::factors::{VIEW, view};
 use super::robot::Robot;
 use super::task::{SUBSTEPS, Task};
-use crate::assets::fetch_model;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets::fetch_model;
+use swm_mujoco::{Model, Object, Simulation, Spec};
 
 /// The posture in which episodes start.
 #[derive(Clone, Debug)]

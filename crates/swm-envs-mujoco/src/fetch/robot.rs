@@ -1,8 +1,8 @@
 //! The arm at its table: where its parts are in the model, control steps, observations.
 
 use super::task::{STRIDE, SUBSTEPS, Task};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// What the gripper's orientation is driven by: the original adds it to the present one.
 const TURN: [f64; 4] = [1.0, 0.0, 1.0, 0.0];

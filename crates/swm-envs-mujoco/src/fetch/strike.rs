@@ -12,9 +12,9 @@ use super::factors;
 use super::models::Shared;
 use super::robot::{Robot, distance};
 use super::task::Task;
-use crate::error::MujocoError;
-use crate::ffi::Simulation;
 use crate::suite::normal;
+use swm_mujoco::MujocoError;
+use swm_mujoco::Simulation;
 
 /// Turn of the strike from the direction to the goal, rad; speed, as a value of actions; steps; offset to the side, m.
 type Candidate = [f64; 4];
@@ -136,7 +136,7 @@ impl Twin {
     fn new(view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let values = |column: &str| Ok::<_, PolicyError>(view.row.get::<f64>(column)?.to_vec());
         let shared = Shared::get(Task::Slide).map_err(failed)?;
-        let mut model = crate::ffi::Model::clone(&shared.model);
+        let mut model = swm_mujoco::Model::clone(&shared.model);
         let mass = values(&format!("{VARIATION_PREFIX}{}", factors::MASS))?;
         factors::set_mass(&mut model, mass[0]).map_err(failed)?;
         let mut sim = Simulation::new(Arc::new(model)).map_err(failed)?;

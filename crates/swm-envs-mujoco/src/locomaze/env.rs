@@ -17,11 +17,11 @@ use super::rows::{START_COLUMNS, fields, first_factor};
 use super::settings::Settings;
 use super::soccer;
 use super::state::TaskState;
-use crate::assets;
-use crate::error::MujocoError;
-use crate::ffi::{Object, Simulation};
 use crate::given::{finite_values, recall};
 use crate::views::{CameraName, Images, Views};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
+use swm_mujoco::{Object, Simulation};
 
 /// Physics steps per control step.
 const SUBSTEPS: u32 = 5;

@@ -1,8 +1,8 @@
 //! What the humanoid observes: its place, and what the Control Suite's observes.
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Simulation};
 use crate::humanoid::Anatomy;
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Simulation};
 
 /// Values of an observation: x, y, and the Control Suite's.
 pub(super) const OBSERVED: usize = 2 + Anatomy::OBSERVED;

@@ -23,8 +23,8 @@ mod state;
 
 use swm_core::EnvEntry;
 
-use crate::assets::{FileSet, HUMANOID_MAZE, MAZES};
 use env::MazeEnv;
+use swm_mujoco::assets::{FileSet, HUMANOID_MAZE, MAZES};
 
 /// What moves through the maze.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,10 +9,10 @@ use super::Body;
 use super::factors::{controls, is_encoded};
 use super::layout::{HEIGHT, Maze, TELEPORTER_RADIUS, UNIT, place_of};
 use super::soccer::add_ball;
-use crate::assets::maze_model;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets::maze_model;
+use swm_mujoco::{Model, Object, Shape, Simulation, Spec};
 
 /// The camera that looks down on the whole maze.
 pub(super) const TOP: &str = "top";

@@ -2,9 +2,9 @@
 
 use super::factors::uniform;
 use super::layout::{Leg, Maze, cell_at, distance};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Shape, Simulation, Spec};
 use crate::suite::{Control, Effect};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Shape, Simulation, Spec};
 
 /// Body, geom and material of the ball.
 const BALL: &str = "ball";
@@ -106,7 +106,7 @@ pub(super) fn cost(maze: Maze, ways: &[Option<u32>], [ant, ball, goal]: [[f64; 2
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::assets::maze_model;
+    use swm_mujoco::assets::maze_model;
 
     fn with_ball(density: f64) -> Model {
         let mut spec = Spec::read(&maze_model("ant.xml").unwrap()).unwrap();

@@ -10,9 +10,9 @@ use super::layout::{Cell, START_RANGE, place_of};
 use super::settings::Mode;
 use super::soccer::put_ball;
 use super::state::TaskState;
-use crate::error::MujocoError;
 use crate::humanoid::TRIES;
 use crate::suite::{normal, randomize_joints, uniform};
+use swm_mujoco::MujocoError;
 
 /// The range of positions and velocities at a start.
 const NOISE: f64 = 0.1;

@@ -15,12 +15,12 @@ use super::robot::{Frame, JOINT, Origin, Robot, minus, norm};
 use super::rows::{EPISODE, START, START_EXTRAS, TaskState, fields};
 use super::settings::{SETTINGS, Settings, VIEW};
 use super::task::{Done, SUBSTEPS, Task};
-use crate::assets;
-use crate::error::MujocoError;
-use crate::ffi::{Object, Simulation};
 use crate::given::finite_values;
 use crate::suite::Control;
 use crate::views::{CameraName, Images, Views, settings};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
+use swm_mujoco::{Object, Simulation};
 
 /// The share of the distance from fingers to object in the task cost: a planner finds the object by it.
 const APPROACH_COST: f64 = 0.3;

@@ -6,9 +6,9 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 use super::models::PUCK;
 use super::robot::JOINT;
 use super::task::{Paint, STRIDE, Task};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
 use crate::suite::{Control, Effect, set_color};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// Where the object, or what it belongs to, starts.
 pub(super) const OBJECT: &str = "object.position";

@@ -7,10 +7,10 @@ use swm_fov::Fov;
 
 use super::factors::{self, SCALE, scalar};
 use super::task::Task;
-use crate::assets::metaworld_model;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets::metaworld_model;
+use swm_mujoco::{Model, Object, Simulation, Spec};
 
 /// Anchor, relative position, relative quaternion and torque scale of the weld that pulls the hand. The twelfth value of MuJoCo
 /// 3.17.0 stays: the original knows eleven.

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::task::{Point, REACH, Reward, SUBSTEPS, Start, Target, Task, Turn};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// The orientation of the body that pulls the hand: not normalized, as in the original.
 const DOWN: [f64; 4] = [1.0, 0.0, 1.0, 0.0];

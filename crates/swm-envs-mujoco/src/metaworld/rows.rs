@@ -8,8 +8,8 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 use super::env::MetaWorldEnv;
 use super::reward::{PARTS, Worth};
 use super::robot::{Frame, Origin};
-use crate::error::MujocoError;
 use crate::given::{check_goal, needed, recall, recorded};
+use swm_mujoco::MujocoError;
 
 /// The episode as it stands, beside the simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 //! simulation: the reference's inverse kinematics (OGBench's `diff_ik.py`) over the six hinges alone.
 
 use super::pose::{self, Pose, Quaternion};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// Angles of the six joints, rad.
 pub(super) type Angles = [f64; 6];

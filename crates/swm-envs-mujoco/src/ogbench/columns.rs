@@ -7,7 +7,7 @@ use super::furniture::{Furniture, Which};
 use super::pose;
 use super::state::{Pursued, TaskState};
 use super::table::Table;
-use crate::ffi::Simulation;
+use swm_mujoco::Simulation;
 
 /// Takes columns one after the other.
 pub(super) trait Sink {

@@ -2,9 +2,9 @@
 //! model in every array but names and paths of files; the order of attachments is what makes indices equal.
 
 use super::layout::{Kind, PURPLE, SPACING};
-use crate::assets::manipulation_model;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Spec};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets::manipulation_model;
+use swm_mujoco::{Model, Object, Spec};
 
 /// The description, with everything that images need.
 pub(super) fn description(kind: Kind) -> Result<Spec, MujocoError> {

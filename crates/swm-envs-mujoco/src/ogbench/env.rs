@@ -20,11 +20,11 @@ use super::standing::{Goal, Observed, Standing};
 use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
-use crate::assets;
-use crate::error::MujocoError;
-use crate::ffi::{Object, Simulation};
 use crate::given::finite_values;
 use crate::views::{CameraName, Images, Views, settings};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
+use swm_mujoco::{Object, Simulation};
 
 /// Physics steps per control step.
 pub(super) const SUBSTEPS: u32 = 25;

@@ -8,10 +8,10 @@ use super::compose::{GRIPPER_MATERIALS, row_of_cubes};
 use super::layout::{CAMERAS, CUBE_COLORS, FLOOR, HALF_SIZE, Kind, PURPLE, RED};
 use super::pose;
 use super::settings::Mode;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Spec};
 use crate::suite::{Control, Effect, set_color};
 use crate::views::CheckerColors;
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Spec};
 
 /// The factors of a table with what they do, in the order of their columns.
 pub(super) fn controls(kind: Kind, mode: Mode) -> Vec<Control> {

@@ -2,9 +2,9 @@
 
 use super::layout::WHITE;
 use super::pose;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
 use crate::suite::set_color;
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// Where the furniture's values are.
 #[derive(Clone, Debug)]

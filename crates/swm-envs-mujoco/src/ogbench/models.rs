@@ -12,9 +12,9 @@ use swm_fov::Fov;
 use super::compose::{description, finish};
 use super::factors::{self, factor_values};
 use super::layout::{HALF_SIZE, Kind};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Simulation, Spec};
 
 /// Gives the models for an assignment of factors.
 pub(super) struct Models {

@@ -4,8 +4,8 @@
 use super::arm::{self, Angles, Arm, FLANGE, HOME, JOINTS};
 use super::layout::WORKSPACE;
 use super::pose::{self, Pose};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// Where the arm's and the gripper's values are.
 #[derive(Clone, Debug)]

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::env::SUBSTEPS;
 use super::pose;
 use super::robot::{Effector, Robot};
-use crate::error::MujocoError;
-use crate::ffi::{JointKind, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{JointKind, Simulation};
 
 /// A state to stand at.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -13,9 +13,9 @@ use super::robot::Effector;
 use super::state::{Pursued, TaskState};
 use super::table::Table;
 use super::tasks::{Arrangement, tasks};
-use crate::error::MujocoError;
-use crate::ffi::Simulation;
 use crate::suite::uniform;
+use swm_mujoco::MujocoError;
+use swm_mujoco::Simulation;
 
 /// How far things of a task stand off their places at the start, m.
 const OFF: f64 = 0.01;

@@ -5,8 +5,8 @@ use super::layout::{Kind, REACHED};
 use super::pose::{self, Quaternion};
 use super::robot::Robot;
 use super::state::{Pursued, TaskState};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// Where everything on a table is found in the simulation.
 pub(super) struct Table {

@@ -11,8 +11,8 @@ use super::layout::HALF_SIZE;
 use super::pose;
 use super::state::{Pursued, TaskState};
 use super::table::Table;
-use crate::ffi::Simulation;
 use crate::suite::uniform;
+use swm_mujoco::Simulation;
 
 /// Probability that a cube goes onto another one, where it can.
 const STACK: f64 = 0.5;

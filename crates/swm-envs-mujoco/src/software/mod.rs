@@ -9,10 +9,10 @@ use std::sync::Arc;
 use swm_render::Geometry;
 use swm_render::scene::{Quality, Scene as Image, SceneRenderer};
 
-use crate::error::MujocoError;
-use crate::ffi::visuals::Looks;
-use crate::ffi::{Model, Scene, Simulation};
 use store::{Slot, Store};
+use swm_mujoco::MujocoError;
+use swm_mujoco::visuals::Looks;
+use swm_mujoco::{Model, Scene, Simulation};
 use translate::{camera, haze, instance, lamp};
 
 /// Renders simulations of one model as one of its cameras sees them.

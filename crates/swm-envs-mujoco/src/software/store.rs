@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use swm_render::scene::{Assets, CubeTexture, Mesh, Texture};
 
-use crate::error::MujocoError;
-use crate::ffi::Model;
-use crate::ffi::visuals::{GroundData, MeshData, mjTEXTURE_2D, mjTEXTURE_SKYBOX};
+use swm_mujoco::Model;
+use swm_mujoco::MujocoError;
+use swm_mujoco::visuals::{GroundData, MeshData, mjTEXTURE_2D, mjTEXTURE_SKYBOX};
 
 /// Meshes and textures of a model, and where its textures are among them.
 #[derive(Clone)]

@@ -4,8 +4,8 @@
 use swm_render::scene::{Camera, Haze, Instance, Light, LightKind, Mapping, Material, Projection, Shape};
 
 use super::store::{Slot, Store};
-use crate::ffi::Model;
-use crate::ffi::visuals::*;
+use swm_mujoco::Model;
+use swm_mujoco::visuals::*;
 
 fn wide(v: [f32; 3]) -> [f64; 3] {
     v.map(f64::from)

@@ -6,8 +6,8 @@ use swm_core::{EnvConfig, EnvEntry, EnvError, EnvTask, PolicyEntry};
 use super::effect::Control;
 use super::settings::SETTINGS;
 use super::{Stage, SuiteEnv, Target};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Spec};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Spec};
 
 /// A domain: one model and the tasks in it. One `const` per file.
 pub struct Domain {

@@ -5,8 +5,8 @@
 
 use swm_fov::Factor;
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Spec};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Spec};
 
 /// A factor and what it does.
 pub struct Control {
@@ -190,7 +190,7 @@ fn draw_checker(model: &mut Model, texture: usize, rgb: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::assets::suite_model;
+    use swm_mujoco::assets::suite_model;
 
     fn cheetah() -> Spec {
         Spec::read(&suite_model("cheetah.xml").unwrap()).unwrap()

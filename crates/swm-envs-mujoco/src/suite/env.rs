@@ -13,11 +13,11 @@ use super::domain::{Domain, Task, TaskEntry};
 use super::image::Image;
 use super::models::{Models, Origin};
 use super::settings::{OnDivergence, SETTINGS, Settings};
-use crate::assets;
-use crate::error::MujocoError;
 use crate::given::finite_values;
 use crate::views::{CameraName, Views, settings};
 use rows::{ACT, Columns, OBSERVATION, QACC_WARMSTART, QPOS, QVEL, SCORE, TIME, fields};
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
 
 /// An environment of the DeepMind Control Suite.
 pub struct SuiteEnv {

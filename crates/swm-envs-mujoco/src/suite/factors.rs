@@ -4,8 +4,8 @@ use swm_core::{Dtype, Space, Value};
 use swm_fov::Factor;
 
 use super::effect::{Control, Effect, set_color};
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object};
 
 /// A color, `[3]`, 0..1.
 pub fn color(name: &str, default: [f64; 3], doc: &str, effect: Effect) -> Control {

@@ -6,9 +6,9 @@ use swm_core::RowsMut;
 use swm_fov::Fov;
 
 use super::models::Models;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Simulation};
 use crate::views::{CheckerColors, Images, Views};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Simulation};
 
 /// Draws an environment's simulation, which runs on a model without textures.
 pub(super) struct Image {

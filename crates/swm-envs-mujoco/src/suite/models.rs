@@ -6,10 +6,10 @@ use swm_fov::{Fov, FovSpace};
 
 use super::domain::Domain;
 use super::effect::Control;
-use crate::assets;
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Spec};
 use crate::views::CheckerColors;
+use swm_mujoco::MujocoError;
+use swm_mujoco::assets;
+use swm_mujoco::{Model, Object, Spec};
 
 /// How the model of an episode came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

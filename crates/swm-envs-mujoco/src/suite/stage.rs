@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// What a task places at the start of an episode, and where it lies. Its values are a step column, part of every saved
 /// state, and part of recorded starts.

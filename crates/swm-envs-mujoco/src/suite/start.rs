@@ -7,8 +7,8 @@ use rand_distr::{Distribution as _, StandardNormal};
 use swm_core::seed::Stream;
 
 use super::Stage;
-use crate::error::MujocoError;
-use crate::ffi::{JointKind, Simulation};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{JointKind, Simulation};
 
 /// A number in `low..high`, uniform.
 pub fn uniform(stream: &mut Stream, low: f64, high: f64) -> f64 {

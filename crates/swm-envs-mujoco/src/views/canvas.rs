@@ -6,10 +6,10 @@ use swm_core::ImageSize;
 use swm_render::scene::Quality;
 
 use super::settings::Renderer;
-use crate::error::MujocoError;
-use crate::ffi::gl::GlRenderer;
-use crate::ffi::{Model, Simulation};
 use crate::software::SoftwareRenderer;
+use swm_mujoco::MujocoError;
+use swm_mujoco::gl::GlRenderer;
+use swm_mujoco::{Model, Simulation};
 
 /// What becomes of a texture's pixel: its row and column, and its color, lead to another color.
 pub(crate) type Recolor<'a> = dyn Fn([usize; 2], [u8; 3]) -> [u8; 3] + 'a;

@@ -11,12 +11,12 @@ use swm_core::env::PIXELS;
 use swm_core::{Dtype, Field, ImageSize, RowsMut};
 use swm_render::scene::Quality;
 
-use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation};
 use canvas::{Canvas, Recolor};
 pub(crate) use checker::CheckerColors;
 pub(crate) use settings::CameraName;
 use settings::{ImageSettings, Renderer};
+use swm_mujoco::MujocoError;
+use swm_mujoco::{Model, Object, Simulation};
 
 /// Depth of [`PIXELS`], f32 `[H, W]`, m.
 const DEPTH: &str = "pixels_depth";

@@ -66,7 +66,7 @@ impl Renderer {
     pub(super) fn describe(self) -> String {
         match self {
             Self::Software => format!("swm-render {} (software)", env!("CARGO_PKG_VERSION")),
-            Self::Gl => format!("MuJoCo {} (OpenGL)", crate::assets::MUJOCO_VERSION),
+            Self::Gl => format!("MuJoCo {} (OpenGL)", swm_mujoco::assets::MUJOCO_VERSION),
         }
     }
 }

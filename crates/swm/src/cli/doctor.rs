@@ -171,7 +171,7 @@ fn environments(registry: &Registry, output: &Output) -> Check {
 /// Whether this is a package that comes without the models of an environment, which are from elsewhere.
 #[cfg(feature = "mujoco")]
 fn is_extra(env: &str) -> bool {
-    swm_envs_mujoco::assets::chosen_fix().is_some()
+    swm_envs_mujoco::mujoco::assets::chosen_fix().is_some()
         && ["swm/OGB", "swm/Fetch", "swm/MetaWorld"].iter().any(|family| env.starts_with(family))
 }
 
@@ -186,12 +186,12 @@ mod mujoco {
 
     use std::path::{Path, PathBuf};
 
-    use swm_envs_mujoco::MujocoError;
-    use swm_envs_mujoco::assets::{
+    use swm_envs_mujoco::mujoco::MujocoError;
+    use swm_envs_mujoco::mujoco::assets::{
         self, DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, HOME_VARIABLE, METAWORLD_VERSION,
         MUJOCO_VERSION, OGBENCH_VERSION,
     };
-    use swm_envs_mujoco::ffi::{Library, gl::GlContext};
+    use swm_envs_mujoco::mujoco::{Library, gl::GlContext};
 
     use super::{Check, State};
 

@@ -167,7 +167,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     let mut args = args.into_iter().peekable();
     called::take(args.peek().map(OsString::as_os_str));
     #[cfg(feature = "mujoco")]
-    if let Some(home) = swm_envs_mujoco::assets::data_folder() {
+    if let Some(home) = swm_envs_mujoco::mujoco::assets::data_folder() {
         swm_tasks::zoo::add_folder(home.join("zoo"));
     }
     // The version names the physics, which may not be installed: known at run time only.

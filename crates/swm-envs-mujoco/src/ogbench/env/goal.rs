@@ -3,11 +3,11 @@
 use swm_core::EpisodeSeed;
 
 use super::TableEnv;
-use crate::error::MujocoError;
 use crate::given::finite_values;
 use crate::ogbench::columns::observation;
 use crate::ogbench::standing::{Goal, Observed, Standing};
 use crate::ogbench::start;
+use swm_mujoco::MujocoError;
 
 impl TableEnv {
     /// Finds out what the goal looks like: everything where it belongs, or as it was recorded; then returns to the start.

@@ -13,30 +13,29 @@ use crate::error::MujocoError;
 
 /// Files that were published together, in the form of `sha256sum`: a hash and a path below the data folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct FileSet {
+pub struct FileSet {
     /// What records call it.
-    pub(crate) name: &'static str,
+    pub name: &'static str,
     list: &'static str,
 }
 
 /// The models of the DeepMind Control Suite.
-pub(crate) const SUITE: FileSet =
+pub const SUITE: FileSet =
     FileSet { name: "dm_control 1.0.50, suite", list: include_str!("dm_control.sha256") };
 /// OGBench's arm, gripper, scenes and furniture.
-pub(crate) const MANIPULATION: FileSet =
+pub const MANIPULATION: FileSet =
     FileSet { name: "ogbench 1.2.2, manipspace", list: include_str!("manipspace.sha256") };
 /// The bodies of OGBench's mazes.
-pub(crate) const MAZES: FileSet =
-    FileSet { name: "ogbench 1.2.2, locomaze", list: include_str!("locomaze.sha256") };
+pub const MAZES: FileSet = FileSet { name: "ogbench 1.2.2, locomaze", list: include_str!("locomaze.sha256") };
 /// The humanoid of OGBench's mazes: apart, so that records of the other bodies stay what they are.
-pub(crate) const HUMANOID_MAZE: FileSet =
+pub const HUMANOID_MAZE: FileSet =
     FileSet { name: "ogbench 1.2.2, locomaze humanoid", list: include_str!("locomaze_humanoid.sha256") };
 /// The robot and the tables of Fetch.
-pub(crate) const FETCH: FileSet =
+pub const FETCH: FileSet =
     FileSet { name: "gymnasium_robotics 1.4.2, fetch", list: include_str!("fetch.sha256") };
 
 /// The robot and the scenes of Meta-World's ten tasks.
-pub(crate) const METAWORLD: FileSet =
+pub const METAWORLD: FileSet =
     FileSet { name: "metaworld 3.1.1, ten tasks", list: include_str!("metaworld.sha256") };
 
 /// The library as it was published for this platform; none where nobody publishes it.
@@ -54,7 +53,7 @@ pub(super) const LIBRARY_SHA256: Option<&str> = if cfg!(all(target_os = "linux",
 
 impl FileSet {
     /// The SHA-256 of the list: one value for the content of all files.
-    pub(crate) fn sha256(self) -> String {
+    pub fn sha256(self) -> String {
         sha256(self.list.as_bytes())
     }
 
@@ -123,7 +122,7 @@ pub(crate) fn library_sha256(path: &Path, expected: Option<&str>) -> Result<Stri
 }
 
 /// What an environment on these files is made from, for its record: the SHA-256 of the library and of the files.
-pub(crate) fn made_from(files: FileSet) -> BTreeMap<String, String> {
+pub fn made_from(files: FileSet) -> BTreeMap<String, String> {
     let library = super::loaded_sha256().map(|sha256| (format!("MuJoCo {}", super::MUJOCO_VERSION), sha256));
     library.into_iter().chain([(files.name.to_owned(), files.sha256())]).collect()
 }

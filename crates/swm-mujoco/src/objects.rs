@@ -75,7 +75,6 @@ impl Object {
 
 /// Shapes that geoms and sites may be given: those without data of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Shape {
     /// Size: radius.
     Sphere,
@@ -103,7 +102,6 @@ impl Shape {
 
 /// What a joint lets move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum JointKind {
     /// Everything: 7 values in `qpos`, 6 in `qvel`.
     Free,

@@ -20,9 +20,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
 use self::published::LIBRARY_SHA256;
-pub(crate) use self::published::{
-    FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, METAWORLD, SUITE, library_sha256, made_from,
-};
+pub(crate) use self::published::library_sha256;
+pub use self::published::{FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, METAWORLD, SUITE, made_from};
 use crate::error::MujocoError;
 
 /// The pinned version of MuJoCo: trajectories differ between versions.

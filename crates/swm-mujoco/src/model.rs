@@ -293,8 +293,7 @@ impl Model {
     }
 
     /// Bytes of all names, and of all paths of files.
-    #[cfg(test)]
-    pub(crate) fn text_bytes(&self) -> [usize; 2] {
+    pub fn text_bytes(&self) -> [usize; 2] {
         [self.header().nnames as usize, self.header().npaths as usize]
     }
 

@@ -92,18 +92,18 @@ impl Scene {
     }
 
     /// What there is to render, in MuJoCo's order.
-    pub(crate) fn geoms(&self) -> &[mjvGeom] {
+    pub fn geoms(&self) -> &[mjvGeom] {
         // SAFETY: MuJoCo has filled `ngeom` of the geoms that it allocated, and they stay while the scene is lent.
         unsafe { slice(self.raw.geoms, self.raw.ngeom.into(), 1) }
     }
 
     /// The lights, the headlight first.
-    pub(crate) fn lights(&self) -> &[mjvLight] {
+    pub fn lights(&self) -> &[mjvLight] {
         &self.raw.lights[..self.raw.nlight as usize]
     }
 
     /// The cameras of both eyes; they differ in place only.
-    pub(crate) fn eyes(&self) -> &[mjvGLCamera; 2] {
+    pub fn eyes(&self) -> &[mjvGLCamera; 2] {
         &self.raw.camera
     }
 

@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::GlContext;
+use crate::bindings::*;
 use crate::error::MujocoError;
-use crate::ffi::bindings::*;
-use crate::ffi::guard::guarded;
-use crate::ffi::scene::{same_objects, zeroed};
-use crate::ffi::{Library, Model, Scene, Simulation};
+use crate::guard::guarded;
+use crate::scene::{same_objects, zeroed};
+use crate::{Library, Model, Scene, Simulation};
 
 /// Renders simulations of one model as one of its cameras sees them.
 ///

@@ -33,7 +33,7 @@ impl Model {
     }
 
     /// The pixels of a texture, to be read.
-    pub(crate) fn pixels(&self, texture: usize) -> &[u8] {
+    pub fn pixels(&self, texture: usize) -> &[u8] {
         let header = self.header();
         // SAFETY: these arrays hold `ntex` values, which the compiler made to lie within `tex_data`; the slices check
         // the index and the range.
@@ -46,12 +46,12 @@ impl Model {
     }
 
     /// Textures.
-    pub(crate) fn texture_count(&self) -> usize {
+    pub fn texture_count(&self) -> usize {
         self.header().ntex as usize
     }
 
     /// Width, height and channels of a texture.
-    pub(crate) fn texture_size(&self, texture: usize) -> [usize; 3] {
+    pub fn texture_size(&self, texture: usize) -> [usize; 3] {
         let header = self.header();
         [header.tex_width, header.tex_height, header.tex_nchannel].map(|array| {
             // SAFETY: these arrays hold `ntex` values; the slice checks the index.
@@ -60,7 +60,7 @@ impl Model {
     }
 
     /// Whether a texture is flat, a cube, or the sky, as MuJoCo numbers them.
-    pub(crate) fn texture_type(&self, texture: usize) -> i32 {
+    pub fn texture_type(&self, texture: usize) -> i32 {
         let header = self.header();
         // SAFETY: the array holds `ntex` values; the slice checks the index.
         unsafe { slice(header.tex_type, header.ntex, 1)[texture] }

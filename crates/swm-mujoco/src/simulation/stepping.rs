@@ -1,9 +1,9 @@
 //! Physics: computing what follows from a state, and stepping.
 
 use super::Simulation;
+use crate::bindings::{Api, mjDSBL_ACTUATION, mjData, mjModel};
 use crate::error::MujocoError;
-use crate::ffi::bindings::{Api, mjDSBL_ACTUATION, mjData, mjModel};
-use crate::ffi::guard::{guarded, warned};
+use crate::guard::{guarded, warned};
 
 impl Simulation {
     /// Computes everything that follows from the state.

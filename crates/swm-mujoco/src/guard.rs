@@ -84,7 +84,7 @@ fn warning_text(kind: usize, info: i32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ffi::Library;
+    use crate::Library;
 
     #[test]
     fn an_error_of_mujoco_becomes_a_result_with_its_message() {

@@ -1,8 +1,6 @@
 //! Paths that the program chooses. They hold for the whole process, so one test asks for them in order.
 
-use swm_envs_mujoco::MujocoError;
-use swm_envs_mujoco::assets;
-use swm_envs_mujoco::ffi::Library;
+use swm_mujoco::{Library, MujocoError, assets};
 
 #[test]
 fn a_program_chooses_library_folder_and_fix() {

@@ -3,42 +3,42 @@
 use super::model::{Model, slice};
 
 /// A mesh, as it is drawn.
-pub(crate) struct MeshData {
+pub struct MeshData {
     /// Positions, m.
-    pub(crate) points: Vec<[f32; 3]>,
+    pub points: Vec<[f32; 3]>,
     /// Indices of three points each.
-    pub(crate) faces: Vec<[u32; 3]>,
+    pub faces: Vec<[u32; 3]>,
     /// Outward directions at the corners of each face.
-    pub(crate) normals: Vec<[[f32; 3]; 3]>,
+    pub normals: Vec<[[f32; 3]; 3]>,
 }
 
 /// What images need to know of a model as a whole.
-pub(crate) struct Looks {
+pub struct Looks {
     /// Half the width of the region in which suns cast shadows, m.
-    pub(crate) shadow_clip: f64,
+    pub shadow_clip: f64,
     /// The part of a spot's opening in which it casts shadows.
-    pub(crate) shadow_scale: f64,
+    pub shadow_scale: f64,
     /// Width of the haze.
-    pub(crate) haze: f32,
+    pub haze: f32,
     /// Its color.
-    pub(crate) haze_color: [f32; 3],
+    pub haze_color: [f32; 3],
 }
 
 /// A height field: ground over a grid.
-pub(crate) struct GroundData {
+pub struct GroundData {
     /// Rows and columns.
-    pub(crate) size: [usize; 2],
+    pub size: [usize; 2],
     /// `[rows, columns]`: height of the surface, m.
-    pub(crate) heights: Vec<f32>,
+    pub heights: Vec<f32>,
     /// Half its length along x and y, m.
-    pub(crate) half: [f32; 2],
+    pub half: [f32; 2],
     /// How far it reaches down below zero, m.
-    pub(crate) base: f32,
+    pub base: f32,
 }
 
 impl Model {
     /// The points, faces and the normals of the faces' corners of a mesh.
-    pub(crate) fn mesh(&self, mesh: usize) -> MeshData {
+    pub fn mesh(&self, mesh: usize) -> MeshData {
         let header = self.header();
         // SAFETY: the arrays hold `nmesh` rows each, and the rows that they name lie within those of points, faces and
         // normals, which the compiler made so; the slices check every index.
@@ -64,12 +64,12 @@ impl Model {
     }
 
     /// How many meshes there are.
-    pub(crate) fn mesh_count(&self) -> usize {
+    pub fn mesh_count(&self) -> usize {
         self.header().nmesh as usize
     }
 
     /// What images need to know of the model as a whole.
-    pub(crate) fn looks(&self) -> Looks {
+    pub fn looks(&self) -> Looks {
         let (visual, extent) = (&self.header().vis, self.header().stat.extent);
         Looks {
             shadow_clip: f64::from(visual.map.shadowclip) * extent,
@@ -80,12 +80,12 @@ impl Model {
     }
 
     /// How many height fields there are.
-    pub(crate) fn ground_count(&self) -> usize {
+    pub fn ground_count(&self) -> usize {
         self.header().nhfield as usize
     }
 
     /// A height field.
-    pub(crate) fn ground(&self, index: usize) -> GroundData {
+    pub fn ground(&self, index: usize) -> GroundData {
         let header = self.header();
         // SAFETY: the arrays hold `nhfield` rows each, which the compiler made to lie within `hfield_data`; the slices check the
         // index and the range.
@@ -105,7 +105,7 @@ impl Model {
     }
 
     /// Whether its meshes and height fields are those of `other`.
-    pub(crate) fn has_shapes_of(&self, other: &Model) -> bool {
+    pub fn has_shapes_of(&self, other: &Model) -> bool {
         let (a, b) = (self.header(), other.header());
         // SAFETY: each array holds as many rows as its count says.
         unsafe {
