@@ -181,6 +181,10 @@ impl Task for Reach {
         out.extend(stage.sim.geom_xpos(self.finger));
     }
 
+    fn goal_qpos<'a>(&self, stage: &'a Stage) -> Option<&'a [f64]> {
+        self.matches_angles.then(|| stage.target(ANGLES))
+    }
+
     fn set_goal(&self, stage: &mut Stage, column: &str, values: &[f64]) {
         match column {
             "qpos" => stage.set_target(ANGLES, values),

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, Outcome, ResetOptions, Schema, Slice, Value,
+    Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ImageSize, Outcome, ResetOptions, Schema, Slice,
+    Value,
 };
-use swm_envs_mujoco::{CHEETAH, ENVS, FINGER};
+use swm_envs_mujoco::{CHEETAH, ENVS, FINGER, REACHER};
 
 fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
     let settings = settings.as_object().cloned().unwrap_or_default();
@@ -272,4 +273,57 @@ fn friction_of_the_floor_is_the_references_to_the_bit() {
             assert_eq!(row.get::<f64>(name).expect("a column"), expected, "{}: {name}", case.env);
         }
     }
+}
+
+#[test]
+fn a_goal_of_angles_is_shown_and_leaves_the_episode_as_it_is() {
+    let make = |image| {
+        let settings = json!({ "task": "qpos_match" }).as_object().cloned().unwrap_or_default();
+        REACHER.make(&EnvConfig { image, settings }).expect("the task exists")
+    };
+    let push = |env: &mut dyn Env| env.step(Slice::F64(&[0.5, -1.0])).expect("the action is valid");
+    let column = |row: &Batch, name: &str| {
+        let index = row.schema().index(name).unwrap_or_else(|| panic!("there is no `{name}`"));
+        Value::from_slice(&row.schema().fields()[index].shape, row.column(index))
+    };
+    let size = ImageSize { height: 32, width: 32 };
+    let mut env = make(Some(size));
+    reset(env.as_mut(), 3, &ResetOptions::default()).unwrap();
+    let first = row(env.as_mut());
+    for _ in 0..20 {
+        push(env.as_mut());
+    }
+    let last = row(env.as_mut());
+    let start = Some(start_columns(env.as_ref(), &first));
+    let goal = Some(BTreeMap::from([("qpos".to_owned(), column(&last, "qpos"))]));
+    let options = ResetOptions { start, goal, ..ResetOptions::default() };
+
+    // The image is that of the recorded row, and not of the start.
+    reset(env.as_mut(), 3, &options).unwrap();
+    let shown = row(env.as_mut());
+    assert_eq!(column(&shown, "goal"), column(&last, "pixels"));
+    assert_eq!(column(&shown, "pixels"), column(&first, "pixels"));
+    assert_ne!(column(&shown, "goal"), column(&shown, "pixels"));
+
+    // An environment that draws nothing goes the same way.
+    let mut blind = make(None);
+    assert!(blind.spec().fields.iter().all(|field| field.name != "goal"));
+    reset(blind.as_mut(), 3, &options).unwrap();
+    for _ in 0..10 {
+        push(env.as_mut());
+        push(blind.as_mut());
+        let (seen, unseen) = (row(env.as_mut()), row(blind.as_mut()));
+        for name in ["qpos", "qvel", "qacc_warmstart"] {
+            assert_eq!(column(&seen, name), column(&unseen, name), "{name}");
+        }
+    }
+
+    // A restored episode has its goal.
+    let mut state = EnvState::default();
+    env.snapshot(&mut state).unwrap();
+    let mut other = make(Some(size));
+    reset(other.as_mut(), 8, &ResetOptions::default()).unwrap();
+    assert_ne!(column(&row(other.as_mut()), "goal"), column(&shown, "goal"));
+    other.restore(&state).unwrap();
+    assert_eq!(column(&row(other.as_mut()), "goal"), column(&shown, "goal"));
 }

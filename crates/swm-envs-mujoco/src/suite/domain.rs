@@ -115,6 +115,11 @@ pub trait Task: Send + Sync {
     /// Appends the values of [`Domain::infos`].
     fn infos(&self, _stage: &Stage, _out: &mut Vec<f64>) {}
 
+    /// The positions of the goal, where it is a whole state, which an image can show.
+    fn goal_qpos<'a>(&self, _stage: &'a Stage) -> Option<&'a [f64]> {
+        None
+    }
+
     /// Sets the goal from column `column` of a recorded row, one of [`TaskEntry::goal_columns`].
     fn set_goal(&self, _stage: &mut Stage, _column: &str, _values: &[f64]) {}
 }

@@ -4,7 +4,8 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, ImageSize, Outcome, RowsMut, Slice, Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
+    Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -40,6 +41,15 @@ pub struct SuiteEnv {
     scratch: Vec<f64>,
     columns: Columns,
     image: Option<Image>,
+    goal: Option<GoalImage>,
+}
+
+/// The image of a goal that is a whole state.
+struct GoalImage {
+    column: usize,
+    pixels: Vec<u8>,
+    /// Whether it is of an earlier goal, or of another look.
+    is_stale: bool,
 }
 
 /// A saved state.
@@ -89,7 +99,12 @@ impl SuiteEnv {
         task.observe(&stage, &mut scratch);
         let camera = CameraName::Index(domain.camera);
         let views = Views::new(&settings.images, &camera, stage.sim.model(), image)?;
-        let (fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
+        let (mut fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
+        let goal = image.filter(|_| task.goal_qpos(&stage).is_some()).map(|size| {
+            fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
+            let pixels = vec![0; size.shape().iter().product()];
+            GoalImage { column: fields.len() - 1, pixels, is_stale: true }
+        });
         let spec =
             EnvSpec::new(domain.id, Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0), fields)
                 .factors(space.specs())
@@ -103,6 +118,7 @@ impl SuiteEnv {
             spec,
             domain,
             image,
+            goal,
             fov: space.defaults(),
             step_limit: (domain.time_limit_s / control_step_s).round() as u64,
             settings,
@@ -163,6 +179,20 @@ impl SuiteEnv {
         Ok(())
     }
 
+    /// Draws the goal, and returns to where the episode is.
+    fn render_goal(&mut self) -> Result<(), MujocoError> {
+        let Self { goal: Some(goal), image: Some(image), stage, task, .. } = self else { return Ok(()) };
+        let Some(qpos) = task.goal_qpos(stage).map(<[f64]>::to_vec) else { return Ok(()) };
+        goal.is_stale = false;
+        let mut kept = Vec::new();
+        stage.sim.save(&mut kept);
+        stage.sim.qpos_mut().copy_from_slice(&qpos);
+        stage.sim.qvel_mut().fill(0.0);
+        stage.sim.forward_without_actuation()?;
+        image.render(&mut stage.sim, &mut goal.pixels);
+        stage.sim.load(&kept)
+    }
+
     /// One control step with the controls that are set; the reward of the new state.
     fn control_step(&mut self) -> Result<Outcome, MujocoError> {
         self.stage.sim.control_step(self.domain.substeps)?;
@@ -204,6 +234,9 @@ impl Env for SuiteEnv {
         if let Some(observed) = observed {
             self.task.recall(&mut self.stage, &observed);
         }
+        if let Some(goal) = &mut self.goal {
+            goal.is_stale = true;
+        }
         Ok(Outcome { reward: f64::NAN, terminated: false, success: self.task.success(&self.stage) })
     }
 
@@ -236,6 +269,16 @@ impl Env for SuiteEnv {
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.fov.write(self.columns.factors, out);
+        if self.goal.as_ref().is_some_and(|goal| goal.is_stale)
+            && self.render_goal().is_err()
+            && let Some(goal) = &mut self.goal
+        {
+            // The next step finds the simulation unusable, and its error is that of the episode.
+            goal.pixels.fill(0);
+        }
+        if let Some(goal) = &self.goal {
+            out.write(goal.column, &goal.pixels);
+        }
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
@@ -297,6 +340,9 @@ impl Env for SuiteEnv {
             if !same_model {
                 self.set_model()?;
                 self.stage.set_targets(&saved.targets);
+                if let Some(goal) = &mut self.goal {
+                    goal.is_stale = true;
+                }
             }
             self.stage.sim.load(&saved.simulation)
         })();

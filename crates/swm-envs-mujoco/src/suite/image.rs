@@ -52,6 +52,11 @@ impl Image {
         self.images.write(sim, first, out);
     }
 
+    /// As [`Images::render`].
+    pub(super) fn render(&mut self, sim: &mut Simulation, out: &mut [u8]) {
+        self.images.render(sim, out);
+    }
+
     /// As [`Images::renderer`].
     pub(super) fn renderer(&self) -> String {
         self.images.renderer()
