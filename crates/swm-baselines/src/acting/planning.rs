@@ -183,7 +183,7 @@ impl PlanningTable {
 
     /// Adds an earlier observation of the environment whose current one comes next.
     pub(super) fn push_past<'a>(&mut self, field: impl Fn(usize) -> Slice<'a>) -> Result<(), BaselineError> {
-        let Slice::U8(pixels) = field(0) else { return Err(no_images(PIXELS)) };
+        let Slice::U8(pixels) = field(0) else { return Err(no_images(PIXELS, false)) };
         let seen = self.canonical.as_mut().map_or(&mut self.pixels, |canonical| &mut canonical.pixels);
         seen.extend_from_slice(pixels);
         if let Some(State { scale, now, .. }) = &mut self.proprio {
@@ -246,18 +246,25 @@ fn newest<V: Clone>(values: &[V], frames: usize, size: usize) -> Cow<'_, [V]> {
     rows.flat_map(|row| row[(frames - 1) * size..].iter().cloned()).collect()
 }
 
-fn no_images(name: &'static str) -> BaselineError {
-    let reason = "the environment shows no such images, and the model sees nothing else; set the size of images, such as 64x64, \
-                  in the manifest, or in the request where there is no manifest";
+/// Why there are no images of this name, where there are none at all or, `beside` others, none of the goal.
+fn no_images(name: &'static str, beside: bool) -> BaselineError {
+    let reason = if beside {
+        "the environment has images, and none of its goal, to which the model plans; choose a task whose goals are whole states, such \
+         as Reacher's `qpos_match`"
+    } else {
+        "the environment shows no such images, and the model sees nothing else; set the size of images, such as 64x64, \
+         in the manifest, or in the request where there is no manifest"
+    };
     BaselineError::data(name, reason)
 }
 
 /// `[H, W]` of an image.
 pub(super) fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError> {
-    let index = row.schema().index(name).ok_or_else(|| no_images(name))?;
-    match row.schema().fields()[index].shape[..] {
+    let schema = row.schema();
+    let index = schema.index(name).ok_or_else(|| no_images(name, schema.index(PIXELS).is_some()))?;
+    match schema.fields()[index].shape[..] {
         [height, width, 3] => Ok([height, width]),
-        _ => Err(no_images(name)),
+        _ => Err(no_images(name, false)),
     }
 }
 
@@ -315,6 +322,17 @@ mod tests {
         batch.rows_mut().at::<u8>(0).fill(now);
         batch.rows_mut().at::<u8>(1).fill(goal);
         batch
+    }
+
+    #[test]
+    fn an_environment_without_images_of_its_goal_is_told_from_one_without_images() {
+        let message = |names: &[&str]| {
+            let fields = names.iter().map(|name| Field::step(name, Dtype::U8, &[2, 2, 3])).collect();
+            let batch = Batch::new(Schema::new(fields).unwrap(), 1);
+            PlanningTable::default().push(batch.row(0)).unwrap_err().to_string()
+        };
+        assert!(message(&["other"]).contains("`pixels`: the environment shows no such images"));
+        assert!(message(&[PIXELS]).contains("`goal`: the environment has images, and none of its goal"));
     }
 
     #[test]
