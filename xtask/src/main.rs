@@ -75,9 +75,9 @@ enum Command {
     Test(test::Args),
     /// Format, rules, lints and unit tests: in 5 minutes, before a commit
     Check(ci::Args),
-    /// What the CI machine runs for each change, in 25 minutes; prints a table
+    /// What the CI machine runs for each change, in 45 minutes on two cores; prints a table
     Ci(ci::Args),
-    /// Every check, with a rehearsed release and each crate alone, in an hour
+    /// Every check, with a rehearsed release and each crate alone, in three hours
     Nightly(ci::Args),
     /// Load what `swm export` writes with the reference, and compare outputs
     Exports(exports::Args),
