@@ -24,7 +24,7 @@ pub(crate) struct Args {
     /// Build for every Linux since glibc 2.28, with zig, which is fetched (100 MB); else for systems whose glibc is as new as this one's
     #[arg(long, conflicts_with = "dev")]
     zig: bool,
-    /// Build for another processor, such as aarch64-unknown-linux-gnu, whose standard library `rustup target add` brings; with --zig
+    /// Build for another CPU, such as aarch64-unknown-linux-gnu, whose standard library `rustup target add` brings; with --zig
     #[arg(long, requires = "zig")]
     target: Option<String>,
     /// Build Lance tables in, which takes many minutes more
