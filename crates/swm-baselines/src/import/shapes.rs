@@ -60,14 +60,12 @@ impl Shapes {
     pub(super) fn vit(&self, prefix: &str) -> Result<Option<VitShape>, TaskError> {
         let of = |name: &str, axis| self.dim(&format!("{prefix}{name}"), axis);
         let Some(dim) = of("embeddings.cls_token", 2) else { return Ok(None) };
-        for (name, what) in [
-            ("embeddings.register_tokens", "has registers, which this program's DINOv2 does not have"),
-            (
-                "layers.0.mlp.weights_in.weight",
-                "has SwiGLU, as giant DINOv2s; this program has small, base and large ones",
-            ),
+        // Older and newer names end differently.
+        for (part, what) in [
+            ("register_tokens", "has registers, which this program's DINOv2 does not have"),
+            (".weights_in.", "has SwiGLU, as giant DINOv2s; this program has small, base and large ones"),
         ] {
-            if of(name, 0).is_some() {
+            if self.0.keys().any(|name| name.starts_with(prefix) && name.contains(part)) {
                 return Err(Message::new(format!("the encoder {what}")).into());
             }
         }
@@ -114,6 +112,11 @@ impl VitShape {
         let &Self { dim, depth, hidden, patch, positions_for, dinov2 } = self;
         json!({ "kind": "vit", "dim": dim, "depth": depth, "heads": heads, "hidden": hidden, "patch": patch,
             "positions_for": positions_for, "dinov2": dinov2 })
+    }
+
+    /// What is added to variances before they divide, as in `nn::vit`.
+    pub(super) fn epsilon(&self) -> f64 {
+        if self.dinov2 { 1e-6 } else { 1e-12 }
     }
 
     /// The heads of published transformers of this dim.

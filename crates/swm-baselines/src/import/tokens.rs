@@ -241,8 +241,11 @@ fn frozen(
         positions_for: 518,
         dinov2: true,
     });
-    let beside = || given.folder.zip(named).and_then(|(folder, name)| heads_beside(folder, name));
-    let heads = set.map(|heads| heads as usize).or_else(beside).or_else(|| shape.usual_heads());
+    let beside = match given.folder.zip(named) {
+        Some((folder, name)) => heads_beside(folder, name, shape.epsilon())?,
+        None => None,
+    };
+    let heads = set.map(|heads| heads as usize).or(beside).or_else(|| shape.usual_heads());
     let heads = heads.ok_or_else(|| unsaid_heads(place, "the encoder"))?;
     Ok((shape.settings(heads), shape.patch))
 }
@@ -260,15 +263,30 @@ fn published(name: &str) -> Option<VitShape> {
     Some(VitShape { dim, depth, hidden: 4 * dim, patch: 14, positions_for: 518, dinov2: true })
 }
 
-/// The heads that the `config.json` of an encoder says, which is in a folder beside the checkpoint.
-fn heads_beside(folder: &Path, name: &str) -> Option<usize> {
+/// The heads of an encoder whose `config.json` is in a folder beside the checkpoint. One that computes otherwise than ours is refused.
+fn heads_beside(folder: &Path, name: &str, epsilon: f64) -> Result<Option<usize>, TaskError> {
+    let Some(config) = config_beside(folder, name) else { return Ok(None) };
+    let file = format!("{name}/config.json");
+    let node = Node::root(&file, &config)?;
+    if let Some(other) = node.text("hidden_act")?.filter(|&name| name != "gelu") {
+        let reason = format!("is {other}, and this program has gelu in its place");
+        return Err(node.need("hidden_act")?.wrong(&reason));
+    }
+    if let Some(other) = node.real("layer_norm_eps")?.filter(|&found| found != epsilon) {
+        let reason = format!("is {other}, and this program has {epsilon:e} in its place");
+        return Err(node.need("layer_norm_eps")?.wrong(&reason));
+    }
+    node.number("num_attention_heads")
+}
+
+/// The `config.json` of an encoder in the checkpoint's folder, if it is there; links lead nowhere else.
+fn config_beside(folder: &Path, name: &str) -> Option<Json> {
     let inside = folder.canonicalize().ok()?;
     let file = folder.join(name).join("config.json").canonicalize().ok()?;
     if !file.starts_with(&inside) || fs::metadata(&file).ok()?.len() > super::source::LONGEST_CONFIG {
         return None;
     }
-    let config: Json = serde_json::from_slice(&fs::read(file).ok()?).ok()?;
-    Some(config["num_attention_heads"].as_u64()? as usize)
+    serde_json::from_slice(&fs::read(file).ok()?).ok()
 }
 
 /// The side of images whose patches are `tokens` of `history` frames.

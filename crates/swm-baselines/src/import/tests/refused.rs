@@ -249,3 +249,38 @@ fn damaged_files_are_errors_and_no_panics() {
         assert!(refused > 20, "{case}: {refused}");
     }
 }
+
+#[test]
+fn an_encoder_that_computes_otherwise_is_refused_by_its_own_config() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |name: &str| {
+        std::fs::create_dir_all(folder.path().join("backbone")).unwrap();
+        std::fs::copy(golden().join("gcbc").join(name), folder.path().join(name)).unwrap();
+    };
+    ["config.json", "weights_epoch_3.pt", "backbone/config.json"].iter().for_each(|name| copy(name));
+    let file = folder.path().join("backbone/config.json");
+    let good = std::fs::read_to_string(&file).unwrap();
+    let described = |config: &str| {
+        std::fs::write(&file, config).unwrap();
+        let mut request = request(&folder.path().join("weights_epoch_3.pt"), None);
+        request.check_only = true;
+        request.run(&registry(), &mut ()).map_err(|error| error.to_string())
+    };
+    assert!(described(&good).is_ok());
+    for (ours, other, reason) in [
+        (
+            "\"hidden_act\": \"gelu\"",
+            "\"hidden_act\": \"relu\"",
+            "hidden_act is relu, and this program has gelu",
+        ),
+        (
+            "\"layer_norm_eps\": 1e-06",
+            "\"layer_norm_eps\": 0.05",
+            "layer_norm_eps is 0.05, and this program has 1e-6",
+        ),
+    ] {
+        assert!(good.contains(ours), "{good}");
+        let message = described(&good.replace(ours, other)).unwrap_err();
+        assert!(message.contains("backbone/config.json: ") && message.contains(reason), "{message}");
+    }
+}
