@@ -28,6 +28,11 @@ pub trait Backend: Send + 'static {
         Ok(!path.exists())
     }
 
+    /// Whether a file that is there is a dataset in this format, whole or damaged: nothing else is replaced. A folder is opened for that.
+    fn is_dataset(&self, _file: &Path) -> bool {
+        true
+    }
+
     /// Opens what is there.
     ///
     /// # Errors

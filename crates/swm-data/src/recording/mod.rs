@@ -122,6 +122,13 @@ impl<S: Backend> BackendWriter<S> {
                 })?;
                 0
             }
+            _ if path.metadata().is_ok_and(|file| file.len() > 0) && !backend.is_dataset(&path) => {
+                let reason = format!(
+                    "it is a file, but no dataset in the format `{}` to replace; move it away, or choose another name",
+                    backend.name()
+                );
+                return Err(DataError::record(&path, reason));
+            }
             _ => 0,
         };
         Ok(Self {

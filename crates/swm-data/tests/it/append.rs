@@ -78,6 +78,22 @@ fn an_overwritten_file_stays_until_recording_begins() {
 }
 
 #[test]
+fn a_file_that_is_no_dataset_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["notes.h5", "notes.mcap"] {
+        let path = folder.path().join(name);
+        fs::write(&path, "my notes").unwrap();
+        let message = record(&path, WriteMode::Overwrite, 0..1).unwrap_err().to_string();
+        assert!(message.contains(name) && message.contains("no dataset in the format"), "{message}");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "my notes");
+        // An empty file, as `mktemp` makes, holds nothing that could be lost.
+        fs::write(&path, "").unwrap();
+        assert_eq!(record(&path, WriteMode::Overwrite, 0..1).unwrap(), 0, "{name}");
+        assert_eq!(contents(&path).len(), 1);
+    }
+}
+
+#[test]
 fn a_second_writer_is_refused_while_the_first_lives() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");

@@ -57,6 +57,10 @@ impl Backend for Hdf5Backend {
         false
     }
 
+    fn is_dataset(&self, file: &Path) -> bool {
+        FORMAT.detect(file)
+    }
+
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
         Ok(Box::new(Hdf5Dataset::open_locked(path)?))
     }

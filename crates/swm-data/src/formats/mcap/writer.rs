@@ -66,6 +66,10 @@ impl Backend for McapBackend {
         false
     }
 
+    fn is_dataset(&self, file: &Path) -> bool {
+        FORMAT.detect(file)
+    }
+
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
         Ok(Box::new(McapDataset::open(path)?))
     }
