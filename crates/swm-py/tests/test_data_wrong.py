@@ -95,6 +95,65 @@ def test_objects_are_refused_by_name(episode: Any, message: str, tmp_path: Path)
     assert not (tmp_path / "a.h5").exists()
 
 
+def test_masked_values_are_not_written(tmp_path: Path) -> None:
+    values = np.ma.masked_array(np.arange(4.0), mask=[False, True, False, False])
+    for column in (values, [values[0:2], values[2:4], values[0:2], values[2:4]]):
+        with pytest.raises(TypeError, match=r"column 'x' is a masked array.*values.filled\(np.nan\)"):
+            write(tmp_path / "a.h5", {"x": column})
+    write(tmp_path / "a.h5", {"x": values.filled(np.nan), "y": np.ma.masked_array(np.arange(4.0), mask=False)})
+    assert np.isnan(swm.data.load_dataset(tmp_path / "a.h5").get_col_data("x")).tolist() == [False, True, False, False]
+
+
+OPENING = {
+    "image_size=(-1, 3)": ({"image_size": (-1, 3)}, ValueError, r"image_size=\(-1, 3\): give sides of 1 to 4096 pixels"),
+    "image_size=(64,)": ({"image_size": (64,)}, TypeError, r"image_size=\(64,\): give the height and width"),
+    "image_size=64": ({"image_size": 64}, TypeError, "image_size=64: give the height and width"),
+    "fit": ({"image_size": (8, 8), "fit": "crp"}, ValueError, "fit='crp'; use 'stretch' or 'crop' or 'pad'"),
+    "flip": ({"flip": "up"}, ValueError, "flip='up'; use 'vertical' or '180'"),
+    "fps": ({"fps": "10"}, TypeError, "fps='10': give a number of rows per second"),
+    "fps=0": ({"fps": 0}, ValueError, "fps=0: give a finite number above 0"),
+    "camera": ({"camera": 0}, TypeError, "camera=0: give text, such as camera='top'"),
+    "map": ({"map": [("a", "b")]}, TypeError, r"map=.*: give a dict, such as map=\{'proprio': 'obs.state'\}"),
+    "shift": ({"shift": 2}, ValueError, "shift=2: give a whole number from 0 to 1"),
+    "max_steps": ({"max_steps": -1}, ValueError, "max_steps=-1: give 1 or more"),
+    "options": ({"options": {"camra": "top"}}, ValueError, "has no option 'camra'; did you mean 'camera'?"),
+}
+
+
+@pytest.mark.parametrize("what", OPENING)
+def test_options_of_opening_are_named_in_errors(what: str, tmp_path: Path) -> None:
+    options, kind, message = OPENING[what]
+    write(tmp_path / "a.h5")
+    with pytest.raises(kind, match=message) as caught:
+        swm.data.load_dataset(tmp_path / "a.h5", **options)
+    assert "line 1" not in str(caught.value)
+
+
+def test_what_is_no_dataset_is_an_error_of_datasets(tmp_path: Path) -> None:
+    with pytest.raises(swm.DataError, match="No format detected; .* is not a dataset: it is an empty folder"):
+        swm.data.load_dataset(tmp_path)
+
+
+def test_options_that_are_none_are_left_out(tmp_path: Path) -> None:
+    write(tmp_path / "a.h5")
+    opened = swm.data.load_dataset(tmp_path / "a.h5", camera=None, map=None, image_size=(np.int64(8), 8))
+    assert tuple(opened[0]["pixels"].shape) == (1, 3, 8, 8)
+
+
+def test_episodes_and_rows_that_are_not_there_are_named(tmp_path: Path) -> None:
+    write(tmp_path / "a.h5", {"state": np.arange(8.0).reshape(4, 2)})
+    write(tmp_path / "a.h5", {"state": np.arange(8.0).reshape(4, 2) + 8}, mode="append")
+    dataset = swm.data.load_dataset(tmp_path / "a.h5")
+    assert np.asarray(dataset.load_episode(-1)["state"])[0].tolist() == [8, 9]
+    for number in (2, -3):
+        with pytest.raises(IndexError, match=f"there is no episode {number}; there are 2, counted from 0"):
+            dataset.load_episode(number)
+    with pytest.raises(swm.DataError, match="load_chunk: rows 3 to 1 of episode 0, which has 4 rows"):
+        dataset.load_chunk([0], [3], [1])
+    with pytest.raises(ValueError, match="load_chunk: 1, 2, 1 episodes, starts and ends"):
+        dataset.load_chunk([0], [0, 1], [2])
+
+
 def test_dicts_become_columns_as_in_recordings(tmp_path: Path) -> None:
     arm = np.arange(8, dtype=np.float32).reshape(4, 2)
     steps = [{"force": float(step), "hand": {"open": step % 2 == 0}} for step in range(4)]

@@ -439,6 +439,31 @@ def test_any_other_setting_is_refused_by_a_message_or_of_no_effect(name: str, tm
     assert refused > 4 * loaded
 
 
+def test_settings_of_an_encoder_that_have_one_value_here(tmp_path: Path) -> None:
+    folder, config, _ = small_lewm(tmp_path)
+    usual = {"hidden_act": "gelu", "layer_norm_eps": 1e-12, "qkv_bias": True, "num_channels": 3, "hidden_dropout_prob": 0.0}
+    config["encoder"] |= usual
+    (folder / "config.json").write_text(json.dumps(config))
+    joint_agrees(wm.load_pretrained(folder), expected("lewm_transformers4"))
+    for name, value in {"hidden_act": "relu", "layer_norm_eps": 0.1, "qkv_bias": False, "attention_probs_dropout_prob": 0.1}.items():
+        (folder / "config.json").write_text(json.dumps({**config, "encoder": {**config["encoder"], name: value}}))
+        with pytest.raises(ValueError, match=f"config.json: encoder.{name} is {value!r}, and encoders have .* here; load such a model with"):
+            wm.load_pretrained(folder)
+
+
+def test_the_config_of_an_encoder_beside_the_weights_is_compared(tmp_path: Path) -> None:
+    folder = tmp_path / "model"
+    shutil.copytree(GOLDEN / "gcbc", folder)
+    beside = folder / "backbone" / "config.json"
+    config = json.loads(beside.read_text())
+    beside.write_text(json.dumps({**config, "hidden_dropout_prob": 0.1}))  # of training alone
+    policy_agrees(wm.load_pretrained(folder), expected("gcbc"))
+    for name, value in {"hidden_act": "relu", "layer_norm_eps": 0.1, "use_swiglu_ffn": True}.items():
+        beside.write_text(json.dumps({**config, name: value}))
+        with pytest.raises(ValueError, match=f"backbone/config.json: {name} is {value!r}, and encoders have"):
+            wm.load_pretrained(folder)
+
+
 def test_settings_can_be_given_others(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"predictor.pos_embedding: \(1, 3, 24\) in the file, \(1, 2, 24\)"):
         wm.load_pretrained(GOLDEN / "lewm_transformers4", extra_args={"predictor.num_frames": 2})

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import whole_number
 from .._core import core as _swm
 from ._tensors import to_numpy
 from .concat import ConcatDataset
@@ -170,16 +171,40 @@ class Dataset:
     def load_chunk(
         self, episodes_idx: NDArray[Any] | Sequence[int], start: NDArray[Any] | Sequence[int], end: NDArray[Any] | Sequence[int]
     ) -> list[dict[str, Any]]:
-        """One slice of rows per entry: episode ``episodes_idx[i]``, rows ``start[i]`` to ``end[i]``."""
-        slices = zip(to_numpy(episodes_idx).tolist(), to_numpy(start).tolist(), to_numpy(end).tolist(), strict=True)
+        """One slice of rows per entry: episode ``episodes_idx[i]``, rows ``start[i]`` to ``end[i]``.
+
+        Raises:
+            IndexError: There is no such episode.
+            DataError: It has no such rows.
+        """
+        columns = [to_numpy(values).tolist() for values in (episodes_idx, start, end)]
+        if len({len(values) for values in columns}) > 1:
+            raise ValueError(f"load_chunk: {', '.join(str(len(values)) for values in columns)} episodes, starts and ends; give as many of each")
+        slices = [(self._episode(episode), first, last) for episode, first, last in zip(*columns, strict=True)]
+        for episode, first, last in slices:
+            if not 0 <= first < last:
+                rows = int(self.lengths[episode])
+                raise _swm.DataError(f"load_chunk: rows {first} to {last} of episode {episode}, which has {rows} rows; give 0 <= start < end <= {rows}")
         return [
             self._grouped(self._load_slice(episode, first, last), (last - first) // self.frameskip)
             for episode, first, last in slices
         ]
 
     def load_episode(self, episode_idx: int) -> dict[str, Any]:
-        """All rows of an episode (every ``frameskip``-th), by column."""
-        return self._load_slice(episode_idx, 0, int(self.lengths[episode_idx]))
+        """All rows of an episode (every ``frameskip``-th), by column; -1 is the last episode.
+
+        Raises:
+            IndexError: There is no such episode.
+        """
+        episode = self._episode(episode_idx)
+        return self._load_slice(episode, 0, int(self.lengths[episode]))
+
+    def _episode(self, number: Any) -> int:
+        """The number of an episode, counted from the end where it is negative."""
+        count, episode = len(self.lengths), whole_number("episode", number, least=-(2**63))
+        if not -count <= episode < count:
+            raise IndexError(f"there is no episode {episode}; there are {count}, counted from 0")
+        return episode % count
 
     def get_col_data(self, col: str) -> NDArray[Any]:
         """A whole column, ``(rows of all episodes, …)``."""

@@ -6,6 +6,7 @@ tensors where torch is installed, else NumPy arrays; both lie on memory that is 
 
 from __future__ import annotations
 
+import difflib
 import json
 import logging
 import operator
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arguments import kind_of, require_callable, whole_number
+from .._arguments import as_json, kind_of, require_callable, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from . import _show
@@ -83,13 +84,54 @@ class _Cached(Mapping[str, NDArray[Any]]):
         return len(self._dataset.cached_columns)
 
 
+# Options of opening that are text, that are dicts, and that have few values, each with what to give.
+_TEXTS = {"camera": "'top'", "env": "'mylab/Arm-v0'", "split": "'train'", "storage": "'decoded'"}
+_DICTS = {"map": "{'proprio': 'obs.state'}", "env_options": "{'task': 'swingup'}"}
+_CHOICES = {"flip": ("vertical", "180"), "fit": ("stretch", "crop", "pad")}
+_OPTIONS = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage")
+_LARGEST_SIDE = 4096
+
+
 def as_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of opening as the core has them in JSON."""
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
-    if isinstance(size := given.get("image_size"), (tuple, list)):
-        height, width = size  # pyright: ignore[reportUnknownVariableType]
-        given["image_size"] = {"height": int(height), "width": int(width)}  # pyright: ignore[reportUnknownArgumentType]
-    return given
+    """Options of opening as the core has them in JSON; those that are None are left out.
+
+    Raises:
+        TypeError: One is of another kind than it should be.
+        ValueError: There is no option of that name, or it has no such value.
+    """
+    return {name: _as_option(name, value) for name, value in options.items() if value is not None}
+
+
+def _as_option(name: str, value: Any) -> Any:
+    if name in _TEXTS:
+        if not isinstance(value, (str, os.PathLike) if name == "storage" else str):
+            raise TypeError(f"{name}={value!r}: give text, such as {name}={_TEXTS[name]}")
+        return os.fspath(value)
+    if name in _DICTS:
+        if not isinstance(value, Mapping):
+            raise TypeError(f"{name}={value!r}: give a dict, such as {name}={_DICTS[name]}")
+        return {str(key): as_json(f"{name}[{key!r}]", one) for key, one in cast("Mapping[Any, Any]", value).items()}
+    if name in _CHOICES:
+        if str(value) not in _CHOICES[name]:
+            raise ValueError(f"{name}={value!r}; use {' or '.join(map(repr, _CHOICES[name]))}")
+        return str(value)
+    if name == "fps":
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise TypeError(f"fps={value!r}: give a number of rows per second, such as fps=10")
+        if not 0 < (rate := float(cast("Any", value))) < float("inf"):
+            raise ValueError(f"fps={value}: give a finite number above 0")
+        return rate
+    if name in ("max_steps", "shift"):
+        return whole_number(name, value, 1) if name == "max_steps" else whole_number(name, value, 0, 1)
+    if name == "image_size":
+        if isinstance(value, Mapping):
+            return dict(cast("Mapping[str, Any]", value))
+        height, width = image_sides(name, value)
+        if not (1 <= height <= _LARGEST_SIDE and 1 <= width <= _LARGEST_SIDE):
+            raise ValueError(f"image_size={value!r}: give sides of 1 to {_LARGEST_SIDE} pixels")
+        return {"height": height, "width": width}
+    meant = difflib.get_close_matches(name, _OPTIONS, 1)
+    raise ValueError(f"opening a dataset has no option {name!r}{f'; did you mean {meant[0]!r}?' if meant else ''}; there are {', '.join(_OPTIONS)}")
 
 
 class NativeDataset(Dataset):
@@ -183,7 +225,7 @@ class NativeDataset(Dataset):
             raise ValueError("keys_to_cache: images of sampled looks differ from epoch to epoch; leave out 'pixels'")
         self._epoch = 0
         self._resize: tuple[tuple[int, int], str | None] | None = None
-        self._options: str | None = json.dumps(as_options(options)) if options else None
+        self._options: str | None = json.dumps(given) if options and (given := as_options(options)) else None
         self.episodes: list[int] | None = None if episodes is None else [int(episode) for episode in episodes]
         self._merged: dict[str, NDArray[Any]] = {}
         self.cached_columns: list[str] = []

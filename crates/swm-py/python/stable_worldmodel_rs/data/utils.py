@@ -118,7 +118,7 @@ def _opened(path: Path, format: str | None, kwargs: dict[str, Any]) -> Any:
         if "is not a dataset" not in str(error) or known is not None:
             raise
         what = what_it_is(path) if "content is of no known format" in str(error) else None
-        raise ValueError(f"No format detected; {error if what is None else f'{path} is not a dataset: {what}'}") from None
+        raise _swm.DataError(f"No format detected; {error if what is None else f'{path} is not a dataset: {what}'}") from None
 
 
 def _unknown_argument(error: TypeError, given: Mapping[str, Any]) -> TypeError | None:

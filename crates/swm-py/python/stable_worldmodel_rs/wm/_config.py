@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from . import gcrl, lewm, pldm, prejepa, tdmpc2
 from ._torch import nn
-from ._vit import vit_hf
+from ._vit import vit_hf, without_fixed
 from .gcrl.gcrl import EvalOnly
 
 __all__ = ["KINDS", "build", "overridden", "target_of"]
@@ -123,6 +123,8 @@ class _Builder:
             return nn.ModuleDict(modules)
         if factory is prejepa.module.create_backbone and self.backbone is not None:
             return self.backbone(where, values)
+        if factory is vit_hf:
+            values = without_fixed(values, False, f"config.json: {place}")
         _check(factory, values, place)
         if factory is vit_hf:
             values["names"] = self.names

@@ -13,7 +13,7 @@ from . import gcrl, prejepa
 from ._frames import frame_mask
 from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
-from ._vit import KNOWN, Vit, VitSizes
+from ._vit import KNOWN, Vit, VitSizes, without_fixed
 from .gcrl.gcrl import EvalOnly, TeacherStudent
 
 __all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of"]
@@ -42,6 +42,10 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``.
         place: What errors call it.
     """
+    dinov2 = any("layer_scale1" in at for at in tensors)
+    beside = {} if name is None or folder is None else _config_beside(folder, name)
+    # Frozen, it drops nothing, whatever its config says of training.
+    without_fixed({at: value for at, value in beside.items() if "drop" not in at}, dinov2, f"{folder}/{name}/config.json: ")
     try:
         cls, positions = tensors["embeddings.cls_token"], tensors["embeddings.position_embeddings"]
         patches = tensors["embeddings.patch_embeddings.projection.weight"]
@@ -49,11 +53,10 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         hidden = next(value.shape[0] for at, value in tensors.items() if at.endswith(("fc1.weight", "intermediate.dense.weight")))
     except (KeyError, IndexError, StopIteration) as error:
         raise ValueError(f"{place}: the file has no encoder that is known here (a ViT or DINOv2 in the names of transformers)") from error
-    dinov2 = any("layer_scale1" in at for at in tensors)
     if heads is None and name in KNOWN and KNOWN[name].dim == dim:
         heads = KNOWN[name].heads
-    if heads is None and name is not None and folder is not None:
-        heads = _heads_beside(folder, name)
+    if heads is None:
+        heads = _heads_of(beside)
     if heads is None and name is None and dinov2:
         heads = _DINOV2_WIDTHS.get(dim)
     if heads is None:
@@ -74,15 +77,20 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
     return Vit(sizes)
 
 
-def _heads_beside(folder: Path, name: str) -> int | None:
-    """From ``config.json`` of the folder beside the weights that a config names; nothing outside of ``folder`` is read."""
+def _config_beside(folder: Path, name: str) -> dict[str, Any]:
+    """``config.json`` of the folder beside the weights that a config names, or nothing; nothing outside of ``folder`` is read."""
     file = (folder / name / "config.json").resolve()
     if not file.is_relative_to(folder.resolve()) or not file.is_file() or file.stat().st_size > 1 << 20:
-        return None
+        return {}
     try:
-        heads: Any = cast("dict[str, Any]", json.loads(file.read_text())).get("num_attention_heads")
-    except (ValueError, AttributeError):
-        return None
+        config: Any = json.loads(file.read_text())
+    except ValueError:
+        return {}
+    return cast("dict[str, Any]", config) if isinstance(config, dict) else {}
+
+
+def _heads_of(config: Mapping[str, Any]) -> int | None:
+    heads = config.get("num_attention_heads")
     return heads if isinstance(heads, int) and 0 < heads <= 1024 else None
 
 

@@ -5,6 +5,7 @@ Files differ in the names of these tensors. A network has those of the file that
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from ._names import of_generation
 from ._nets import join_heads, split_heads
 from ._torch import F, Tensor, nn, torch
 
-__all__ = ["KNOWN", "Encoded", "Vit", "VitSizes", "vit_hf"]
+__all__ = ["KNOWN", "Encoded", "Vit", "VitSizes", "vit_hf", "without_fixed"]
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class VitSizes:
         return self.positions_for // self.patch
 
 
+_EPSILON = {False: 1e-12, True: 1e-6}
 _DINOV2 = VitSizes(positions_for=518, dinov2=True, mask_token=True)
 KNOWN: dict[str, VitSizes] = {
     "facebook/dinov2-small": replace(_DINOV2, dim=384, heads=6, hidden=1536),
@@ -57,6 +59,36 @@ KNOWN: dict[str, VitSizes] = {
 """DINOv2 encoders whose sizes are known by their names."""
 
 _SIZES = {"tiny": (192, 12, 3, 768), "small": (384, 12, 6, 1536), "base": (768, 12, 12, 3072), "large": (1024, 24, 16, 4096)}
+
+# Settings of transformers that have one value here, for either form.
+_FIXED: dict[str, Any] = {
+    "hidden_act": "gelu",
+    "qkv_bias": True,
+    "num_channels": 3,
+    "hidden_dropout_prob": 0.0,
+    "attention_probs_dropout_prob": 0.0,
+    "drop_path_rate": 0.0,
+    "use_swiglu_ffn": False,
+}
+
+
+def without_fixed(settings: Mapping[str, Any], dinov2: bool, place: str) -> dict[str, Any]:
+    """The settings of an encoder without those that have one value here.
+
+    Args:
+        settings: By the names of transformers.
+        dinov2: Its form, which tells epsilon.
+        place: What errors put in front of a name.
+
+    Raises:
+        ValueError: one of them has another value.
+    """
+    fixed = {**_FIXED, "layer_norm_eps": _EPSILON[dinov2]}
+    for name, wanted in fixed.items():
+        if name in settings and settings[name] != wanted:
+            raise ValueError(f"{place}{name} is {settings[name]!r}, and encoders have {wanted!r} here; load such a model with the reference")
+    return {name: value for name, value in settings.items() if name not in fixed}
+
 
 # Where a block keeps what, by form and version.
 _FIVE = {"q": "attention.q_proj", "k": "attention.k_proj", "v": "attention.v_proj", "o": "attention.o_proj"}
@@ -107,7 +139,7 @@ class _Layer(nn.Module):
         self._heads = sizes.heads
         places = _PLACES[sizes.dinov2, sizes.names]
         self._paths = {name: path.split(".") for name, path in places.items()}
-        dim, epsilon = sizes.dim, 1e-6 if sizes.dinov2 else 1e-12
+        dim, epsilon = sizes.dim, _EPSILON[sizes.dinov2]
         parts: dict[str, nn.Module] = {name: nn.Linear(dim, dim) for name in "qkvo"}
         parts |= {"fc1": nn.Linear(dim, sizes.hidden), "fc2": nn.Linear(sizes.hidden, dim)}
         parts |= {name: nn.LayerNorm(dim, eps=epsilon) for name in ("norm1", "norm2")}
@@ -177,7 +209,7 @@ class Vit(nn.Module):
         layers = nn.ModuleList([_Layer(sizes) for _ in range(sizes.depth)])
         self._layers = "layers" if not sizes.dinov2 and sizes.names == 5 else "encoder.layer"
         _plant(self, self._layers, layers)
-        self.layernorm: nn.Module = nn.LayerNorm(sizes.dim, eps=1e-6 if sizes.dinov2 else 1e-12)
+        self.layernorm: nn.Module = nn.LayerNorm(sizes.dim, eps=_EPSILON[sizes.dinov2])
         self.apply(_initialize)
         for table in (self.embeddings.cls_token, self.embeddings.position_embeddings):
             nn.init.trunc_normal_(table, std=0.02)
