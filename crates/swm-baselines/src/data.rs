@@ -209,6 +209,12 @@ impl Start {
         self.pixels.clone().narrow(0, row, 1).narrow(1, newest, 1)
     }
 
+    /// `[1, 1, 3, S, S]`: the one before, where there is one.
+    pub(crate) fn earlier_image(&self, row: usize) -> Option<Tensor<5>> {
+        let at = self.pixels.dims()[1].checked_sub(2)?;
+        Some(self.pixels.clone().narrow(0, row, 1).narrow(1, at, 1))
+    }
+
     /// `[1, 1, 3, S, S]`: its goal.
     pub(crate) fn goal_image(&self, row: usize) -> Tensor<5> {
         self.goal_pixels.clone().narrow(0, row, 1)

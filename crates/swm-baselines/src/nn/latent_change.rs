@@ -30,6 +30,8 @@ pub(crate) struct LatentChangeSizes {
     pub(crate) latent: usize,
     /// D: values of an action.
     pub(crate) action: usize,
+    /// Whether the last change is seen, too.
+    pub(crate) velocity: bool,
     /// Values of a hidden layer.
     pub(crate) hidden: usize,
     /// Hidden layers.
@@ -46,8 +48,9 @@ pub(crate) struct LatentChange {
 
 impl LatentChange {
     pub(crate) fn new(sizes: LatentChangeSizes, device: &Device) -> Self {
-        let LatentChangeSizes { latent, action, hidden, depth } = sizes;
-        let inputs = |layer| if layer == 0 { latent + 2 * action } else { hidden };
+        let LatentChangeSizes { latent, action, velocity, hidden, depth } = sizes;
+        let seen = latent + 2 * action + if velocity { latent } else { 0 };
+        let inputs = |layer| if layer == 0 { seen } else { hidden };
         Self {
             scale: LatentScale {
                 mean: parameter([latent], device),
@@ -59,12 +62,20 @@ impl LatentChange {
         }
     }
 
-    /// Latents `[N, Z]`, the actions before them and those after them `[N, D]` → the next latents, `[N, Z]`.
-    pub(crate) fn forward(&self, latents: Tensor<2>, before: Tensor<2>, after: Tensor<2>) -> Tensor<2> {
+    /// Latents `[N, Z]`, the actions before them and those after them `[N, D]`, and, of a network that sees it, how they have changed
+    /// last `[N, Z]` → the next latents, `[N, Z]`.
+    pub(crate) fn forward(
+        &self,
+        latents: Tensor<2>,
+        before: Tensor<2>,
+        after: Tensor<2>,
+        changed: Option<Tensor<2>>,
+    ) -> Tensor<2> {
         let LatentScale { mean, std, change } = &self.scale;
         let row = |values: &Param<Tensor<1>>| values.val().unsqueeze::<2>();
         let scaled = (latents.clone() - row(mean)) / row(std);
-        let first = Tensor::cat(vec![scaled, after, before], 1);
+        let changed = changed.map(|changed| changed / row(change));
+        let first = Tensor::cat([scaled, after, before].into_iter().chain(changed).collect(), 1);
         let hidden = self.layers.iter().fold(first, |hidden, layer| layer.forward_gelu(hidden));
         latents + self.output.forward(hidden) * row(change)
     }
@@ -109,7 +120,8 @@ mod tests {
     use crate::init::initialize;
     use crate::params::host;
 
-    const SIZES: LatentChangeSizes = LatentChangeSizes { latent: 2, action: 1, hidden: 3, depth: 2 };
+    const SIZES: LatentChangeSizes =
+        LatentChangeSizes { latent: 2, action: 1, velocity: false, hidden: 3, depth: 2 };
 
     #[test]
     fn statistics_are_those_of_the_first_batch() {
@@ -143,7 +155,7 @@ mod tests {
         let network = params::map(network, zeros);
         let latents = Tensor::<2>::from_floats([[1.0, -1.0]], &device);
         let action = Tensor::<2>::from_floats([[0.3]], &device);
-        let next = host(network.forward(latents, action.clone(), action));
+        let next = host(network.forward(latents, action.clone(), action, None));
         assert!((next[0] - 1.5).abs() < 1e-6 && (next[1] - 2.0).abs() < 1e-6, "{next:?}");
     }
 }

@@ -5,7 +5,8 @@
 //! once, and a training sees millions of transitions in minutes. Not the reference's.
 //!
 //! A place tells no velocity; the last action does, where bodies come to rest as soon as nothing drives them. So the model
-//! sees the last action, too: zeros where there is none.
+//! sees the last action, too: zeros where there is none. Of bodies that keep moving, such as arms, it sees with `model.velocity` how
+//! the places have changed last.
 
 mod planner;
 #[cfg(test)]
@@ -55,6 +56,9 @@ pub struct KeypointModelConfig {
     pub hidden: usize,
     /// Hidden layers.
     pub depth: usize,
+    /// Whether it sees how places have changed last, which bodies that keep moving take.
+    #[serde(default)]
+    pub velocity: bool,
     /// How many latents are predicted on end in training.
     pub rollout_steps: usize,
     /// Environment steps from one latent to the next.
@@ -72,6 +76,7 @@ impl KeypointWmConfig {
                 encoder: KeypointConfig::default(),
                 hidden: 512,
                 depth: 3,
+                velocity: false,
                 rollout_steps: 1,
                 frameskip: 1,
                 batch: 2048,
@@ -81,8 +86,16 @@ impl KeypointWmConfig {
     }
 
     fn check(&self) -> Result<(), String> {
-        let KeypointModelConfig { image, encoder, hidden, depth, rollout_steps, frameskip, batch } =
-            &self.model;
+        let KeypointModelConfig {
+            image,
+            encoder,
+            hidden,
+            depth,
+            rollout_steps,
+            frameskip,
+            batch,
+            velocity: _,
+        } = &self.model;
         let positive = [
             ("model.image", *image),
             ("model.hidden", *hidden),
@@ -105,6 +118,8 @@ struct KeypointWm {
     /// Z: values of a latent.
     #[module(skip)]
     dim: usize,
+    #[module(skip)]
+    velocity: bool,
     /// F: environment steps from one latent to the next.
     #[module(skip)]
     frameskip: usize,
@@ -117,16 +132,17 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     config.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let &KeypointModelConfig { image, ref encoder, hidden, depth, rollout_steps, frameskip, batch } =
+    let &KeypointModelConfig { image, ref encoder, hidden, depth, velocity, rollout_steps, frameskip, batch } =
         &config.model;
     let form = Form::new(image, frameskip * dims.action_dim, 0);
     let dim = 2 * encoder.count;
-    let sizes = LatentChangeSizes { latent: dim, action: form.action, hidden, depth };
+    let sizes = LatentChangeSizes { latent: dim, action: form.action, velocity, hidden, depth };
     let network = KeypointWm {
         encoder: Encoder::of_tokens(&EncoderConfig::Keypoints(encoder.clone()), image, device),
         predictor: LatentChange::new(sizes, device),
         form,
         dim,
+        velocity,
         frameskip,
     };
     // The action before the first latent is one of the clip's.
@@ -146,13 +162,26 @@ impl KeypointWm {
         inputs.latents.clone().unwrap_or_else(|| self.encode(inputs.pixels.clone()))
     }
 
-    /// Predicts on end from latents `[N, Z]`, after actions `[N, D]`, under actions `[N, H, D]`: H latents `[N, Z]`.
-    fn roll_out(&self, first: Tensor<2>, before: Tensor<2>, actions: &Tensor<3>) -> Vec<Tensor<2>> {
-        let (mut latents, mut before) = (first, before);
+    /// How latents have changed, `[N, Z]`, where the model sees that.
+    fn changed(&self, from: &Tensor<2>, to: &Tensor<2>) -> Option<Tensor<2>> {
+        self.velocity.then(|| to.clone() - from.clone())
+    }
+
+    /// Predicts on end from latents `[N, Z]`, after actions `[N, D]` and a change `[N, Z]`, under actions `[N, H, D]`: H latents
+    /// `[N, Z]`.
+    fn roll_out(
+        &self,
+        first: Tensor<2>,
+        before: Tensor<2>,
+        changed: Option<Tensor<2>>,
+        actions: &Tensor<3>,
+    ) -> Vec<Tensor<2>> {
+        let (mut latents, mut before, mut changed) = (first, before, changed);
         let mut next = |step| {
             let after: Tensor<2> = actions.clone().narrow(1, step, 1).squeeze_dim(1);
-            latents = self.predictor.forward(latents.clone(), before.clone(), after.clone());
-            before = after;
+            let now = latents.clone();
+            latents = self.predictor.forward(now.clone(), before.clone(), after.clone(), changed.take());
+            (before, changed) = (after, self.changed(&now, &latents));
             latents.clone()
         };
         (0..actions.dims()[1]).map(&mut next).collect()
@@ -174,7 +203,8 @@ impl Network for KeypointWm {
         let steps = latents.dims()[1] - 2;
         let of_step = |all: &Tensor<3>, step| all.clone().narrow(1, step, 1).squeeze_dim::<2>(1);
         let actions = inputs.action.clone().narrow(1, 1, steps);
-        let predicted = self.roll_out(of_step(&latents, 1), of_step(&inputs.action, 0), &actions);
+        let changed = self.changed(&of_step(&latents, 0), &of_step(&latents, 1));
+        let predicted = self.roll_out(of_step(&latents, 1), of_step(&inputs.action, 0), changed, &actions);
         let unit = self.predictor.mean_square_change();
         let error =
             |(step, predicted)| mean_squared_error(predicted, of_step(&latents, step + 2)) / unit.clone();

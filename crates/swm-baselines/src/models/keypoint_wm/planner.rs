@@ -13,6 +13,8 @@ pub(crate) struct Problem {
     latent: Tensor<2>,
     /// `[1, D]`: the action before it.
     before: Tensor<2>,
+    /// `[1, Z]`: the change before it, where the model sees that.
+    changed: Option<Tensor<2>>,
     /// `[1, Z]`.
     goal: Tensor<2>,
 }
@@ -26,7 +28,7 @@ impl LatentDynamics for KeypointWm {
         &self.form
     }
 
-    /// The second is there for the action between them.
+    /// The other is there for the action between them, and for the change.
     fn history(&self) -> usize {
         2
     }
@@ -40,7 +42,10 @@ impl LatentDynamics for KeypointWm {
             }
             None => Tensor::zeros([1, self.form.action], &start.pixels.device()),
         };
-        Problem { latent: encode(start.image(row)), before, goal: encode(start.goal_image(row)) }
+        let latent: Tensor<2> = encode(start.image(row));
+        let past = start.earlier_image(row).filter(|_| self.velocity).map(encode);
+        let changed = self.changed(past.as_ref().unwrap_or(&latent), &latent);
+        Problem { latent, before, changed, goal: encode(start.goal_image(row)) }
     }
 
     fn latent_dim(&self) -> usize {
@@ -52,7 +57,8 @@ impl LatentDynamics for KeypointWm {
     }
 
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        self.predictor.forward(latents, actions.zeros_like(), actions)
+        let changed = self.velocity.then(|| latents.zeros_like());
+        self.predictor.forward(latents, actions.zeros_like(), actions, changed)
     }
 
     fn states(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<3> {
@@ -72,7 +78,8 @@ impl KeypointWm {
     /// H latents `[C, Z]` that candidates `[C, H, D]` lead to.
     fn predicted(&self, problem: &Problem, plans: &Tensor<3>) -> Vec<Tensor<2>> {
         let [count, _, dim] = plans.dims();
-        let latent = problem.latent.clone().expand([count, self.dim]);
-        self.roll_out(latent, problem.before.clone().expand([count, dim]), plans)
+        let each = |values: &Tensor<2>, width: usize| values.clone().expand([count, width]);
+        let changed = problem.changed.as_ref().map(|changed| each(changed, self.dim));
+        self.roll_out(each(&problem.latent, self.dim), each(&problem.before, dim), changed, plans)
     }
 }

@@ -58,9 +58,14 @@ impl Dots {
 }
 
 fn tiny() -> Box<dyn Baseline> {
+    tiny_with(false)
+}
+
+fn tiny_with(velocity: bool) -> Box<dyn Baseline> {
     let encoder = json!({"channels": [4, 8], "count": 4});
-    let model =
-        json!({"image": SIDE, "encoder": encoder, "hidden": 32, "depth": 2, "rollout_steps": STEPS - 2});
+    let model = json!({
+        "image": SIDE, "encoder": encoder, "hidden": 32, "depth": 2, "velocity": velocity, "rollout_steps": STEPS - 2
+    });
     let changes = json!({"model": model, "optim": {"lr": 0.003, "schedule": "constant"}});
     let dims = DataDims { action_dim: 2, proprio_dim: 0 };
     make("keypoint-wm", &MakeOptions { changes, seed: 1, ..MakeOptions::new("small", dims) }).unwrap()
@@ -156,4 +161,56 @@ fn a_planner_knows_the_last_action_and_what_is_nearer_to_the_goal() {
     let [nearer, farther] = costs_after([0.0, 0.0]);
     assert!(nearer < farther, "{nearer} {farther}");
     assert_ne!(costs_after([2.0, 0.0])[0], nearer, "what was done last moves it, too");
+}
+
+#[test]
+fn what_keeps_moving_is_predicted_from_its_last_change_alone() {
+    /// Clips of dots that keep their velocity, whatever is done.
+    fn drifting(seed: u64) -> Dots {
+        let mut stream = keyed(seed, "drifting dots", [0, 0]);
+        let (mut pixels, mut actions) = (Vec::new(), Vec::new());
+        for _ in 0..CLIPS {
+            let [mut at, velocity] =
+                [6..=9, -1..=1].map(|range| [(); 2].map(|()| stream.random_range(range.clone())));
+            for _ in 0..STEPS {
+                pixels.extend(image(at));
+                actions.extend([0.0; 2]);
+                at = [0, 1].map(|axis| at[axis] + velocity[axis]);
+            }
+        }
+        Dots { pixels, actions }
+    }
+    let [unseen, seen] = [false, true].map(|velocity| {
+        let mut model = tiny_with(velocity);
+        for step in 0..300 {
+            model.train_step(&drifting(step).batch(), &Step { step, ..AT }).unwrap();
+        }
+        model.validate(&drifting(1000).batch(), 0).unwrap().total
+    });
+    assert!(seen < 0.5 * unseen, "{seen} with the last change, {unseen} without");
+
+    // A planner sees it, too: with zeros where there is no earlier image.
+    let mut planner = tiny_with(true).planner().unwrap();
+    let (middle, right) = (image([7, 7]), image([8, 7]));
+    let mut cost_after = |images_seen: &[Vec<u8>]| {
+        let pixels = images_seen.concat();
+        let steps = images_seen.len();
+        let one = |values, steps| crate::Images { rows: 1, ..images(values, steps) };
+        let none = vec![0.0; 2 * (steps - 1)];
+        let batch = PlanningBatch {
+            pixels: one(&pixels, steps),
+            action: Vectors { values: &none, rows: 1, steps: steps - 1, dim: 2 },
+            proprio: None,
+            goal_pixels: one(&right, 1),
+            goal_proprio: None,
+        };
+        planner.prepare(&batch).unwrap();
+        let mut cost = [0.0];
+        let candidates = Candidates { actions: &[0.0; 4], episodes: 1, samples: 1, horizon: 2, dim: 2 };
+        planner.evaluate(&candidates, &mut Outputs::new(&mut cost)).unwrap();
+        cost[0]
+    };
+    let resting = cost_after(&[middle.clone(), middle.clone()]);
+    assert_eq!(cost_after(&[middle.clone()]), resting);
+    assert_ne!(cost_after(&[right.clone(), middle.clone()]), resting);
 }
