@@ -254,6 +254,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("torch", ">=2.11,<=2.15")],
     },
     Trap {
+        software: "torch 2.15 on a CPU, seeds from 2**32 up",
+        does: "`torch.manual_seed` and `Generator.manual_seed` use the low 32 bits only: seeds 5 and 5 + 2**32 give the same numbers, weights and order of a loader, and `initial_seed` returns the whole seed",
+        who: "who makes seeds of a run and a rank by shifts (`(run << 32) + rank`): all runs have the same seeds",
+        fix: "seeds below 2**32, such as `SeedSequence(run).spawn(ranks)[rank].generate_state(1)[0]` of NumPy as an int",
+        script: Some("torch-cpu-seeds-have-32-bits"),
+        when: &[Need("torch", "==2.15")],
+    },
+    Trap {
         software: "torch 2.15 on a CPU, `nn.TransformerEncoderLayer` with a padding mask",
         does: "a sequence that is all padding has finite values in training, and in evaluation with gradients, and NaN in evaluation under `no_grad`",
         who: "who trains a model with masks of missing cameras or histories and plans by it",
