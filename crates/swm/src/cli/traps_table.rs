@@ -342,6 +342,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("ray", "==2.60")],
     },
     Trap {
+        software: "cmaes 0.13",
+        does: "`tell` sorts the list that it is given, so that costs kept in the order of `ask` belong to other solutions after it; a NaN leaves the list out of order, and the distribution moves toward solutions that are not the best",
+        who: "who plans by a solver of their own with cmaes; the solvers here count NaN as the worst cost",
+        fix: "`tell(list(solutions))`, and a large finite value in place of NaN",
+        script: Some("cmaes-sorts-the-list-it-is-told"),
+        when: &[Need("cmaes", "==0.13")],
+    },
+    Trap {
         software: "Slurm 22.05 (Debian 12)",
         does: "`SLURM_ARRAY_TASK_STEP` is 1 for `--array=2,4`",
         who: "who divides work by array index and runs failed tasks again",
