@@ -102,6 +102,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("pyarrow", "==26")],
     },
     Trap {
+        software: "pyarrow 26 on folders of Parquet",
+        does: "`pq.read_table(folder)`, `dataset(folder)` and pandas take the schema of the file whose name sorts first: columns that only later files have are left out, without a warning",
+        who: "who reads episodes in files of their own, where the recorder gained a column such as `success` later",
+        fix: "`dataset(folder, schema=pa.unify_schemas([part.physical_schema for part in dataset(folder).get_fragments()], promote_options=\"permissive\"))`",
+        script: Some("pyarrow-folders-have-the-columns-of-the-first-file"),
+        when: &[Need("pyarrow", "==26")],
+    },
+    Trap {
         software: "datasets 5.2 (Hugging Face) with NumPy",
         does: "under `with_format(\"numpy\")` columns of float64 are float32 and single rows are float64: times in seconds since 1970 are rounded to multiples of 128",
         who: "who reads tables with absolute times by `datasets`",
