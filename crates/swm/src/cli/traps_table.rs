@@ -326,6 +326,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("gymnasium", "==1.4")],
     },
     Trap {
+        software: "ale-py 0.12 with Gymnasium 1.4",
+        does: "`make_vec(\"ALE/MsPacman-v5\")` is another environment than `make`: four gray images of 84 × 84 in place of one of 210 × 160 × 3, and rewards clipped to -1, 0 and 1, so that its dots count 1 in place of 10",
+        who: "who reports returns on Atari from `make_vec` beside published scores",
+        fix: "`reward_clipping=False` for evaluation, or `vectorization_mode=\"sync\"` for the environment of `make`",
+        script: Some("ale-make-vec-is-another-task"),
+        when: &[Need("ale-py", "==0.12"), Need("gymnasium", "==1.4")],
+    },
+    Trap {
         software: "stable-worldmodel 0.1.1 (the reference)",
         does: "`evaluate(episodes=N)` without a seed continues and counts episodes that are under way",
         who: "who compares results with the reference's",
