@@ -24,7 +24,7 @@ fn control_step(c: &mut Criterion) {
     let mut env = BareEnv::new().expect("the defaults are valid");
     let pushes = env.actions(0, Actions::Weak).expect("the environment steps");
     env.reset(0).expect("the defaults are valid");
-    let rich = env.env().sim().clone();
+    let rich = env.env().scene().sim().clone();
     assert!(contact_points(&rich, &pushes) > 100, "the contact-rich episode is one");
 
     for (name, start, actions) in [("free", free, circle), ("contact_rich", rich, pushes)] {
@@ -50,7 +50,7 @@ fn saved_states(c: &mut Criterion) {
     group.bench_function("restore", |b| {
         b.iter(|| env.env().restore(black_box(&state)).expect("the state is its own"));
     });
-    let sim = env.env().sim().clone();
+    let sim = env.env().scene().sim().clone();
     group.bench_function("clone_sim", |b| b.iter(|| black_box(sim.clone())));
     group.finish();
 }

@@ -9,6 +9,7 @@ use swm_core::{
 use swm_envs_2d::ENVS;
 use swm_envs_2d::pusht::physics::BodyId;
 use swm_envs_2d::pusht::{PUSHT, PushT};
+use swm_fov::FactorEnv;
 
 /// Steps between two resets, as in the reference's default time limit.
 pub const EPISODE_STEPS: usize = 100;
@@ -103,7 +104,7 @@ pub fn world_of(
 
 /// One environment and one row of a table to observe it in: what a step costs without any world around it.
 pub struct BareEnv {
-    env: PushT,
+    env: FactorEnv<PushT>,
     row: Batch,
 }
 
@@ -114,7 +115,7 @@ impl BareEnv {
     ///
     /// The environment cannot be made.
     pub fn new() -> Result<Self> {
-        let env = PushT::new(PUSHT.id, false, &EnvConfig::default())?;
+        let env = FactorEnv::new(&EnvConfig::default())?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         Ok(Self { env, row })
     }
@@ -150,7 +151,7 @@ impl BareEnv {
         let mut stream = seed::keyed(seed, "benchmark actions", [0, 0]);
         self.reset(seed)?;
         let next = |_| {
-            let sim = self.env.sim();
+            let sim = self.env.scene().sim();
             let (agent, block) = (sim.position(BodyId::Agent), sim.position(BodyId::Block));
             let action = [0, 1].map(|axis| {
                 let wish: f64 = stream.random_range(-1.0..=1.0);
@@ -187,7 +188,7 @@ impl BareEnv {
     }
 
     /// The environment.
-    pub fn env(&mut self) -> &mut PushT {
+    pub fn env(&mut self) -> &mut FactorEnv<PushT> {
         &mut self.env
     }
 }

@@ -15,7 +15,8 @@ mod task;
 #[cfg(test)]
 mod tests;
 
-use swm_core::EnvEntry;
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::FactorEnv;
 
 use self::env::ClassicControl;
 use self::task::Task;
@@ -32,10 +33,10 @@ pub const ACROBOT: EnvEntry = entry::<acrobot::Acrobot>();
 pub const PENDULUM: EnvEntry = entry::<pendulum::Pendulum>();
 
 const fn entry<T: Task>() -> EnvEntry {
-    EnvEntry::new(T::ID, T::SUMMARY, |config| Ok(Box::new(ClassicControl::<T>::new(config)?)))
+    EnvEntry::new(T::ID, T::SUMMARY, FactorEnv::<ClassicControl<T>>::boxed)
         .family("Classic control")
         .success(T::SUCCESS)
-        .settings(settings::SETTINGS)
+        .settings(settings::Settings::SETTINGS)
         .policies(policies::policies::<T>())
         .planner(T::PLANNER)
 }

@@ -1,13 +1,11 @@
 //! Policies of classic control: the expert of each task, alone and with random actions in between.
 
 use swm_core::policy::write_action;
-use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyContext, PolicyEntry, PolicyError, SliceMut, SlotView,
-};
+use swm_core::{Actor, PerEpisode, Policy, PolicyContext, PolicyEntry, PolicyError, SliceMut, SlotView};
+use swm_fov::FactorEnv;
 
-use super::env::{SIMULATOR_STATE_COLUMN, saved_task};
-use super::settings::Settings;
-use super::task::{Task, factors};
+use super::env::{ClassicControl, SIMULATOR_STATE_COLUMN};
+use super::task::Task;
 use crate::random_actions::{acts_at_random, description_and_share, noisy_expert};
 
 /// The policies of one environment.
@@ -35,12 +33,10 @@ fn make<T: Task>(
     description: String,
     share: f64,
 ) -> Result<Box<dyn Policy>, PolicyError> {
-    let settings: Settings = context.config.parse_settings(T::ID)?;
-    let space = factors::<T>().with_defaults(T::ID, &settings.init_value)?;
+    let space = FactorEnv::<ClassicControl<T>>::factors(context.config)?;
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
-        let mut state = EnvState::new();
-        view.snapshot(&mut state)?;
-        Ok(Box::new(Expert { task: saved_task::<T>(&space, &state)?, share }) as Box<dyn Actor>)
+        let (fov, _) = FactorEnv::<ClassicControl<T>>::episode(&space, view)?;
+        Ok(Box::new(Expert { task: T::new(&fov), share }) as Box<dyn Actor>)
     })))
 }
 

@@ -34,28 +34,25 @@ mod vitals;
 mod ways;
 mod world;
 
-use swm_core::registry::MakeEnv;
 use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
 use crate::settings::FactorDefaults;
-pub use env::CraftaxClassic;
+use env::CraftaxClassic;
 
 /// `swm/CraftaxClassicSymbolic-v1`.
-pub const CRAFTAX_CLASSIC_SYMBOLIC: EnvEntry = entry(
-    env::SYMBOLIC_ID,
+pub const CRAFTAX_CLASSIC_SYMBOLIC: EnvEntry = entry::<true>(
     "collect, craft and survive in a world of blocks, for 22 achievements; symbolic observations",
-    |config| Ok(Box::new(CraftaxClassic::symbolic(config)?)),
 );
 
 /// `swm/CraftaxClassicPixels-v1`.
-pub const CRAFTAX_CLASSIC_PIXELS: EnvEntry = entry(
-    env::PIXELS_ID,
+pub const CRAFTAX_CLASSIC_PIXELS: EnvEntry = entry::<false>(
     "collect, craft and survive in a world of blocks, for 22 achievements; without symbolic observations",
-    |config| Ok(Box::new(CraftaxClassic::pixels(config)?)),
 );
 
-const fn entry(id: &'static str, summary: &'static str, make: MakeEnv) -> EnvEntry {
-    EnvEntry::new(id, summary, make)
+const fn entry<const IS_SYMBOLIC: bool>(summary: &'static str) -> EnvEntry {
+    let make = FactorEnv::<CraftaxClassic<IS_SYMBOLIC>>::boxed;
+    EnvEntry::new(CraftaxClassic::<IS_SYMBOLIC>::ID, summary, make)
         .family("Worlds of blocks")
         .settings(FactorDefaults::SETTINGS)
         .policies(&[policies::EXPERT, policies::NOISY_EXPERT])

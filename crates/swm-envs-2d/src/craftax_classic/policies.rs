@@ -2,9 +2,10 @@
 
 use swm_core::policy::write_action;
 use swm_core::{Actor, EnvState, PerEpisode, Policy, PolicyEntry, PolicyError, SliceMut, SlotView};
+use swm_fov::SavedFov;
 
-use super::env::saved_game;
 use super::expert::choose;
+use super::state::State;
 use crate::random_actions::{acts_at_random, description_and_share, noisy_expert};
 
 /// A planner on the true dynamics that collects what is near.
@@ -42,8 +43,8 @@ impl Actor for Expert {
             return Ok(());
         }
         view.snapshot(&mut self.state)?;
-        let chosen = choose(&saved_game(&view.spec.id, &self.state)?);
-        write_action(&mut action, &[chosen as f32]);
+        let (_, game): (SavedFov, State) = self.state.load(&view.spec.id)?;
+        write_action(&mut action, &[choose(&game) as f32]);
         Ok(())
     }
 }

@@ -8,7 +8,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::{Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ResetOptions, Schema, Slice, Value};
 
 use super::rules::{ACHIEVEMENTS, Params};
-use super::{CRAFTAX_CLASSIC_PIXELS, CraftaxClassic, expert, game, world};
+use super::{CRAFTAX_CLASSIC_PIXELS, CRAFTAX_CLASSIC_SYMBOLIC, expert, game, world};
 
 const GAMES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden/craftax/CraftaxClassic.npz");
 
@@ -35,13 +35,13 @@ fn factor(constant: &str) -> &'static str {
 
 /// An environment with a row, as a world has it.
 struct Game {
-    env: CraftaxClassic,
+    env: Box<dyn Env>,
     row: Batch,
 }
 
 impl Game {
     fn new(seed: i64, constants: &Map<String, Json>) -> Self {
-        let mut env = CraftaxClassic::symbolic(&EnvConfig::default()).unwrap();
+        let mut env = CRAFTAX_CLASSIC_SYMBOLIC.make(&EnvConfig::default()).unwrap();
         let mut options = ResetOptions::default().vary(["none"]).set("world.seed", Value::scalar(seed));
         for (name, value) in constants {
             options = options.set(factor(name), Value::from_json(name, value).unwrap());

@@ -1,7 +1,6 @@
 //! The factors of PointMaze, their constraints, and what an assignment means.
 
-use serde_json::{Map, Value as Json};
-use swm_core::{EnvError, Space, Value};
+use swm_core::{Space, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::layout::{Cell, LAYOUTS, Layout, center};
@@ -57,11 +56,6 @@ pub fn factors() -> FovSpace {
             },
         },
     ])
-}
-
-/// The factor table with other defaults.
-pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    factors().with_defaults(env, defaults)
 }
 
 /// The layout of a value of `maze.layout`.

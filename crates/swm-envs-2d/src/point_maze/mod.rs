@@ -14,17 +14,19 @@ mod settings;
 mod tests;
 mod ways;
 
-use swm_core::EnvEntry;
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::PointMaze;
+use env::PointMaze;
 pub use factors::factors;
 
 /// `swm/PointMaze-v0`.
-pub const POINT_MAZE: EnvEntry =
-    EnvEntry::new("swm/PointMaze-v0", "drive a disc through a maze to a goal by a force", |config| {
-        Ok(Box::new(PointMaze::new(config)?))
-    })
-    .family(crate::FAMILY)
-    .success("within `goal.radius` of the goal")
-    .settings(settings::SETTINGS)
-    .policies(policies::POLICIES);
+pub const POINT_MAZE: EnvEntry = EnvEntry::new(
+    PointMaze::ID,
+    "drive a disc through a maze to a goal by a force",
+    FactorEnv::<PointMaze>::boxed,
+)
+.family(crate::FAMILY)
+.success("within `goal.radius` of the goal")
+.settings(settings::Settings::SETTINGS)
+.policies(policies::POLICIES);

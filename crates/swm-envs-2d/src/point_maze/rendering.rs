@@ -4,7 +4,7 @@ use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
 
 use super::factors::{disc, layout};
-use super::layout::{CELL, center};
+use super::layout::{CELL, Layout, center};
 use crate::image::Background;
 use crate::ways::Rectangle;
 
@@ -60,8 +60,8 @@ impl Scale {
 }
 
 /// Where a place of the maze is in the image, as fractions of its sides.
-pub(super) fn in_image(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
-    Scale::new(layout(fov).size()).place(place).map(|px| px / CANVAS)
+pub(super) fn in_image(layout: &Layout, place: [f64; 2]) -> [f64; 2] {
+    Scale::new(layout.size()).place(place).map(|px| px / CANVAS)
 }
 
 impl Background for Look {

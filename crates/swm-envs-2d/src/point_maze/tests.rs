@@ -5,10 +5,12 @@ use swm_core::{
     Env, EnvConfig, Episode, EpisodeSeed, PolicyContext, Registry, ResetOptions, Rollout, Slice, Value,
     World, WorldOptions,
 };
+use swm_fov::FactorEnv;
 
-use super::{POINT_MAZE, PointMaze};
+use super::POINT_MAZE;
+use super::env::PointMaze;
 
-fn reset(env: &mut PointMaze, options: &ResetOptions) -> Result<(), String> {
+fn reset(env: &mut dyn Env, options: &ResetOptions) -> Result<(), String> {
     let episode = Episode::new(EpisodeSeed::new(3), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
@@ -29,7 +31,7 @@ fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) ->
 
 #[test]
 fn cells_in_walls_are_errors_that_name_factor_and_layout() {
-    let mut env = PointMaze::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<PointMaze>::new(&EnvConfig::default()).unwrap();
     let cell =
         |name: &str, cell: [i64; 2]| ResetOptions::default().vary(["none"]).set(name, Value::vector(&cell));
     let message = reset(&mut env, &cell("agent.start_cell", [1, 3])).unwrap_err();
@@ -46,15 +48,15 @@ fn cells_in_walls_are_errors_that_name_factor_and_layout() {
 
 #[test]
 fn recorded_rows_start_and_end_episodes_exactly() {
-    let mut env = PointMaze::new(&EnvConfig::default()).unwrap();
+    let mut env = FactorEnv::<PointMaze>::new(&EnvConfig::default()).unwrap();
     let options = ResetOptions {
         start: row([0.5, 3.25, -1.5, 0.75]),
         goal: row([4.0, 4.0, 9.0, 9.0]),
         ..ResetOptions::default()
     };
     reset(&mut env, &options).unwrap();
-    assert_eq!(env.state(), [0.5, 3.25, -1.5, 0.75]);
-    assert_eq!(env.goal(), [4.0, 4.0]);
+    assert_eq!(env.state().state(), [0.5, 3.25, -1.5, 0.75]);
+    assert_eq!(env.state().goal, [4.0, 4.0]);
     for (start, part) in [([8.0, 0.0, 0.0, 0.0], "lies in a wall"), ([f64::NAN, 0.0, 0.0, 0.0], "not finite")]
     {
         let message =
@@ -70,7 +72,7 @@ fn reaching_the_goal_ends_the_episode_unless_told_otherwise() {
     for terminates in [true, false] {
         let mut config = EnvConfig::default();
         config.settings.insert("terminate_at_goal".to_owned(), json!(terminates));
-        let mut env = PointMaze::new(&config).unwrap();
+        let mut env = FactorEnv::<PointMaze>::new(&config).unwrap();
         let options = ResetOptions {
             start: row([0.0, 0.0, 0.0, 0.0]),
             goal: row([1.2, 0.0, 0.0, 0.0]),

@@ -11,7 +11,10 @@ use super::physics::{
 /// A world of an agent and a block between four walls. A clone continues exactly as the original does.
 pub trait Engine: Clone + Send + Sync + Sized + 'static {
     /// All that changes during an episode. Restored into a world of the same setup, it continues exactly.
-    type State: Clone + Serialize + DeserializeOwned;
+    type State: Clone + Send + Sync + Serialize + DeserializeOwned;
+
+    /// The registered name of PushT on it.
+    const PUSHT: &'static str;
 
     /// Coefficient of friction of all contacts, unless the setting `friction` gives another. 0: the engine has none.
     const FRICTION: f64;
@@ -83,6 +86,7 @@ pub trait Engine: Clone + Send + Sync + Sized + 'static {
 impl Engine for Sim {
     type State = State;
 
+    const PUSHT: &'static str = "swm/PushT-v1";
     const FRICTION: f64 = 0.0;
     const WALLS_STOP_DISCS: bool = false;
 

@@ -1,7 +1,5 @@
 //! The 16 factors of PushT, and what an assignment means for physics and images.
 
-use serde_json::{Map, Value as Json};
-use swm_core::EnvError;
 use swm_fov::{Factor, Fov, FovSpace};
 
 use super::engine::Engine;
@@ -48,11 +46,6 @@ pub fn factors() -> FovSpace {
             .sampled_by_default(),
         Factor::vector("agent.velocity", 0.0, 512.0, &[0.0, 0.0]).doc("start velocity of the agent, px/s"),
     ])
-}
-
-/// The factor table with other defaults: the constructor argument `init_value` of the reference.
-pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    factors().with_defaults(env, defaults)
 }
 
 /// The physical world that an assignment describes.

@@ -16,6 +16,7 @@ mod weak;
 
 use self::physics::Sim;
 use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, Settings as _, SlotView};
+use swm_fov::{FactorEnv, Scene as _};
 
 pub use discrete::{from_continuous, to_continuous};
 pub use engine::Engine;
@@ -23,39 +24,26 @@ pub use env::PushT;
 pub use factors::factors;
 pub use goal::{PushTState, angle_error, is_success, observed_state, reward, task_cost};
 
-const SUCCESS: &str = "agent and block within 20 px of the goal, the block within 20°";
-
 /// `swm/PushT-v1`.
-pub const PUSHT: EnvEntry =
-    EnvEntry::new("swm/PushT-v1", "push a block to a goal pose with a disc or polygon", |config| {
-        Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?))
-    })
-    .family(crate::FAMILY)
-    .success(SUCCESS)
-    .settings(settings::SETTINGS)
-    .policies(policies::<Sim>());
+pub const PUSHT: EnvEntry = entry::<Sim, false>("push a block to a goal pose with a disc or polygon");
 
 /// `swm/PushT-Discrete-v1`.
-pub const PUSHT_DISCRETE: EnvEntry =
-    EnvEntry::new("swm/PushT-Discrete-v1", "PushT with 16 × 16 polar actions", |config| {
-        Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?))
-    })
-    .family(crate::FAMILY)
-    .success(SUCCESS)
-    .settings(settings::SETTINGS)
-    .policies(policies::<Sim>());
+pub const PUSHT_DISCRETE: EnvEntry = entry::<Sim, true>("PushT with 16 × 16 polar actions");
 
 /// `swm/PushTRapier-v0`.
 #[cfg(feature = "rapier")]
-pub const PUSHT_RAPIER: EnvEntry = EnvEntry::new(
-    "swm/PushTRapier-v0",
+pub const PUSHT_RAPIER: EnvEntry = entry::<physics::RapierSim, false>(
     "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
-    |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
-)
-.family(crate::FAMILY)
-.success(SUCCESS)
-.settings(settings::RAPIER_SETTINGS)
-.policies(policies::<physics::RapierSim>());
+);
+
+const fn entry<E: Engine, const IS_DISCRETE: bool>(summary: &'static str) -> EnvEntry {
+    let make = FactorEnv::<PushT<E, IS_DISCRETE>>::boxed;
+    EnvEntry::new(PushT::<E, IS_DISCRETE>::ID, summary, make)
+        .family(crate::FAMILY)
+        .success("agent and block within 20 px of the goal, the block within 20°")
+        .settings(settings::known::<E>())
+        .policies(policies::<E>())
+}
 
 /// Policies that know PushT; the experts plan on the environment's own engine.
 const fn policies<E: Engine>() -> &'static [PolicyEntry] {

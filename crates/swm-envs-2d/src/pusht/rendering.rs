@@ -19,7 +19,7 @@ const RIM: f64 = 4.0;
 
 /// Colors and goal of an episode.
 #[derive(Clone, Debug)]
-pub(super) struct Look {
+pub struct Look {
     background: Rgb,
     agent: Rgb,
     block: Rgb,

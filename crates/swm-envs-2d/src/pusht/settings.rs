@@ -4,11 +4,12 @@ use serde_json::{Map, Value as Json};
 use swm_core::settings::Table;
 use swm_core::{Setting, Settings as _};
 
+use super::engine::Engine;
 use crate::settings::Render;
 
 swm_core::settings! {
     /// Constructor settings. Unknown names are refused.
-    pub(super) struct Settings {
+    pub struct Settings {
         /// Actions are offsets from the agent, in units of 100 px; otherwise targets in px.
         relative: bool = true,
         /// Render the goal.
@@ -28,13 +29,11 @@ swm_core::settings! {
     }
 }
 
-/// The settings of PushT for help and docs: its own physics has no `friction`.
-pub(super) const SETTINGS: &[Setting] = WITHOUT_FRICTION.as_slice();
+/// The settings of PushT on an engine, which may know no `friction`.
+pub(super) const fn known<E: Engine>() -> &'static [Setting] {
+    if E::FRICTION == 0.0 { WITHOUT_FRICTION.as_slice() } else { Settings::SETTINGS }
+}
 const WITHOUT_FRICTION: &Table = &Table::of(&[Settings::SETTINGS]).without("friction");
-
-/// The settings of PushT on rapier2d.
-#[cfg(feature = "rapier")]
-pub(super) const RAPIER_SETTINGS: &[Setting] = Settings::SETTINGS;
 
 #[cfg(test)]
 mod tests {

@@ -1,7 +1,6 @@
 //! The 17 factors of TwoRoom, their constraints, and what an assignment means for physics.
 
-use serde_json::{Map, Value as Json, json};
-use swm_core::EnvError;
+use serde_json::json;
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::physics::{Axis, FloorPlan, INNER_PX, Setup, Vec2, WALL_AT_PX};
@@ -71,11 +70,6 @@ pub fn factors() -> FovSpace {
             },
         },
     ])
-}
-
-/// The factor table with other defaults: the constructor argument `init_value` of the reference.
-pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    factors().with_defaults(env, defaults)
 }
 
 /// The reference's test: the wall's factor counts in full to either side, and the right and lower limit lacks the

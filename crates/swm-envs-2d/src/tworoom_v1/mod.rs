@@ -14,19 +14,20 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use swm_core::EnvEntry;
+use swm_core::{EnvEntry, Settings as _};
+use swm_fov::{FactorEnv, Scene as _};
 
-pub use env::TwoRoom;
+use env::TwoRoom;
 pub use factors::factors;
 pub use goal::Overlap;
 
 /// `swm/TwoRoom-v1`.
 pub const TWO_ROOM: EnvEntry = EnvEntry::new(
-    "swm/TwoRoom-v1",
+    TwoRoom::ID,
     "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
-    |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
+    FactorEnv::<TwoRoom>::boxed,
 )
 .family(crate::FAMILY)
 .success("half of either disc covered by the other")
-.settings(settings::SETTINGS)
+.settings(settings::Settings::SETTINGS)
 .policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

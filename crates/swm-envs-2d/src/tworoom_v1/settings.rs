@@ -1,7 +1,6 @@
 //! Constructor settings of TwoRoom.
 
 use serde_json::{Map, Value as Json};
-use swm_core::{Setting, Settings as _};
 
 use crate::settings::Render;
 
@@ -16,9 +15,6 @@ swm_core::settings! {
         init_value: Map<String, Json> = Map::new() => "{}",
     }
 }
-
-/// The settings for help and docs.
-pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;
 
 #[cfg(test)]
 mod tests {

@@ -5,13 +5,13 @@ use std::fs::File;
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzReader;
 use swm_core::{
-    Batch, Env as _, EnvConfig, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions, Rollout,
+    Batch, Env, EnvConfig, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions, Rollout,
     Schema, Slice, Value, World, WorldOptions,
 };
 
 use super::factors::setup;
 use super::settings::Settings;
-use super::{TWO_ROOM, TwoRoom, factors};
+use super::{TWO_ROOM, factors};
 
 /// Positions follow the reference to this, pixels.
 const PIXELS: f64 = 1e-9;
@@ -21,18 +21,18 @@ fn golden(path: &str) -> NpzReader<File> {
     NpzReader::new(File::open(&path).expect(&path)).unwrap()
 }
 
-fn env(config: &EnvConfig) -> (TwoRoom, Batch) {
-    let env = TwoRoom::new(TWO_ROOM.id, config).unwrap();
+fn env(config: &EnvConfig) -> (Box<dyn Env>, Batch) {
+    let env = TWO_ROOM.make(config).unwrap();
     let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
     (env, row)
 }
 
-fn reset(env: &mut TwoRoom, options: &ResetOptions) -> Result<(), String> {
+fn reset(env: &mut Box<dyn Env>, options: &ResetOptions) -> Result<(), String> {
     let episode = Episode::new(EpisodeSeed::new(0), options);
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
 
-fn values<const N: usize>(env: &mut TwoRoom, row: &mut Batch, column: &str) -> [f64; N] {
+fn values<const N: usize>(env: &mut Box<dyn Env>, row: &mut Batch, column: &str) -> [f64; N] {
     env.observe(&mut row.rows_mut());
     let values: &[f64] = row.row(0).get(column).unwrap();
     values.try_into().unwrap()

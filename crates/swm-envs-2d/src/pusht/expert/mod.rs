@@ -40,7 +40,7 @@ use self::settings::ExpertSettings;
 use self::steering::{ActionKind, Command};
 use super::engine::Engine;
 use super::env::LoadedState;
-use super::factors::factors_with;
+use super::factors::factors;
 use super::goal::observed_state;
 use super::settings::Settings;
 
@@ -84,7 +84,7 @@ fn make<E: Engine>(
         (false, true) => ActionKind::Relative,
         (false, false) => ActionKind::Absolute,
     };
-    let factors = factors_with(env, &env_settings.init_value)?;
+    let factors = factors().with_defaults(env, &env_settings.init_value)?;
     let description = settings.describe_as(&args.name);
     let expert =
         Arc::new(Expert { env, factors, env_settings, kind, frame_skip: context.frame_skip, settings });

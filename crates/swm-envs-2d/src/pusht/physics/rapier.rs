@@ -129,6 +129,7 @@ fn origin(world: &World, id: BodyId, motion: &Motion) -> Vec2 {
 impl Engine for RapierSim {
     type State = RapierState;
 
+    const PUSHT: &'static str = "swm/PushTRapier-v0";
     const FRICTION: f64 = 0.5;
     const WALLS_STOP_DISCS: bool = true;
 
