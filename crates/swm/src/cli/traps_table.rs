@@ -86,6 +86,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("zarr", "==3.1.6")],
     },
     Trap {
+        software: "zarr 3.1.6 to 3.4, `resize`",
+        does: "it removes whole chunks only: after fewer rows and more again, rows that were cut off are there in part, up to the end of their chunk, and the fill value follows; HDF5 gives the fill value throughout",
+        who: "who cuts a failed episode off a Zarr replay buffer and allocates rows for the next one",
+        fix: "write the fill value over the rows before they are cut off, or every row after the array has grown",
+        script: Some("zarr-resize-brings-old-rows-back"),
+        when: &[Need("zarr", ">=3.1.6,<=3.4")],
+    },
+    Trap {
         software: "pyarrow 26 on columns of vectors",
         does: "`.values` of a slice has the values of all rows, so that row 0 is another episode's; `.flatten()` leaves null rows out, so that later rows move up",
         who: "who cuts episodes out of LeRobot's tables by hand",
@@ -300,6 +308,14 @@ pub(super) const TRAPS: &[Trap] = &[
         fix: "keep mean and std in JSON or `.npz` without objects",
         script: Some("numpy-2-pickles-for-numpy-1"),
         when: &[Need("numpy", "<1.26")],
+    },
+    Trap {
+        software: "NumPy 2.4 and 2.5, lists as seeds",
+        does: "zeros at the end of a list of up to 4 numbers do not count: `default_rng([seed, 0])` has the numbers of `default_rng(seed)`; a number from 2**32 up counts as two: `2**32 + 7` is `[7, 1]`",
+        who: "who gives `[seed, worker]` to workers and `seed` to the main process, or `[seed, episode]` to episodes",
+        fix: "`np.random.SeedSequence(seed).spawn(workers)`, or lists that end in `worker + 1`",
+        script: Some("numpy-seed-lists-lose-trailing-zeros"),
+        when: &[Need("numpy", ">=2.4,<=2.5")],
     },
     Trap {
         software: "Gymnasium 1.4, with code for 0.29",
