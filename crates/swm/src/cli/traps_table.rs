@@ -254,6 +254,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("onnxruntime", "==1.32")],
     },
     Trap {
+        software: "torch 2.15, `torch.onnx.export`",
+        does: "weights, also those of 16 kB, are in `NAME.onnx.data`, and a copy or a renamed `NAME.onnx` goes on to name that file: after the next export under the name, it runs with the later weights",
+        who: "who exports during training and keeps the best model for `onnx:DIR` by copying or renaming its file",
+        fix: "`external_data=False`, or a folder for each export",
+        script: Some("torch-onnx-exports-share-a-weights-file"),
+        when: &[Need("torch", "==2.15"), Need("onnxruntime", "==1.32")],
+    },
+    Trap {
         software: "torch 2.15 with NumPy",
         does: "workers of a `DataLoader` begin every epoch with copies of the dataset's `np.random.Generator`: workers and epochs repeat the same numbers",
         who: "who samples goals, crops or noise in `__getitem__`",
