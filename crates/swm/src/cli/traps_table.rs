@@ -254,6 +254,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("onnxruntime", "==1.32")],
     },
     Trap {
+        software: "ONNX Runtime 1.32 on models with random nodes",
+        does: "without a seed in the model, all sessions of a process begin with the same one: each gives the numbers of the others, run by run, for RandomNormal, RandomUniform and Multinomial",
+        who: "who runs a stochastic model in a session per environment or thread, or an ensemble of them",
+        fix: "give noise to the model as an input, or use one session",
+        script: Some("onnxruntime-sessions-repeat-noise"),
+        when: &[Need("onnxruntime", "==1.32")],
+    },
+    Trap {
         software: "torch 2.15, `torch.onnx.export`",
         does: "weights, also those of 16 kB, are in `NAME.onnx.data`, and a copy or a renamed `NAME.onnx` goes on to name that file: after the next export under the name, it runs with the later weights",
         who: "who exports during training and keeps the best model for `onnx:DIR` by copying or renaming its file",
