@@ -86,6 +86,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("zarr", "==3.1.6")],
     },
     Trap {
+        software: "zarr 3.1.6 to 3.4, `resize`",
+        does: "it removes whole chunks only: after fewer rows and more again, rows that were cut off are there in part, up to the end of their chunk, and the fill value follows; HDF5 gives the fill value throughout",
+        who: "who cuts a failed episode off a Zarr replay buffer and allocates rows for the next one",
+        fix: "write the fill value over the rows before they are cut off, or every row after the array has grown",
+        script: Some("zarr-resize-brings-old-rows-back"),
+        when: &[Need("zarr", ">=3.1.6,<=3.4")],
+    },
+    Trap {
         software: "pyarrow 26 on columns of vectors",
         does: "`.values` of a slice has the values of all rows, so that row 0 is another episode's; `.flatten()` leaves null rows out, so that later rows move up",
         who: "who cuts episodes out of LeRobot's tables by hand",
