@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Software:  torch 2.15.0 (`torch.onnx.export`) with onnx 1.23.2, onnxscript 0.7.2 and onnxruntime 1.32.0.
-# Expected:  a copy of `policy.onnx` is a copy of the model, as with exports before torch 2.9; a copy without its weights is an error.
+# Expected:  a copy of `policy.onnx` is a copy of the model, or an error where the weights are not beside it under its own name.
 # Happens:   weights are in `policy.onnx.data`, also those of 16 kB, and the copy goes on to name that file: once the next checkpoint is
 #            exported as `policy.onnx`, the copy runs with the weights of that checkpoint. No error, no warning.
 # Who:       users who export under one name during training and keep the best model by copying or renaming it.
