@@ -153,3 +153,9 @@ def test_classes_of_ones_own():
 
 def test_names_of_settings_without_another_keyword():
     assert setting_of("clip") == "clip" and setting_of("topk") == "elites"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_settings_that_are_not_finite_are_named(value: float) -> None:
+    with pytest.raises(ValueError, match=f"var_scale={value}: a number is NaN or infinite; give a finite one"):
+        CEMSolver(Sum(), var_scale=value)

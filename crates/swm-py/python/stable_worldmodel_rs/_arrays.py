@@ -20,6 +20,7 @@ def image_sides(name: str, value: Any) -> tuple[int, int]:
 
     Raises:
         TypeError: It is no pair of whole numbers.
+        ValueError: One of them is negative.
     """
     try:
         height, width = (operator.index(length) for length in value)
@@ -27,6 +28,8 @@ def image_sides(name: str, value: Any) -> tuple[int, int]:
         raise TypeError(
             f"{name}={value!r}: give the height and width of the images, such as {name}=(64, 64)"
         ) from None
+    if min(height, width) < 0:
+        raise ValueError(f"{name}={value!r}: give sides of 1 pixel or more")
     return height, width
 
 

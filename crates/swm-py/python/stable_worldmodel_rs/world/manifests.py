@@ -118,6 +118,8 @@ def make_manifest(
     Raises:
         SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
+    from ..data.native import as_options
+
     shape = checked_shape(image_shape)
     if "image_size" in settings:
         raise TypeError("make_manifest has no argument 'image_size'; did you mean image_shape=(64, 64)?")
@@ -129,7 +131,7 @@ def make_manifest(
         "episodes": episodes,
         "seed": seed,
         "dataset": None if dataset is None else existing(dataset, "dataset"),
-        "opening": dict(opening or {}),
+        "opening": as_options(opening or {}),
         "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
         "clear": None if clear is None else existing(clear, "manifest"),
         "goal_offset": goal_offset,
@@ -173,10 +175,12 @@ def replay(
     Returns:
         ``ok``, ``episodes``, ``rows``, and the largest differences by column.
     """
+    from ..data.native import as_options
+
     total = 0 if episodes is None else len(episodes)
     values = None if variation_values is None else dict(variation_values)
     file = existing(path, "dataset")
-    options = json.dumps(dict(opening)) if opening else None
+    options = json.dumps(as_options(opening)) if opening else None
     if env_name is None:
         # What the file says; where that is nothing, the replay does.
         for _, run in json.loads(_swm.Reader.open(file, None, options).runs):

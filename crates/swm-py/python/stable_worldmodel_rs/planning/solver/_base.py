@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 import logging
 import time
 from dataclasses import Field, fields, replace
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..._arguments import device_of, whole_number
+from ..._arguments import device_of, request_text, whole_number
 from ..._arrays import Array, is_array, is_tensor, require_torch
 from ..._prepare import require_method
 from ...protocols import Actionable
@@ -318,7 +317,7 @@ class BaseSolver:
     def _key(self, **changes: Any) -> tuple[str, str]:
         """Name and settings of the Rust solver."""
         settings = {**self.settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
-        return self.native_name, json.dumps(settings)
+        return self.native_name, request_text(settings, self._keywords())
 
     def _solver(self, **changes: Any) -> NativeSolver:
         key = self._key(**changes)
