@@ -48,6 +48,9 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
     let predictor = predictor.as_ref();
     let history = of(node, "history_size")?.or(of(archive, "num_hist")?).or(of(predictor, "num_frames")?);
     let history = history.unwrap_or(3);
+    if let Some(predictor) = predictor {
+        predictor.check_field("num_frames", history)?;
+    }
     let at_encoder = match (given.encoder.is_empty(), shapes.has_below("backbone.")) {
         (false, _) => given.encoder.vit("")?.or(given.encoder.vit("backbone.")?),
         (true, _) => shapes.vit("backbone.")?,

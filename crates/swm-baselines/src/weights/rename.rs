@@ -41,8 +41,16 @@ const PARTS: &[(&str, &str)] = &[
     (".layernorm_after.", ".norm2."),
 ];
 
-/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images, rates of averages.
-const IDLE: [&str; 4] = ["num_batches_tracked", "mask_token", "causal_mask", "ema_coefficient"];
+/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images, poolers of
+/// frozen encoders, rates of averages.
+const IDLE: [&str; 6] = [
+    "num_batches_tracked",
+    "mask_token",
+    "causal_mask",
+    "ema_coefficient",
+    "pooler.dense.weight",
+    "pooler.dense.bias",
+];
 
 /// All tensors under the names that they have here, without the idle ones.
 pub(crate) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
@@ -181,8 +189,10 @@ mod tests {
     #[test]
     fn prefixes_of_frameworks_go_and_idle_tensors_too() {
         let tensor = || Stored { shape: vec![1], values: vec![0.0], is_whole: false };
-        let names = ["model.a.weight", "model.norm.num_batches_tracked", "model.embeddings.mask_token"];
-        let stored = names.map(|name| (name.to_owned(), tensor())).into();
+        let idle =
+            ["norm.num_batches_tracked", "embeddings.mask_token", "pooler.dense.weight", "pooler.dense.bias"];
+        let names = ["a.weight"].into_iter().chain(idle).map(|name| format!("model.{name}"));
+        let stored = names.map(|name| (name, tensor())).collect();
         assert_eq!(to_ours(stored).into_keys().collect::<Vec<_>>(), ["a.weight"]);
     }
 

@@ -72,6 +72,11 @@ impl Request for Sweep {
 
     fn check(&self, _registry: &Registry) -> Result<(), TaskError> {
         must_be_given(&[("manifest", self.manifest.is_none()), ("policy", self.policy.is_empty())])?;
+        if self.factors.is_empty() {
+            return Err(Message::about_setting("factors", "names none")
+                .fix(Fix::set("factors", "all"))
+                .into());
+        }
         let known = ["sampled", "extremes", "grid"];
         if !known.contains(&self.values.as_str()) {
             let message = Message::about("values", self.values.as_str(), "no way to choose values");

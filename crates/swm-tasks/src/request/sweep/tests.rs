@@ -63,6 +63,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
             any(&[Fix::set("values", "grid"), Fix::Leave("points")]),
         ),
         (json!({ "values": "grid", "points": 1 }), "points=1: a grid has several values", None),
+        (json!({ "factors": [] }), "factors: names none", Some(Fix::set("factors", "all"))),
         (json!({ "num_envs": 0 }), "num_envs=0: use 1 to 65536", None),
         (json!({ "threads": 0 }), "threads=0: use 1 to 1024", None),
         (json!({ "again": true }), "again=true: is about a folder", Some(Fix::give("out"))),
