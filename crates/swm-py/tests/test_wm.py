@@ -464,6 +464,22 @@ def test_the_config_of_an_encoder_beside_the_weights_is_compared(tmp_path: Path)
             wm.load_pretrained(folder)
 
 
+def test_an_encoder_with_a_pooler_is_read_and_saved(tmp_path: Path) -> None:
+    tensors = read_weights(GOLDEN / "gcbc" / "weights_epoch_3.pt")
+    dim = tensors["encoder.embeddings.cls_token"].shape[-1]
+    more = {"encoder.pooler.dense.weight": torch.ones(dim, dim), "encoder.pooler.dense.bias": torch.ones(dim)}
+    folder = tmp_path / "model"
+    shutil.copytree(GOLDEN / "gcbc", folder)
+    torch.save({**tensors, **more}, folder / "weights_epoch_3.pt")
+    model = wm.load_pretrained(folder)
+    policy_agrees(model, expected("gcbc"))
+    stored = torch.load(wm.save_pretrained(model, tmp_path / "saved") / "weights.pt", weights_only=True)
+    assert stored.keys() == {*tensors, *more}
+    torch.save({**tensors, "encoder.embeddings.register_tokens": torch.ones(1, 4, dim)}, folder / "weights_epoch_3.pt")
+    with pytest.raises(ValueError, match="it has registers, which no encoder here has"):
+        wm.load_pretrained(folder)
+
+
 def test_settings_can_be_given_others(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"predictor.pos_embedding: \(1, 3, 24\) in the file, \(1, 2, 24\)"):
         wm.load_pretrained(GOLDEN / "lewm_transformers4", extra_args={"predictor.num_frames": 2})

@@ -42,6 +42,8 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``.
         place: What errors call it.
     """
+    if "embeddings.register_tokens" in tensors:
+        raise ValueError(f"{place}: it has registers, which no encoder here has; load such a model with the reference")
     dinov2 = any("layer_scale1" in at for at in tensors)
     beside = {} if name is None or folder is None else _config_beside(folder, name)
     # Frozen, it drops nothing, whatever its config says of training.
@@ -73,6 +75,7 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         dinov2=dinov2,
         names=generation(tensors),
         mask_token="embeddings.mask_token" in tensors,
+        pooler="pooler.dense.weight" in tensors,
     )
     return Vit(sizes)
 

@@ -31,6 +31,7 @@ class VitSizes:
         dinov2: DINOv2's form: epsilon 1e-6 in place of 1e-12, and a learned scale on each branch.
         names: Of tensors: 4 or 5, the version of transformers.
         mask_token: Whether files have a token for masked patches. Nothing here uses it.
+        pooler: Whether files have a layer behind the summary token, as ViTs of transformers do. Nothing here uses it.
     """
 
     dim: int = 192
@@ -42,6 +43,7 @@ class VitSizes:
     dinov2: bool = False
     names: int = 5
     mask_token: bool = False
+    pooler: bool = False
 
     @property
     def grid(self) -> int:
@@ -210,6 +212,8 @@ class Vit(nn.Module):
         self._layers = "layers" if not sizes.dinov2 and sizes.names == 5 else "encoder.layer"
         _plant(self, self._layers, layers)
         self.layernorm: nn.Module = nn.LayerNorm(sizes.dim, eps=_EPSILON[sizes.dinov2])
+        if sizes.pooler:
+            _plant(self, "pooler.dense", nn.Linear(sizes.dim, sizes.dim))
         self.apply(_initialize)
         for table in (self.embeddings.cls_token, self.embeddings.position_embeddings):
             nn.init.trunc_normal_(table, std=0.02)
