@@ -310,6 +310,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("numpy", "<1.26")],
     },
     Trap {
+        software: "NumPy 2.4 and 2.5, lists as seeds",
+        does: "zeros at the end of a list of up to 4 numbers do not count: `default_rng([seed, 0])` has the numbers of `default_rng(seed)`; a number from 2**32 up counts as two: `2**32 + 7` is `[7, 1]`",
+        who: "who gives `[seed, worker]` to workers and `seed` to the main process, or `[seed, episode]` to episodes",
+        fix: "`np.random.SeedSequence(seed).spawn(workers)`, or lists that end in `worker + 1`",
+        script: Some("numpy-seed-lists-lose-trailing-zeros"),
+        when: &[],
+    },
+    Trap {
         software: "Gymnasium 1.4, with code for 0.29",
         does: "`final_observation` and `final_info` do not appear in the infos of vector environments, so that code that looks for them logs and bootstraps nothing; the step after an end ignores its action",
         who: "who trains on `make_vec` by scripts of 2023",
