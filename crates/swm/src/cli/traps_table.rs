@@ -166,6 +166,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("lerobot", "==0.6.1")],
     },
     Trap {
+        software: "LeRobot 0.6.1, quantiles of `meta/stats.json`",
+        does: "q01 to q99 of a dataset are the means of its episodes' quantiles: of 10 episodes, each within i to i + 1, q01 is 4.51 and q99 5.49 in place of 0.10 and 9.90, and 90 % of the rows lie outside",
+        who: "who normalizes by quantiles (pi0.5 does) on datasets whose episodes differ in range",
+        fix: "min and max, mean and std, or the quantiles of `swm stats`, taken over all episodes at once",
+        script: Some("lerobot-averages-quantiles"),
+        when: &[Need("lerobot", "==0.6.1")],
+    },
+    Trap {
         software: "LeRobot 0.6.1 beside av 19",
         does: "the bounds of av are in the extra `dataset`, so that pip takes both, and `lerobot.datasets` cannot be imported (`module 'av' has no attribute 'option'`)",
         who: "who converts to LeRobot where videos are read by PyAV",
