@@ -323,7 +323,7 @@ pub(super) const TRAPS: &[Trap] = &[
         who: "who gives `[seed, worker]` to workers and `seed` to the main process, or `[seed, episode]` to episodes",
         fix: "`np.random.SeedSequence(seed).spawn(workers)`, or lists that end in `worker + 1`",
         script: Some("numpy-seed-lists-lose-trailing-zeros"),
-        when: &[Need("numpy", ">=2.4,<=2.5")],
+        when: &[],
     },
     Trap {
         software: "Gymnasium 1.4, with code for 0.29",
