@@ -1,6 +1,7 @@
 //! `gallery DIR`: an image of every environment, as it is by default and with all factors varied, next to MuJoCo's own
 //! image of the same state where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -30,6 +31,8 @@ fn main() -> Result<()> {
     let dir = Path::new(&dir);
     fs::create_dir_all(dir.join("gallery"))?;
     let mut page = HEAD.to_owned();
+    // Environments that differ in rewards or columns alone show one image.
+    let mut drawn: BTreeMap<Vec<Vec<u8>>, String> = BTreeMap::new();
     for entry in swm::registry().envs() {
         let name = entry.id.trim_start_matches("swm/");
         write!(page, "| `{}` |", entry.id)?;
@@ -41,8 +44,15 @@ fn main() -> Result<()> {
                     Err(error) => println!("{name}: no image of MuJoCo's: {error}"),
                 }
             }
-            let file = format!("gallery/{name}-{kind}.png");
-            write_png(&dir.join(&file), &images)?;
+            let file = match drawn.get(&images) {
+                Some(file) => file.clone(),
+                None => {
+                    let file = format!("gallery/{name}-{kind}.png");
+                    write_png(&dir.join(&file), &images)?;
+                    drawn.insert(images, file.clone());
+                    file
+                }
+            };
             write!(page, " ![{name}, {kind}]({file}) |")?;
         }
         page.push('\n');

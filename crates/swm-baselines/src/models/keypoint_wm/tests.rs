@@ -211,6 +211,6 @@ fn what_keeps_moving_is_predicted_from_its_last_change_alone() {
         cost[0]
     };
     let resting = cost_after(&[middle.clone(), middle.clone()]);
-    assert_eq!(cost_after(&[middle.clone()]), resting);
+    assert_eq!(cost_after(std::slice::from_ref(&middle)), resting);
     assert_ne!(cost_after(&[right.clone(), middle.clone()]), resting);
 }
