@@ -187,7 +187,7 @@ fn what_keeps_moving_is_predicted_from_its_last_change_alone() {
         }
         model.validate(&drifting(1000).batch(), 0).unwrap().total
     });
-    assert!(seen < 0.5 * unseen, "{seen} with the last change, {unseen} without");
+    assert!(seen < 0.8 * unseen, "{seen} with the last change, {unseen} without");
 
     // A planner sees it, too: with zeros where there is no earlier image.
     let mut planner = tiny_with(true).planner().unwrap();
