@@ -105,7 +105,7 @@ def test_masked_values_are_not_written(tmp_path: Path) -> None:
 
 
 OPENING = {
-    "image_size=(-1, 3)": ({"image_size": (-1, 3)}, ValueError, r"image_size=\(-1, 3\): give sides of 1 to 4096 pixels"),
+    "image_size=(-1, 3)": ({"image_size": (-1, 3)}, ValueError, r"image_size=\(-1, 3\): give sides of 1 pixel or more"),
     "image_size=(64,)": ({"image_size": (64,)}, TypeError, r"image_size=\(64,\): give the height and width"),
     "image": ({"image": (-1, 3)}, ValueError, r"image=\(-1, 3\): give sides of 1 pixel or more"),
     "image_size=64": ({"image_size": 64}, TypeError, "image_size=64: give the height and width"),

@@ -106,7 +106,7 @@ def _as_option(name: str, value: Any) -> Any:
     if name in _TEXTS:
         if not isinstance(value, (str, os.PathLike) if name == "storage" else str):
             raise TypeError(f"{name}={value!r}: give text, such as {name}={_TEXTS[name]}")
-        return os.fspath(value)
+        return str(os.fspath(cast("str | os.PathLike[str]", value)))
     if name in _DICTS:
         if not isinstance(value, Mapping):
             raise TypeError(f"{name}={value!r}: give a dict, such as {name}={_DICTS[name]}")

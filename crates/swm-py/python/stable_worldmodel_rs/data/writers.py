@@ -36,7 +36,8 @@ def as_column(name: str, values: Any) -> Any:
         ValueError: Their shapes differ from step to step.
     """
     steps: list[Any] = list(values) if isinstance(values, (list, tuple)) else []  # pyright: ignore[reportUnknownArgumentType]
-    if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in (values, *steps)):
+    parts: list[Any] = [cast("Any", values), *steps]
+    if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(cast("Any", part)) for part in parts):
         raise TypeError(f"column {name!r} is a masked array, whose masked values would be written; give what stands for them: values.filled(np.nan)")
     refuse_objects(name, values, steps)
     try:
