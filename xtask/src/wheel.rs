@@ -210,8 +210,9 @@ fn add_files(folder: &Path, target: Option<&str>) -> Result<()> {
     let source = tempfile::tempdir().context("no folder for the files of the wheel")?;
     // The data folder holds what this machine runs; another one's library stays out of it.
     let home = if target.is_none() { data::home()? } else { source.path().to_owned() };
+    let platform = platform(target)?;
     for package in [&data::MUJOCO, &data::DM_CONTROL] {
-        let package = &package.for_platform(&platform(target)?)?;
+        let package = &package.for_platform(&platform)?;
         let place = setup::ensure_in(package, &home).or_else(|_| setup::ensure_in(package, source.path()))?;
         copy(&place, &folder.join(package.name).join(package.version), &|_| true)?;
     }

@@ -205,14 +205,16 @@ impl Start {
 
     /// `[1, 1, 3, S, S]`: the present image of planning problem `row`.
     pub(crate) fn image(&self, row: usize) -> Tensor<5> {
-        let newest = self.pixels.dims()[1] - 1;
-        self.pixels.clone().narrow(0, row, 1).narrow(1, newest, 1)
+        self.frame(row, self.pixels.dims()[1] - 1)
     }
 
     /// `[1, 1, 3, S, S]`: the one before, where there is one.
     pub(crate) fn earlier_image(&self, row: usize) -> Option<Tensor<5>> {
-        let at = self.pixels.dims()[1].checked_sub(2)?;
-        Some(self.pixels.clone().narrow(0, row, 1).narrow(1, at, 1))
+        Some(self.frame(row, self.pixels.dims()[1].checked_sub(2)?))
+    }
+
+    fn frame(&self, row: usize, at: usize) -> Tensor<5> {
+        self.pixels.clone().narrow(0, row, 1).narrow(1, at, 1)
     }
 
     /// `[1, 1, 3, S, S]`: its goal.

@@ -1,5 +1,7 @@
 //! A checkpoint's `config.json`, walked by name: which class it names is looked up in a table, and nothing of it is executed.
 
+use std::fmt::Display;
+
 use serde_json::{Map, Value as Json};
 use swm_tasks::request::{Fix, Message, TaskError};
 
@@ -214,11 +216,14 @@ impl<'a> Node<'a> {
     /// Refuses a field with another value than `wanted`, where it is there.
     pub(super) fn check_field(&self, name: &str, wanted: usize) -> Result<(), TaskError> {
         match self.number(name)? {
-            Some(found) if found != wanted => {
-                let reason = format!("is {found}, and this program has {wanted} in its place");
-                Err(self.at(name, &Json::Null).wrong(&reason))
-            }
+            Some(found) if found != wanted => Err(self.other(name, found, wanted)),
             _ => Ok(()),
         }
+    }
+
+    /// About a field whose value is another than that of this program.
+    pub(super) fn other(&self, name: &str, found: impl Display, wanted: impl Display) -> TaskError {
+        let reason = format!("is {found}, and this program has {wanted} in its place");
+        self.at(name, &Json::Null).wrong(&reason)
     }
 }

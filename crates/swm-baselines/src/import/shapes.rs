@@ -114,11 +114,6 @@ impl VitShape {
             "positions_for": positions_for, "dinov2": dinov2 })
     }
 
-    /// What is added to variances before they divide, as in `nn::vit`.
-    pub(super) fn epsilon(&self) -> f64 {
-        if self.dinov2 { 1e-6 } else { 1e-12 }
-    }
-
     /// The heads of published transformers of this dim.
     pub(super) fn usual_heads(&self) -> Option<usize> {
         [(192, 3), (384, 6), (768, 12), (1024, 16)]

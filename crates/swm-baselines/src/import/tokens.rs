@@ -10,6 +10,7 @@ use swm_tasks::request::{Fix, Message, TaskError};
 use super::config::Node;
 use super::recipe::{Given, Recipe, first, of};
 use super::shapes::{Shapes, VitShape, heads, root, unsaid_heads};
+use crate::nn::vit_epsilon;
 
 const PREDICTOR: [&str; 11] = [
     "num_patches",
@@ -245,7 +246,7 @@ fn frozen(
         dinov2: true,
     });
     let beside = match given.folder.zip(named) {
-        Some((folder, name)) => heads_beside(folder, name, shape.epsilon())?,
+        Some((folder, name)) => heads_beside(folder, name, vit_epsilon(shape.dinov2))?,
         None => None,
     };
     let heads = set.map(|heads| heads as usize).or(beside).or_else(|| shape.usual_heads());
@@ -272,12 +273,10 @@ fn heads_beside(folder: &Path, name: &str, epsilon: f64) -> Result<Option<usize>
     let file = format!("{name}/config.json");
     let node = Node::root(&file, &config)?;
     if let Some(other) = node.text("hidden_act")?.filter(|&name| name != "gelu") {
-        let reason = format!("is {other}, and this program has gelu in its place");
-        return Err(node.need("hidden_act")?.wrong(&reason));
+        return Err(node.other("hidden_act", other, "gelu"));
     }
     if let Some(other) = node.real("layer_norm_eps")?.filter(|&found| found != epsilon) {
-        let reason = format!("is {other}, and this program has {epsilon:e} in its place");
-        return Err(node.need("layer_norm_eps")?.wrong(&reason));
+        return Err(node.other("layer_norm_eps", other, format_args!("{epsilon:e}")));
     }
     node.number("num_attention_heads")
 }

@@ -52,5 +52,5 @@ pub(crate) use norm::LayerNorm;
 pub use predictor::PredictorConfig;
 pub(crate) use predictor::{Predictor, SeenStates};
 pub(crate) use projector::{InverseDynamics, Mlp};
-pub(crate) use vit::Vit;
 pub use vit::VitConfig;
+pub(crate) use vit::{Vit, vit_epsilon};

@@ -126,7 +126,7 @@ impl Vit {
                 patch_embeddings: PatchEmbeddings { projection: Conv::new([3, dim], patch, device) },
             },
             layers: (0..config.depth).map(|_| Layer::new(config, device)).collect(),
-            layernorm: LayerNorm::with_epsilon(dim, config.epsilon(), device),
+            layernorm: LayerNorm::with_epsilon(dim, vit_epsilon(config.dinov2), device),
             config: config.clone(),
         }
     }
@@ -179,10 +179,9 @@ impl Vit {
     }
 }
 
-impl VitConfig {
-    fn epsilon(&self) -> f64 {
-        if self.dinov2 { 1e-6 } else { 1e-12 }
-    }
+/// What is added to variances before they divide, in the form of DINOv2 or the other.
+pub(crate) fn vit_epsilon(dinov2: bool) -> f64 {
+    if dinov2 { 1e-6 } else { 1e-12 }
 }
 
 impl Layer {
@@ -190,7 +189,7 @@ impl Layer {
         let (dim, linear) = (config.dim, |inputs, outputs| Linear::new(inputs, outputs, device));
         let scale = || config.dinov2.then(|| LayerScale { lambda1: parameter([dim], device) });
         Self {
-            norm1: LayerNorm::with_epsilon(dim, config.epsilon(), device),
+            norm1: LayerNorm::with_epsilon(dim, vit_epsilon(config.dinov2), device),
             attention: SelfAttention {
                 q_proj: linear(dim, dim),
                 k_proj: linear(dim, dim),
@@ -198,7 +197,7 @@ impl Layer {
                 o_proj: linear(dim, dim),
             },
             layer_scale1: scale(),
-            norm2: LayerNorm::with_epsilon(dim, config.epsilon(), device),
+            norm2: LayerNorm::with_epsilon(dim, vit_epsilon(config.dinov2), device),
             mlp: Mlp { fc1: linear(dim, config.hidden), fc2: linear(config.hidden, dim) },
             layer_scale2: scale(),
         }

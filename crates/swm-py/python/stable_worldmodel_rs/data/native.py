@@ -121,8 +121,10 @@ def _as_option(name: str, value: Any) -> Any:
         if not 0 < (rate := float(cast("Any", value))) < float("inf"):
             raise ValueError(f"fps={value}: give a finite number above 0")
         return rate
-    if name in ("max_steps", "shift"):
-        return whole_number(name, value, 1) if name == "max_steps" else whole_number(name, value, 0, 1)
+    if name == "max_steps":
+        return whole_number(name, value, 1)
+    if name == "shift":
+        return whole_number(name, value, 0, 1)
     if name == "image_size":
         if isinstance(value, Mapping):
             return dict(cast("Mapping[str, Any]", value))

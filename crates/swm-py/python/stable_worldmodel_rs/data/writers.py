@@ -38,7 +38,7 @@ def as_column(name: str, values: Any) -> Any:
     steps: list[Any] = list(values) if isinstance(values, (list, tuple)) else []  # pyright: ignore[reportUnknownArgumentType]
     parts: list[Any] = [cast("Any", values), *steps]
     if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(cast("Any", part)) for part in parts):
-        raise TypeError(f"column {name!r} is a masked array, whose masked values would be written; give what stands for them: values.filled(np.nan)")
+        raise TypeError(f"column {name!r} is a masked array, whose masked values would be written; give others in their place: values.filled(np.nan)")
     refuse_objects(name, values, steps)
     try:
         array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)

@@ -79,7 +79,7 @@ def without_fixed(settings: Mapping[str, Any], dinov2: bool, place: str) -> dict
 
     Args:
         settings: By the names of transformers.
-        dinov2: Its form, which tells epsilon.
+        dinov2: Its form, on which epsilon depends.
         place: What errors put in front of a name.
 
     Raises:
