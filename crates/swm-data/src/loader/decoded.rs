@@ -268,7 +268,12 @@ impl Source<'_> {
     }
 
     fn find(&self, target: &Target) -> Option<Kept> {
-        self.folders.iter().find_map(|folder| target.open(folder))
+        let kept = self.folders.iter().find_map(|folder| target.open(folder))?;
+        // A process that was killed after its file was in place left its lock; one that lives still has it, and removes it.
+        if beside(&kept.path, ".lock").exists() {
+            drop(WriterLock::take(&kept.path));
+        }
+        Some(kept)
     }
 
     /// Makes the file of a column in the first folder that can be written to, or waits for the process that makes it; the seconds that

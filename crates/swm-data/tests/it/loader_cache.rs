@@ -164,8 +164,13 @@ fn kills_leave_nothing_that_is_read() {
         }
     }
     assert!(parts > 0, "no kill met a file that was being written");
-    assert_equal(|| open(&path).unwrap(), &with_cache());
+    let cached = assert_equal(|| open(&path).unwrap(), &with_cache());
     assert_eq!(files(&path), 1, "no part and no lock is left");
+    // As a kill leaves it between the two last things that are done.
+    fs::write(format!("{}.lock", cached.cached()[0].path.display()), "process 4194305 on elsewhere\n")
+        .unwrap();
+    assert_equal(|| open(&path).unwrap(), &with_cache());
+    assert_eq!(files(&path), 1, "the lock of a file in place is left");
 }
 
 #[test]
