@@ -3,9 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice, Space,
-};
+use swm_core::{Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, RowsMut, Slice, Space};
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::factors::{self, ANGLE, BACKGROUND, GOAL, GRIPPER, IN_THE_AIR, OBJECT, VIEW, pair, values};
@@ -16,7 +14,7 @@ use super::settings::{SETTINGS, Settings};
 use super::task::{REACHED, Reward, SUBSTEPS, Task, Variant};
 use crate::given::finite_values;
 use crate::suite::Control;
-use crate::views::{CameraName, Images, Views, settings};
+use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
 use swm_mujoco::visuals::mjTEXTURE_SKYBOX;
@@ -43,6 +41,7 @@ pub(super) struct FetchEnv {
     /// The site that marks the goal, and where its body is, m.
     target: (usize, [f64; 3]),
     images: Option<Rendering>,
+    goal_image: Option<GoalImage>,
 }
 
 /// What images need.
@@ -50,8 +49,6 @@ struct Rendering {
     images: Images,
     /// The texture of the sky, and the color that it is shown in.
     sky: (Option<usize>, [f64; 3]),
-    /// The image of the goal, and whether it belongs to an earlier episode.
-    goal: (Vec<u8>, bool),
 }
 
 /// A saved state.
@@ -78,16 +75,14 @@ impl FetchEnv {
         let mut columns = fields(&variant, [model.nq(), model.nv()]);
         columns.extend(space.fields());
         let image = config.image;
-        columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let goal_image = image.map(|size| GoalImage::new(size, &mut columns));
         let camera = CameraName::Name(VIEW.to_owned());
         let views = Views::new(&settings.images, &camera, &model, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
         let sky =
             (0..model.texture_count()).find(|&index| model.texture_type(index) == mjTEXTURE_SKYBOX as i32);
         let rendering = |views| -> Result<Rendering, MujocoError> {
-            let size = image.map_or(0, |size| size.shape().iter().product());
-            let images = Images::new(views, &model)?;
-            Ok(Rendering { images, sky: (sky, [f64::NAN; 3]), goal: (vec![0; size], true) })
+            Ok(Rendering { images: Images::new(views, &model)?, sky: (sky, [f64::NAN; 3]) })
         };
         let images = views.map(rendering).transpose()?;
         let spec = EnvSpec::new(variant.id, Space::uniform_box(Dtype::F32, &[4], -1.0, 1.0), columns)
@@ -120,6 +115,7 @@ impl FetchEnv {
             shifted,
             target,
             images,
+            goal_image,
         };
         env.set_model()?;
         Ok(env)
@@ -145,9 +141,7 @@ impl FetchEnv {
         let goal = self.task_state.goal;
         let place: [f64; 3] = std::array::from_fn(|k| goal[k] - body[k]);
         self.robot.sim.model_mut().site_pos_mut()[3 * marker..][..3].copy_from_slice(&place);
-        if let Some(rendering) = &mut self.images {
-            rendering.goal.1 = true;
-        }
+        GoalImage::renew(&mut self.goal_image);
     }
 
     /// Places arm and object by the factors.
@@ -191,23 +185,19 @@ impl FetchEnv {
         distance(self.achieved(), self.task_state.goal)
     }
 
-    /// Renders the goal, and returns to where the episode stands.
-    fn render_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut rendering) = self.images.take() else { return Ok(()) };
+    /// Draws the goal, and returns to where the episode is.
+    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.robot.sim.save(&mut kept);
-        let result = self.stand_at_goal();
-        if result.is_ok() {
-            rendering.images.render(&mut self.robot.sim, &mut rendering.goal.0);
+        self.go_to_goal()?;
+        if let Some(rendering) = &mut self.images {
+            rendering.images.render(&mut self.robot.sim, pixels);
         }
-        rendering.goal.1 = false;
-        self.images = Some(rendering);
-        result?;
         self.robot.sim.load(&kept)
     }
 
     /// The recorded row that is the goal; else the object at the goal, or the gripper brought there.
-    fn stand_at_goal(&mut self) -> Result<(), MujocoError> {
+    fn go_to_goal(&mut self) -> Result<(), MujocoError> {
         let TaskState { goal, ref goal_qpos, is_goal_recorded, .. } = self.task_state;
         self.robot.sim.reset();
         self.robot.sim.qpos_mut().copy_from_slice(goal_qpos);
@@ -283,15 +273,9 @@ impl Env for FetchEnv {
         out.write(first, &self.task_state.goal);
         out.write(first + 1, &self.task_state.goal);
         self.fov.write(first + 2, out);
-        if self.images.as_ref().is_some_and(|rendering| rendering.goal.1)
-            && self.render_goal().is_err()
-            && let Some(rendering) = &mut self.images
-        {
-            // The next step finds the simulation unusable, and says so.
-            rendering.goal.0.fill(0);
-        }
-        if let Some(rendering) = &self.images {
-            out.write(first + 2 + self.spec.factors.len(), &rendering.goal.0);
+        if let Some(mut image) = self.goal_image.take() {
+            image.write(out, |pixels| self.draw_goal(pixels));
+            self.goal_image = Some(image);
         }
     }
 

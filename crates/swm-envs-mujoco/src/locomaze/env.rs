@@ -3,8 +3,7 @@
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, Outcome, RowsMut, Slice,
-    Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Outcome, RowsMut, Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -18,7 +17,7 @@ use super::settings::Settings;
 use super::soccer;
 use super::state::TaskState;
 use crate::given::{finite_values, recall};
-use crate::views::{CameraName, Images, Views};
+use crate::views::{CameraName, GoalImage, Images, Views};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
 use swm_mujoco::{Object, Simulation};
@@ -43,6 +42,7 @@ pub(super) struct MazeEnv {
     /// Of the humanoid, whose observations are more than positions and velocities.
     pub(super) observations: Option<Observations>,
     images: Option<Rendering>,
+    goal_image: Option<GoalImage>,
 }
 
 /// What images need.
@@ -50,8 +50,6 @@ struct Rendering {
     images: Images,
     /// The colors of the floor that they show.
     floor: Vec<f64>,
-    /// The image of the goal, and whether it belongs to an earlier episode.
-    goal: (Vec<u8>, bool),
 }
 
 /// A saved state.
@@ -79,16 +77,14 @@ impl MazeEnv {
         let mut columns = fields(body, [nq, nv]);
         columns.extend(space.fields());
         let image = config.image;
-        columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let goal_image = image.map(|size| GoalImage::new(size, &mut columns));
         let camera = CameraName::Name(if body == Body::Point { TOP } else { "back" }.to_owned());
         let full = models.full();
         let views = Views::new(&settings.images, &camera, &full, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
         let fov = space.defaults();
         let rendering = |views| -> Result<Rendering, MujocoError> {
-            let size = image.map_or(0, |size| size.shape().iter().product());
-            let floor = factor_values(&fov, FLOOR_COLOR);
-            Ok(Rendering { images: Images::new(views, &full)?, floor, goal: (vec![0; size], true) })
+            Ok(Rendering { images: Images::new(views, &full)?, floor: factor_values(&fov, FLOOR_COLOR) })
         };
         let images = views.map(rendering).transpose()?;
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0), columns)
@@ -116,6 +112,7 @@ impl MazeEnv {
             ways,
             observations,
             images,
+            goal_image,
         };
         env.set_model()?;
         Ok(env)
@@ -157,9 +154,7 @@ impl MazeEnv {
         if self.ways.0 != cell || self.ways.1.is_empty() {
             self.ways = (cell, self.maze().ways(cell));
         }
-        if let Some(rendering) = &mut self.images {
-            rendering.goal.1 = true;
-        }
+        GoalImage::renew(&mut self.goal_image);
     }
 
     /// The place of what has to reach the goal: x, y, m.
@@ -212,20 +207,16 @@ impl MazeEnv {
         distance(self.place_that_counts(), self.task_state.goal) <= self.body.reach()
     }
 
-    /// Renders the goal, and returns to where the episode stands.
-    fn render_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut rendering) = self.images.take() else { return Ok(()) };
+    /// Draws the goal, and returns to where the episode is.
+    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.sim.save(&mut kept);
         self.sim.qpos_mut().copy_from_slice(&self.task_state.goal_qpos);
         self.sim.qvel_mut().copy_from_slice(&self.task_state.goal_qvel);
-        let result = self.sim.forward();
-        if result.is_ok() {
-            rendering.images.render(&mut self.sim, &mut rendering.goal.0);
+        self.sim.forward()?;
+        if let Some(rendering) = &mut self.images {
+            rendering.images.render(&mut self.sim, pixels);
         }
-        rendering.goal.1 = false;
-        self.images = Some(rendering);
-        result?;
         self.sim.load(&kept)
     }
 }
@@ -282,15 +273,9 @@ impl Env for MazeEnv {
         self.write_goal(out);
         let first = first_factor(self.body);
         self.fov.write(first, out);
-        if self.images.as_ref().is_some_and(|rendering| rendering.goal.1)
-            && self.render_goal().is_err()
-            && let Some(rendering) = &mut self.images
-        {
-            // The next step finds the simulation unusable, and says so.
-            rendering.goal.0.fill(0);
-        }
-        if let Some(rendering) = &self.images {
-            out.write(first + self.spec.factors.len(), &rendering.goal.0);
+        if let Some(mut image) = self.goal_image.take() {
+            image.write(out, |pixels| self.draw_goal(pixels));
+            self.goal_image = Some(image);
         }
     }
 

@@ -3,9 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice, Space,
-};
+use swm_core::{Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, RowsMut, Slice, Space};
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::factors::{self, HAND, placed, stride, values};
@@ -17,7 +15,7 @@ use super::settings::{SETTINGS, Settings, VIEW};
 use super::task::{Done, SUBSTEPS, Task};
 use crate::given::finite_values;
 use crate::suite::Control;
-use crate::views::{CameraName, Images, Views, settings};
+use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
 use swm_mujoco::{Object, Simulation};
@@ -46,8 +44,7 @@ pub(super) struct MetaWorldEnv {
     /// The site that marks the goal.
     marker: Option<usize>,
     images: Option<Images>,
-    /// The image of the goal, and whether it belongs to an earlier episode.
-    goal_image: (Vec<u8>, bool),
+    goal_image: Option<GoalImage>,
 }
 
 /// A saved state.
@@ -73,7 +70,7 @@ impl MetaWorldEnv {
         let mut columns = fields([model.nq(), model.nv()]);
         columns.extend(space.fields());
         let image = config.image;
-        columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let goal_image = image.map(|size| GoalImage::new(size, &mut columns));
         let camera = CameraName::Name(VIEW.to_owned());
         let views = Views::new(&settings.images, &camera, &shared.full, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
@@ -99,7 +96,7 @@ impl MetaWorldEnv {
         let mut env = Self {
             fov: space.defaults(),
             robot: Robot::new(task, sim)?,
-            goal_image: (vec![0; image.map_or(0, |size| size.shape().iter().product())], true),
+            goal_image,
             scaled: None,
             stride: 0.0,
             task,
@@ -131,26 +128,22 @@ impl MetaWorldEnv {
             let target = self.task_state.origin.target;
             self.robot.sim.model_mut().site_pos_mut()[3 * marker..][..3].copy_from_slice(&target);
         }
-        self.goal_image.1 = true;
+        GoalImage::renew(&mut self.goal_image);
     }
 
-    /// Renders the goal, and returns to where the episode stands.
-    fn render_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut images) = self.images.take() else { return Ok(()) };
+    /// Draws the goal, and returns to where the episode is.
+    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.robot.sim.save(&mut kept);
-        let result = self.stand_at_goal();
-        if result.is_ok() {
-            images.render(&mut self.robot.sim, &mut self.goal_image.0);
+        self.go_to_goal()?;
+        if let Some(images) = &mut self.images {
+            images.render(&mut self.robot.sim, pixels);
         }
-        self.goal_image.1 = false;
-        self.images = Some(images);
-        result?;
         self.robot.sim.load(&kept)
     }
 
     /// The recorded row that is the goal; else what is moved brought to the goal.
-    fn stand_at_goal(&mut self) -> Result<(), MujocoError> {
+    fn go_to_goal(&mut self) -> Result<(), MujocoError> {
         let TaskState { origin: Origin { target, .. }, ref goal_qpos, is_goal_recorded, .. } =
             self.task_state;
         let sim = &mut self.robot.sim;
@@ -250,14 +243,10 @@ impl Env for MetaWorldEnv {
         out.write(EPISODE, &target);
         out.write(EPISODE + 1, &target.map(|value| value as f32));
         self.fov.write(EPISODE + 2, out);
-        if self.images.is_none() {
-            return;
+        if let Some(mut image) = self.goal_image.take() {
+            image.write(out, |pixels| self.draw_goal(pixels));
+            self.goal_image = Some(image);
         }
-        if self.goal_image.1 && self.render_goal().is_err() {
-            // The next step finds the simulation unusable, and says so.
-            self.goal_image.0.fill(0);
-        }
-        out.write(EPISODE + 2 + self.spec.factors.len(), &self.goal_image.0);
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {

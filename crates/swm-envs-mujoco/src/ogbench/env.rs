@@ -21,7 +21,7 @@ use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
 use crate::given::finite_values;
-use crate::views::{CameraName, Images, Views, settings};
+use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
 use swm_mujoco::{Object, Simulation};
@@ -49,11 +49,10 @@ pub(super) struct TableEnv {
     scratch: Vec<f64>,
     /// Where the episode columns begin.
     episode_columns: usize,
-    /// Where the column of the image of the goal is, and behind it those of the other images.
-    goal_column: usize,
+    /// Where the columns of images begin.
+    image_columns: usize,
     images: Option<Images>,
-    /// The image of the goal, and whether it belongs to an earlier episode.
-    goal_image: (Vec<u8>, bool),
+    goal_image: Option<GoalImage>,
     /// The colors of the floor that the images show.
     floor: Vec<f64>,
 }
@@ -100,8 +99,8 @@ impl TableEnv {
         fields.push(Field::episode("task_id", Dtype::I64, &[]));
         fields.push(Field::episode("goal_observation", Dtype::F64, &[scratch.len()]));
         fields.extend(space.fields());
-        let goal_column = fields.len();
-        fields.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let goal_image = image.map(|size| GoalImage::new(size, &mut fields));
+        let image_columns = fields.len();
         let full = models.full();
         let camera = CameraName::Name(CAMERA.to_owned());
         let views = Views::new(&settings.images, &camera, &full, image)?;
@@ -115,7 +114,6 @@ impl TableEnv {
             .start_extras(if is_scene { rows::SCENE_START_EXTRAS } else { rows::START_EXTRAS })
             .made_from(assets::made_from(assets::MANIPULATION));
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
-        let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
         let fov = space.defaults();
         let mut env = Self {
             standing: Standing::at_rest(&sim),
@@ -132,7 +130,7 @@ impl TableEnv {
             task_state,
             scratch,
             episode_columns,
-            goal_column,
+            image_columns,
             images,
             goal_image,
         };
@@ -277,23 +275,19 @@ impl Env for TableEnv {
         out.write(self.episode_columns, &[self.task_state.task]);
         out.write(self.episode_columns + 1, &self.goal.observation);
         self.fov.write(self.episode_columns + 2, out);
-        if self.images.is_none() {
-            return;
+        if let Some(mut image) = self.goal_image.take() {
+            image.write(out, |pixels| self.draw_goal(pixels));
+            self.goal_image = Some(image);
         }
-        if self.goal_image.1 && self.render_goal().is_err() {
-            // The next step finds the simulation unusable, and says so.
-            self.goal_image.0.fill(0);
-        }
-        out.write(self.goal_column, &self.goal_image.0);
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { sim, table, task_state, scratch, goal_column, images, .. } = self;
+        let Self { sim, table, task_state, scratch, image_columns, images, .. } = self;
         scratch.clear();
         observation(table, sim, task_state, scratch);
         visit(table, sim, task_state, scratch, &mut Write::new(out));
         if let Some(images) = images {
-            images.write(sim, *goal_column + 1, out);
+            images.write(sim, *image_columns, out);
         }
     }
 
@@ -320,7 +314,9 @@ impl Env for TableEnv {
             return Err(foreign("it belongs to another table".to_owned()));
         }
         let is_same_model = fov == self.fov;
-        self.goal_image.1 |= !is_same_model || saved.goal != self.goal;
+        if !is_same_model || saved.goal != self.goal {
+            GoalImage::renew(&mut self.goal_image);
+        }
         (self.fov, self.task_state) = (fov, saved.task_state);
         (self.standing, self.goal) = (saved.standing, saved.goal);
         let restored = (|| {

@@ -4,8 +4,7 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
-    Space,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, ImageSize, Outcome, RowsMut, Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -15,7 +14,7 @@ use super::image::Image;
 use super::models::{Models, Origin};
 use super::settings::{OnDivergence, SETTINGS, Settings};
 use crate::given::finite_values;
-use crate::views::{CameraName, Views, settings};
+use crate::views::{CameraName, GoalImage, Views, settings};
 use rows::{ACT, Columns, OBSERVATION, QACC_WARMSTART, QPOS, QVEL, SCORE, TIME, fields};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
@@ -41,15 +40,7 @@ pub struct SuiteEnv {
     scratch: Vec<f64>,
     columns: Columns,
     image: Option<Image>,
-    goal: Option<GoalImage>,
-}
-
-/// The image of a goal that is a whole state.
-struct GoalImage {
-    column: usize,
-    pixels: Vec<u8>,
-    /// Whether it is of an earlier goal, or of another look.
-    is_stale: bool,
+    goal_image: Option<GoalImage>,
 }
 
 /// A saved state.
@@ -100,11 +91,9 @@ impl SuiteEnv {
         let camera = CameraName::Index(domain.camera);
         let views = Views::new(&settings.images, &camera, stage.sim.model(), image)?;
         let (mut fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
-        let goal = image.filter(|_| task.goal_qpos(&stage).is_some()).map(|size| {
-            fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-            let pixels = vec![0; size.shape().iter().product()];
-            GoalImage { column: fields.len() - 1, pixels, is_stale: true }
-        });
+        // A goal that is a whole state.
+        let shown = image.filter(|_| task.goal_qpos(&stage).is_some());
+        let goal_image = shown.map(|size| GoalImage::new(size, &mut fields));
         let spec =
             EnvSpec::new(domain.id, Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0), fields)
                 .factors(space.specs())
@@ -118,7 +107,7 @@ impl SuiteEnv {
             spec,
             domain,
             image,
-            goal,
+            goal_image,
             fov: space.defaults(),
             step_limit: (domain.time_limit_s / control_step_s).round() as u64,
             settings,
@@ -180,16 +169,15 @@ impl SuiteEnv {
     }
 
     /// Draws the goal, and returns to where the episode is.
-    fn render_goal(&mut self) -> Result<(), MujocoError> {
-        let Self { goal: Some(goal), image: Some(image), stage, task, .. } = self else { return Ok(()) };
+    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+        let Self { image: Some(image), stage, task, .. } = self else { return Ok(()) };
         let Some(qpos) = task.goal_qpos(stage).map(<[f64]>::to_vec) else { return Ok(()) };
-        goal.is_stale = false;
         let mut kept = Vec::new();
         stage.sim.save(&mut kept);
         stage.sim.qpos_mut().copy_from_slice(&qpos);
         stage.sim.qvel_mut().fill(0.0);
         stage.sim.forward_without_actuation()?;
-        image.render(&mut stage.sim, &mut goal.pixels);
+        image.render(&mut stage.sim, pixels);
         stage.sim.load(&kept)
     }
 
@@ -234,9 +222,7 @@ impl Env for SuiteEnv {
         if let Some(observed) = observed {
             self.task.recall(&mut self.stage, &observed);
         }
-        if let Some(goal) = &mut self.goal {
-            goal.is_stale = true;
-        }
+        GoalImage::renew(&mut self.goal_image);
         Ok(Outcome { reward: f64::NAN, terminated: false, success: self.task.success(&self.stage) })
     }
 
@@ -269,15 +255,9 @@ impl Env for SuiteEnv {
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.fov.write(self.columns.factors, out);
-        if self.goal.as_ref().is_some_and(|goal| goal.is_stale)
-            && self.render_goal().is_err()
-            && let Some(goal) = &mut self.goal
-        {
-            // The next step finds the simulation unusable, and its error is that of the episode.
-            goal.pixels.fill(0);
-        }
-        if let Some(goal) = &self.goal {
-            out.write(goal.column, &goal.pixels);
+        if let Some(mut image) = self.goal_image.take() {
+            image.write(out, |pixels| self.draw_goal(pixels));
+            self.goal_image = Some(image);
         }
     }
 
@@ -340,9 +320,7 @@ impl Env for SuiteEnv {
             if !same_model {
                 self.set_model()?;
                 self.stage.set_targets(&saved.targets);
-                if let Some(goal) = &mut self.goal {
-                    goal.is_stale = true;
-                }
+                GoalImage::renew(&mut self.goal_image);
             }
             self.stage.sim.load(&saved.simulation)
         })();

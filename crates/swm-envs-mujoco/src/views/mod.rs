@@ -3,6 +3,7 @@
 
 mod canvas;
 mod checker;
+mod goal;
 pub(crate) mod settings;
 
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use swm_render::scene::Quality;
 
 use canvas::{Canvas, Recolor};
 pub(crate) use checker::CheckerColors;
+pub(crate) use goal::GoalImage;
 pub(crate) use settings::CameraName;
 use settings::{ImageSettings, Renderer};
 use swm_mujoco::MujocoError;

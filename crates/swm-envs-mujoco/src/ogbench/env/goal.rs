@@ -7,6 +7,7 @@ use crate::given::finite_values;
 use crate::ogbench::columns::observation;
 use crate::ogbench::standing::{Goal, Observed, Standing};
 use crate::ogbench::start;
+use crate::views::GoalImage;
 use swm_mujoco::MujocoError;
 
 impl TableEnv {
@@ -48,7 +49,7 @@ impl TableEnv {
         goal.buttons = self.task_state.buttons;
         observation(&self.table, &self.sim, &self.task_state, &mut goal.observation);
         (self.goal, self.task_state) = (goal, start);
-        self.goal_image.1 = true;
+        GoalImage::renew(&mut self.goal_image);
         self.stand()
     }
 
@@ -73,17 +74,13 @@ impl TableEnv {
         standing.finish(&mut self.sim, &self.table.robot, self.table.is_late())
     }
 
-    /// Renders the goal, and returns to where the episode stands.
-    pub(super) fn render_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut images) = self.images.take() else { return Ok(()) };
+    /// Draws the goal, and returns to where the episode is.
+    pub(super) fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let goal = self.goal.clone();
-        let drawn = self.stand_at(&goal.standing, goal.buttons, goal.buttons);
-        if drawn.is_ok() {
-            images.render(&mut self.sim, &mut self.goal_image.0);
+        self.stand_at(&goal.standing, goal.buttons, goal.buttons)?;
+        if let Some(images) = &mut self.images {
+            images.render(&mut self.sim, pixels);
         }
-        self.goal_image.1 = false;
-        self.images = Some(images);
-        drawn?;
         self.stand()
     }
 }
