@@ -28,13 +28,6 @@ pub(super) fn layout(model: &ModelConfig, stored: &BTreeMap<String, Stored>) -> 
     let JointConfig { latent_dim: dim, projector, history, smoothed, frameskip, .. } = joint;
     let predictor = &joint.predictor;
     let (encoder, encoder_dim) = vit(&joint.encoder)?;
-    if [predictor.heads, predictor.head_dim] == [1, dim] {
-        let reason = format!(
-            "its predictor has one head of {dim} values (`model.predictor.heads`), as many as a latent; the reference's then has no \
-             output layer, and this one has"
-        );
-        return Err(reason.into());
-    }
     let (root, target) = match is_pldm {
         true => ("stable_worldmodel.wm.pldm", "stable_worldmodel.wm.pldm.pldm.PLDM"),
         false => ("stable_worldmodel.wm.lewm", "stable_worldmodel.wm.lewm.LeWM"),

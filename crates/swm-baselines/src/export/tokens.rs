@@ -24,7 +24,6 @@ pub(super) fn dino_wm(model: &ModelConfig) -> Result<Layout, Unfit> {
         named(&settings.encoder, "backbone.", "encoder")?;
     let [patches, dim] = settings.encoder.tokens(image);
     let dim = dim + proprio + action;
-    no_output_layer(predictor.heads, predictor.head_dim, dim, "predictor")?;
     let block = frameskip * model.dims.action_dim;
     let embedder = |inputs: usize, dim: usize| json!({ "_target_": format!("{PREJEPA}.Embedder"), "in_chans": inputs, "emb_dim": dim });
     let mut modules = Map::new();
@@ -86,7 +85,6 @@ pub(super) fn goal(
     }
     let [patches, dim] = settings.encoder.tokens(image);
     let dim = dim + proprio;
-    no_output_layer(predictor.heads, predictor.head_dim, dim, "model.predictor")?;
     let block = frameskip * model.dims.action_dim;
     let part = |class: &str, predictor: &GoalTransformerConfig| {
         json!({
@@ -148,18 +146,6 @@ pub(super) fn goal(
 fn parse<C: serde::de::DeserializeOwned>(settings: &Json) -> Result<C, Unfit> {
     serde_json::from_value(settings.clone())
         .map_err(|error| format!("its settings cannot be read: {error}").into())
-}
-
-/// Refuses attention whose output layer the reference leaves out.
-fn no_output_layer(heads: usize, head_dim: usize, dim: usize, place: &str) -> Result<(), Unfit> {
-    match [heads, head_dim] == [1, dim] {
-        true => Err(format!(
-            "its predictor has one head of {dim} values (`{place}.heads`), as many as a token; the reference's then has no output \
-             layer, and this one has"
-        )
-        .into()),
-        false => Ok(()),
-    }
 }
 
 /// Which of `frames × patches` tokens each of `frames × queries` sees: those of its frame and of earlier ones.

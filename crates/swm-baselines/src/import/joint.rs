@@ -68,12 +68,6 @@ pub(super) fn recipe(given: &Given<'_>, name: &'static str) -> Result<Recipe, Ta
     let latent_dim = first(of(predictor, "input_dim")?, dim, 192);
     let said = (of(predictor, "heads")?, of(predictor, "dim_head")?.or(predictor.map(|_| 64)));
     let [heads, head_dim] = heads(said, found.map(|found| found.inner), "model.predictor", given.set)?;
-    if let Some(predictor) = predictor
-        && [heads, head_dim] == [1, latent_dim]
-    {
-        let reason = "is 1, with heads as wide as the model: the reference then has no output layer, and this program has one";
-        return Err(predictor.need("heads")?.wrong(reason));
-    }
     let embedder = embedder.as_ref();
     if let Some(embedder) = embedder {
         embedder.check_module(&["Embedder"], &["input_dim", "smoothed_dim", "emb_dim", "mlp_scale"])?;

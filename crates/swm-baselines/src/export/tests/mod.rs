@@ -16,7 +16,7 @@ use crate::import::{Description, Import};
 use crate::online::TrainedAgent;
 use crate::plane::{PLANE, registry};
 use crate::train::{RunFolder, TrainedModel, Which};
-use crate::weights::{self, Of, Stored};
+use crate::weights::{self, Of, Saved, Stored, Values};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints").join(name)
@@ -24,6 +24,11 @@ fn golden(name: &str) -> PathBuf {
 
 /// The run of a golden checkpoint.
 fn imported(name: &str, file: &str, kind: Option<&str>, out: &Path) -> Description {
+    imported_from(&golden(name).join(file), name, kind, out)
+}
+
+/// The run of the checkpoint at `from`, whose inputs are those of a golden one.
+fn imported_from(from: &Path, name: &str, kind: Option<&str>, out: &Path) -> Description {
     let set = match (kind, name) {
         (_, "dino_wm") => json!({ "encoder.heads": 3, "predictor.heads": 2 }),
         (Some(_), _) => json!({ "model.encoder.heads": 3 }),
@@ -32,7 +37,7 @@ fn imported(name: &str, file: &str, kind: Option<&str>, out: &Path) -> Descripti
     let Json::Object(set) = set else { unreachable!("an object") };
     let vector = vector_of(name);
     let request = Import {
-        from: golden(name).join(file).display().to_string(),
+        from: from.display().to_string(),
         kind: kind.map(str::to_owned),
         env: Some(PLANE.id.to_owned()),
         action_mean: Some(vec![0.25, 0.0]),
@@ -143,6 +148,46 @@ fn what_is_exported_is_imported_again() {
                 assert_eq!(costs(name, &at("run")), costs(name, &again), "{name}");
             }
         }
+    }
+}
+
+/// Attention of one head as wide as a token has no output layer, in the reference and here.
+#[test]
+fn one_head_as_wide_as_a_token_is_imported_and_exported() {
+    for (name, dim) in [("lewm_transformers4", 24), ("prejepa", 22)] {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |part: &str| folder.path().join(part);
+        let config = std::fs::read(golden(name).join("config.json")).unwrap();
+        let mut config: Json = serde_json::from_slice(&config).unwrap();
+        (config["predictor"]["heads"], config["predictor"]["dim_head"]) = (1.into(), dim.into());
+        std::fs::create_dir_all(at("published/backbone")).unwrap();
+        std::fs::write(at("published/config.json"), config.to_string()).unwrap();
+        let backbone = golden(name).join("backbone/config.json");
+        if backbone.exists() {
+            std::fs::copy(backbone, at("published/backbone/config.json")).unwrap();
+        }
+        let tensors = weights::contents(&golden(name).join("weights.pt"), Of::Values).unwrap().tensors;
+        let tensors = tensors.into_iter().filter(|(tensor, _)| !tensor.contains(".to_out."));
+        let tensors: Vec<Saved> = tensors
+            .map(|(tensor, Stored { mut shape, mut values, is_whole })| {
+                if tensor.ends_with(".to_qkv.weight") {
+                    shape[0] = 3 * dim;
+                    values = values.into_iter().cycle().take(3 * dim * shape[1]).collect();
+                }
+                let whole = |values: Vec<f32>| {
+                    Values::Integers(values.into_iter().map(|value| value as i64).collect())
+                };
+                (tensor, shape, if is_whole { whole(values) } else { Values::Floats(values) })
+            })
+            .collect();
+        weights::save(&at("published/weights.pt"), &tensors).unwrap();
+        let first = imported_from(&at("published/weights.pt"), name, None, &at("run"));
+        assert_eq!(first.missing, Vec::<String>::new(), "{name}");
+        export(&at("run"), &at("out"), None);
+        let again = Import { from: at("out").display().to_string(), out: at("again"), ..Import::default() };
+        again.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(stored(&at("run")), stored(&at("again")), "{name}");
+        assert_eq!(costs(name, &at("run")), costs(name, &at("again")), "{name}");
     }
 }
 
