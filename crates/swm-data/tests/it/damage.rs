@@ -5,9 +5,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-use swm_core::Batch;
+use swm_core::{Batch, Column, SliceMut};
 use swm_data::error::FormatError;
-use swm_data::{DataError, WriteMode, open};
+use swm_data::{DataError, Steps, WriteMode, open};
 
 use crate::support::{contents, record};
 
@@ -130,6 +130,58 @@ fn files_with_any_filter_are_read() {
     }
 }
 
+/// As h5py cuts them where compression is asked for: along every axis, with a rest at each end.
+#[test]
+fn rows_in_tiles_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let images = ndarray::Array4::from_shape_fn((40, 21, 20, 3), |(row, y, x, color)| {
+        (row * 31 + y * 7 + x * 3 + color) as u8
+    });
+    let wide = ndarray::Array2::from_shape_fn((40, 17), |(row, at)| row as i64 * 100 - at as i64);
+    let half = wide.mapv(|value| value as f32 / 2.0);
+    let file = hdf5_metno::File::create(&path).unwrap();
+    for (name, chunk) in [("colors", (7, 8, 9, 1)), ("areas", (7, 8, 20, 3)), ("corners", (3, 21, 7, 2))] {
+        file.new_dataset_builder().with_data(&images).chunk(chunk).deflate(4).create(name).unwrap();
+        file.new_dataset_builder().with_data(&images).chunk(chunk).create(&*format!("plain {name}")).unwrap();
+    }
+    file.new_dataset_builder().with_data(&wide).chunk((13, 5)).shuffle().deflate(1).create("wide").unwrap();
+    file.new_dataset_builder().with_data(&half).chunk((32, 4)).deflate(1).create("half").unwrap();
+    file.new_dataset_builder().with_data(&[25i32, 15]).create("ep_len").unwrap();
+    file.new_dataset_builder().with_data(&[0i64, 25]).create("ep_offset").unwrap();
+    drop(file);
+    let mut dataset = open(&path).unwrap();
+    let steps = [(0, 0, 25, 1), (0, 3, 8, 1), (1, 1, 5, 3), (1, 14, 1, 1), (0, 24, 1, 7)];
+    for (episode, first, count, stride) in steps {
+        let rows: Vec<usize> = (0..count).map(|at| episode * 25 + first + at * stride).collect();
+        let steps = Steps { first, count, stride };
+        for (column, field) in dataset.schema().clone().fields().iter().enumerate() {
+            let axis = ndarray::Axis(0);
+            let mut out = Column::zeros(field.dtype, count * field.dim());
+            dataset.read_column(column, episode, steps, out.as_slice_mut()).unwrap();
+            let expected = match field.name.as_str() {
+                "wide" => Column::I64(wide.select(axis, &rows).into_raw_vec_and_offset().0),
+                "half" => Column::F32(half.select(axis, &rows).into_raw_vec_and_offset().0),
+                _ => Column::U8(images.select(axis, &rows).into_raw_vec_and_offset().0),
+            };
+            assert_eq!(out, expected, "{} {rows:?}", field.name);
+        }
+    }
+    // A damaged stream is named with the row.
+    let mut bytes = fs::read(&path).unwrap();
+    let stream = (0..bytes.len()).filter(|&at| bytes[at..].starts_with(&[0x78, 0x5e])).collect::<Vec<_>>();
+    assert!(stream.len() > 100, "{}", stream.len());
+    stream.iter().for_each(|&at| bytes[at + 9] ^= 0xff);
+    fs::write(&path, &bytes).unwrap();
+    let mut dataset = open(&path).unwrap();
+    let column = dataset.schema().fields().iter().position(|field| field.name == "colors").unwrap();
+    let mut out = vec![0; 21 * 20 * 3];
+    let error =
+        dataset.read_column(column, 1, Steps { first: 1, count: 1, stride: 1 }, SliceMut::U8(&mut out));
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("colors") && error.contains("row 26"), "{error}");
+}
+
 #[test]
 fn a_cut_file_is_an_error_at_every_length() {
     let folder = tempfile::tempdir().unwrap();
@@ -190,8 +242,8 @@ fn impossible_sizes_are_refused_or_cost_nothing() {
     // Rows that were never written are zero, however many there are said to be.
     make(1, &[i32::MAX]);
     let mut dataset = open(&path).unwrap();
-    let steps = swm_data::Steps { first: i32::MAX as usize - 2, count: 2, stride: 1 };
+    let steps = Steps { first: i32::MAX as usize - 2, count: 2, stride: 1 };
     let mut out = [1.0; 6];
-    dataset.read_column(0, 0, steps, swm_core::SliceMut::F64(&mut out)).unwrap();
+    dataset.read_column(0, 0, steps, SliceMut::F64(&mut out)).unwrap();
     assert_eq!(out, [0.0; 6]);
 }

@@ -20,6 +20,7 @@ mod reader;
 mod repair;
 mod storage;
 mod superblock;
+mod tiles;
 mod torn;
 mod tree;
 mod writer;

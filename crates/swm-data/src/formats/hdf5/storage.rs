@@ -9,13 +9,14 @@ use hdf5_metno::Dataset;
 use hdf5_metno::dataset::Layout;
 use hdf5_metno::datatype::ByteOrder;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
-use swm_core::{Field, SliceMut};
+use swm_core::{Dtype, Field, SliceMut};
 
 use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
 use super::encoding::StoredForm;
 use super::fetch::Fetched;
 use super::heap::{self, Heap};
+use super::tiles::Tiles;
 use super::{blosc, library};
 use crate::dataset::{EncodedRow, EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
@@ -34,6 +35,8 @@ pub(super) struct ColumnStorage {
 enum Access {
     /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
     Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, checksummed: bool, chunks: Vec<Chunk> },
+    /// In chunks of tiles of rows; all tiles of a row are next to each other.
+    Tiles { rows_per_chunk: usize, row_bytes: usize, codec: Codec, tiles: Tiles, chunks: Vec<Chunk> },
     /// Wherever the library finds it.
     Library(Dataset),
 }
@@ -104,10 +107,16 @@ impl ColumnStorage {
 
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
-        let Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.access else {
-            return None;
-        };
         let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
+        let (rows_per_chunk, codec, row_bytes, chunks) = match &self.access {
+            Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } => {
+                (rows_per_chunk, codec, row_bytes, chunks)
+            }
+            Access::Tiles { rows_per_chunk, tiles, chunks, .. } => {
+                return Some(chunks.iter().position(cut)? / tiles.count()? * rows_per_chunk);
+            }
+            Access::Library(_) => return None,
+        };
         let index = chunks.iter().position(cut)?;
         // The last chunk of rows that are not compressed may be longer than what has been written of it.
         let whole = file_length.saturating_sub(chunks[index].address) as usize / (*row_bytes).max(1);
@@ -127,9 +136,9 @@ impl ColumnStorage {
         if out.is_empty() {
             return Ok(());
         }
-        let Access::Chunks { row_bytes, .. } = &self.access else {
-            let Access::Library(dataset) = &self.access else { return Ok(()) };
-            return library::read(dataset, self.element, field, rows, out);
+        let row_bytes = match &self.access {
+            Access::Chunks { row_bytes, .. } | Access::Tiles { row_bytes, .. } => row_bytes,
+            Access::Library(dataset) => return library::read(dataset, self.element, field, rows, out),
         };
         match out {
             SliceMut::U8(bytes) if self.element == Element::U8 => self.read_bytes(file, rows, bytes, scratch),
@@ -159,8 +168,12 @@ impl ColumnStorage {
 
     /// Reads the stored form of rows, one after the other.
     fn read_bytes(&self, file: &File, rows: Steps, out: &mut [u8], scratch: &mut Scratch) -> Result<()> {
-        let Access::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } = &self.access else {
-            return Ok(());
+        let (rows_per_chunk, row_bytes, codec, chunks) = match &self.access {
+            Access::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } => {
+                (rows_per_chunk, row_bytes, codec, chunks)
+            }
+            Access::Tiles { .. } => return self.read_tiles(file, rows, out, scratch),
+            Access::Library(_) => return Ok(()),
         };
         scratch.fetched.forget();
         scratch.inflated.forget();
@@ -193,6 +206,39 @@ impl ColumnStorage {
             read.at(format_args!("row {row}"))?;
             done += count;
         }
+        Ok(())
+    }
+
+    /// The same of rows in tiles: each chunk is decoded once.
+    fn read_tiles(&self, file: &File, rows: Steps, out: &mut [u8], scratch: &mut Scratch) -> Result<()> {
+        let Access::Tiles { rows_per_chunk, row_bytes, codec, tiles, chunks } = &self.access else {
+            return Ok(());
+        };
+        let (Some(count), Some(tile_bytes)) = (tiles.count(), tiles.bytes()) else { return Ok(()) };
+        scratch.fetched.forget();
+        let Scratch { fetched, inflated, .. } = scratch;
+        let mut done = 0;
+        while done < rows.count {
+            let row = rows.first + done * rows.stride;
+            let (index, within) = (row / rows_per_chunk, row % rows_per_chunk);
+            let here = (rows_per_chunk - within).div_ceil(rows.stride).min(rows.count - done);
+            let of_rows = &chunks[index * count..(index + 1) * count];
+            for (tile, &Chunk { address, size }) in of_rows.iter().enumerate() {
+                let stored = fetched.get(file, address, size, adjacent(&of_rows[tile..]))?;
+                let bytes = match *codec {
+                    Codec::Deflate { shuffled } => inflated
+                        .decode(address, stored, rows_per_chunk * tile_bytes, shuffled)
+                        .map_err(|reason| invalid(format!("its chunk is {reason}")))
+                        .at(format_args!("row {row}"))?,
+                    _ => stored,
+                };
+                let stored = bytes.chunks_exact(tile_bytes).skip(within).step_by(rows.stride);
+                let rows = out[done * row_bytes..(done + here) * row_bytes].chunks_exact_mut(*row_bytes);
+                rows.zip(stored).for_each(|(row, stored)| tiles.place(tile, stored, row));
+            }
+            done += here;
+        }
+        inflated.forget();
         Ok(())
     }
 
@@ -383,12 +429,19 @@ fn direct(
         });
         return Ok(access);
     }
-    let rows_per_chunk = match dataset.chunk() {
-        Some(chunk) if chunk.first().is_some_and(|&rows| rows > 0) && chunk[1..] == field.shape => chunk[0],
-        _ => return Ok(None),
+    let Some(chunk) = dataset.chunk().filter(|chunk| chunk.first().is_some_and(|&rows| rows > 0)) else {
+        return Ok(None);
     };
-    let Some(chunk_bytes) = rows_per_chunk.checked_mul(row_bytes) else { return Ok(None) };
-    let expected = rows.div_ceil(rows_per_chunk);
+    let rows_per_chunk = chunk[0];
+    let is_cut = chunk[1..] != field.shape;
+    let can_be_cut = element.dtype() != Dtype::Str && !checksummed && codec != Codec::Blosc;
+    if is_cut && !can_be_cut {
+        return Ok(None);
+    }
+    let Some(tiles) = Tiles::new(&field.shape, &chunk[1..], size) else { return Ok(None) };
+    let chunk_bytes = tiles.bytes().and_then(|bytes| bytes.checked_mul(rows_per_chunk));
+    let (Some(chunk_bytes), Some(count)) = (chunk_bytes, tiles.count()) else { return Ok(None) };
+    let Some(expected) = rows.div_ceil(rows_per_chunk).checked_mul(count) else { return Ok(None) };
     // More chunks than fit the file are not worth a table: missing ones stand for the fill value.
     let smallest = match codec {
         Codec::Plain => chunk_bytes as u64,
@@ -401,7 +454,9 @@ fn direct(
     let mut chunks = vec![Chunk::default(); expected];
     let mut plain = true;
     dataset.chunks_visit(|info| {
-        let index = info.offset.first().map_or(usize::MAX, |&row| row as usize / rows_per_chunk);
+        let place = info.offset.split_first();
+        let index = place
+            .map_or(usize::MAX, |(&row, places)| row as usize / rows_per_chunk * count + tiles.index(places));
         if let Some(chunk) = chunks.get_mut(index) {
             *chunk = Chunk { address: info.addr, size: info.size };
             let expected = chunk_bytes as u64 + checksum_bytes;
@@ -410,7 +465,10 @@ fn direct(
         0
     })?;
     let complete = chunks.iter().all(|chunk| chunk.size > 0);
-    let access = Access::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks };
+    let access = match is_cut {
+        true => Access::Tiles { rows_per_chunk, row_bytes, codec, tiles, chunks },
+        false => Access::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks },
+    };
     Ok((plain && complete).then_some(access))
 }
 

@@ -1,0 +1,125 @@
+//! Chunks that hold a part of each row: h5py cuts rows as it cuts their number, where compression is asked for and no shape of chunks is given.
+
+/// How rows are cut: a grid of tiles, each in a chunk of its own.
+#[derive(Debug)]
+pub(super) struct Tiles {
+    /// Of each axis of a row: its size, and that of a tile, in elements. Axes that no tile cuts are joined with the one before them.
+    axes: Vec<Axis>,
+    /// Bytes of an element, with those of the axes that are not cut.
+    element: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Axis {
+    size: usize,
+    tile: usize,
+}
+
+impl Tiles {
+    /// Those of rows of `shape` in chunks of `chunk`, both without the axis of rows; `element` is in bytes. `None`: not a shape of chunks.
+    pub(super) fn new(shape: &[usize], chunk: &[usize], element: usize) -> Option<Self> {
+        if shape.len() != chunk.len() || chunk.contains(&0) || shape.contains(&0) {
+            return None;
+        }
+        let cut = shape.iter().zip(chunk).rposition(|(size, tile)| size != tile).map_or(0, |last| last + 1);
+        let axes = shape.iter().zip(chunk).take(cut).map(|(&size, &tile)| Axis { size, tile }).collect();
+        Some(Self {
+            axes,
+            element: shape[cut..].iter().try_fold(element, |bytes, &size| bytes.checked_mul(size))?,
+        })
+    }
+
+    /// How many there are to a row; `None`: more than can be counted.
+    pub(super) fn count(&self) -> Option<usize> {
+        self.axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.size.div_ceil(axis.tile)))
+    }
+
+    /// The bytes of one; those behind the end of an axis are stored, too.
+    pub(super) fn bytes(&self) -> Option<usize> {
+        self.axes.iter().try_fold(self.element, |bytes, axis| bytes.checked_mul(axis.tile))
+    }
+
+    /// Which one lies at these places of the axes.
+    pub(super) fn index(&self, places: &[u64]) -> usize {
+        let steps = self.axes.iter().zip(places);
+        steps.fold(0, |index, (axis, &place)| {
+            index * axis.size.div_ceil(axis.tile) + place as usize / axis.tile
+        })
+    }
+
+    /// Copies tile `index` of a row to where it belongs in the row.
+    pub(super) fn place(&self, index: usize, tile: &[u8], row: &mut [u8]) {
+        self.copy(&self.axes, index, tile, row);
+    }
+
+    fn copy(&self, axes: &[Axis], index: usize, tile: &[u8], row: &mut [u8]) {
+        let Some((axis, rest)) = axes.split_first() else { return row.copy_from_slice(tile) };
+        let (row_step, tile_step) = (row.len() / axis.size, tile.len() / axis.tile);
+        let below: usize = rest.iter().map(|axis| axis.size.div_ceil(axis.tile)).product();
+        let first = index / below * axis.tile;
+        let count = axis.tile.min(axis.size - first);
+        let (row, tile) =
+            (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
+        match rest {
+            [] => row.copy_from_slice(tile),
+            // Single values between others, as colors are: a call for each would cost more than they do.
+            [last] if self.element == 1 && last.tile == 1 => {
+                let values = row.iter_mut().skip(index % below).step_by(row_step);
+                values.zip(tile).for_each(|(into, from)| *into = *from);
+            }
+            _ => {
+                let lines = row.chunks_exact_mut(row_step).zip(tile.chunks_exact(tile_step));
+                lines.for_each(|(row, tile)| self.copy(rest, index % below, tile, row));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// Rows that are cut and put together again are the same.
+        #[test]
+        fn tiles_make_up_the_row(axes in proptest::collection::vec((1_usize..7, 1_usize..7), 0..4), element in 1_usize..5) {
+            let (shape, chunk): (Vec<usize>, Vec<usize>) = axes.into_iter().unzip();
+            let tiles = Tiles::new(&shape, &chunk, element).unwrap();
+            let total = element * shape.iter().product::<usize>();
+            let row: Vec<u8> = (0..total).map(|at| (at * 7 + 1) as u8).collect();
+            let mut again = vec![0; total];
+            // Each tile by the definition: the element at (i, j, …) of the row is in tile (i / h, j / w, …) at (i % h, j % w, …).
+            for index in 0..tiles.count().unwrap() {
+                let mut tile = vec![0xee; tiles.bytes().unwrap()];
+                for at in 0..total / element {
+                    let (mut rest, mut which, mut within, mut scale, mut width) = (at, 0, 0, 1, 1);
+                    for (&size, &cut) in shape.iter().zip(&chunk).rev() {
+                        let place = rest % size;
+                        rest /= size;
+                        which += place / cut * scale;
+                        within += place % cut * width;
+                        scale *= size.div_ceil(cut);
+                        width *= cut;
+                    }
+                    if which == index {
+                        tile[within * element..][..element].copy_from_slice(&row[at * element..][..element]);
+                    }
+                }
+                tiles.place(index, &tile, &mut again);
+            }
+            prop_assert_eq!(again, row);
+        }
+    }
+
+    #[test]
+    fn other_shapes_are_none() {
+        assert!(Tiles::new(&[4, 4], &[2], 1).is_none());
+        assert!(Tiles::new(&[4], &[0], 1).is_none());
+        assert_eq!(
+            Tiles::new(&[84, 84, 3], &[21, 42, 1], 1).unwrap().index(&[42, 42, 2]),
+            (2 * 2 + 1) * 3 + 2
+        );
+    }
+}
