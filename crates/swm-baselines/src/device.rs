@@ -7,6 +7,7 @@ use burn::tensor::Device as TensorDevice;
 
 use crate::error::BaselineError;
 
+mod heap;
 #[cfg(any(test, feature = "cuda"))]
 mod missing;
 
@@ -25,7 +26,10 @@ impl Device {
     /// Where its tensors lie; an error where it is not there.
     pub(crate) fn device(self) -> Result<TensorDevice, BaselineError> {
         match self {
-            Self::Cpu => Ok(TensorDevice::flex()),
+            Self::Cpu => {
+                heap::keep_freed();
+                Ok(TensorDevice::flex())
+            }
             Self::Cuda(number) => open(number).map_err(|reason| refused(&self.to_string(), reason)),
         }
     }
