@@ -3,6 +3,7 @@
 //!
 //! The steps are a table; a new one is one line in it.
 
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
@@ -148,6 +149,12 @@ const STEPS: &[Step] = &[
         run: sizes::check_each_alone,
     },
     Step {
+        name: "platforms",
+        about: "crates without code in C are type-checked for macOS and Windows",
+        tiers: NIGHTLY,
+        run: platforms,
+    },
+    Step {
         name: "exports",
         about: "the reference loads what `swm export` writes, with equal outputs",
         tiers: NIGHTLY,
@@ -164,6 +171,30 @@ const STEPS: &[Step] = &[
 /// The demonstration, its report in a folder that git ignores.
 fn short_demo() -> Result<()> {
     demo::run(&demo::Args { short: true, robustness: false, out: process::root().join(".tools/demo-report") })
+}
+
+/// Platforms for which nothing is built here.
+const OTHER_PLATFORMS: &[&str] = &["aarch64-apple-darwin", "x86_64-pc-windows-gnu"];
+/// Crates that need no C compiler of another platform. (`swm-data` builds HDF5, and so do those above it.)
+const WITHOUT_C: &[&str] = &[
+    "swm-core",
+    "swm-envs-2d",
+    "swm-envs-3d",
+    "swm-envs-mujoco",
+    "swm-fov",
+    "swm-lance",
+    "swm-mujoco",
+    "swm-render",
+    "swm-solvers",
+];
+
+fn platforms() -> Result<()> {
+    for target in OTHER_PLATFORMS {
+        process::run(Command::new("rustup").args(["target", "add", target]))?;
+        let packages = WITHOUT_C.iter().flat_map(|name| ["--package", name]);
+        process::run(process::cargo(["check", "--target", target]).args(packages))?;
+    }
+    Ok(())
 }
 
 /// How a step ended.
