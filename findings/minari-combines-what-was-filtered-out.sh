@@ -7,7 +7,7 @@
 # Seen:      returns of the best episodes [4.0, 5.0], combined [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]; 4 + 2 episodes combined are 12
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/python.sh"
-packages 'minari[hdf5]==0.5.4' gymnasium==1.4.0 numpy==2.4.6
+packages 'minari[hdf5]==0.5.4' gymnasium==1.4.0 pillow==13.0.0 numpy==2.4.6
 MINARI_DATASETS_PATH=$folder "$python" -W ignore - <<'PYTHON'
 import gymnasium as gym
 import minari
