@@ -30,6 +30,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("mujoco", ">=3.12,<=4.0"), Need("gymnasium-robotics", "==1.4.2")],
     },
     Trap {
+        software: "mujoco 3.11 to 4.0, `mujoco.rollout`",
+        does: "`sensordata[:, t]` is of the state before `state[:, t]`: a step computes sensors first and integrates then, so that the sensors of the last state are missing",
+        who: "who makes datasets or costs of pairs of state and sensors; observations here are of the state that their row has",
+        fix: "pair `sensordata[:, 1:]` with `state[:, :-1]`, and `sensordata[:, 0]` with the initial state",
+        script: Some("mujoco-rollout-sensors-lag"),
+        when: &[Need("mujoco", ">=3.11,<=4.0")],
+    },
+    Trap {
         software: "h5py 3.16 (HDF5 2.0) with `libver=\"latest\"`",
         does: "HDF5 1.14 opens a file that was written with `libver=\"latest\"` and its plain datasets, and not the filtered and boolean ones (`bad version number for layout message`)",
         who: "labs that write with a new h5py and train where HDF5 1.14 is; `swm` reads with 1.14 and lists these columns with the reason",
