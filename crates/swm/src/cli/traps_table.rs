@@ -38,6 +38,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("mujoco", ">=3.11,<=4.0")],
     },
     Trap {
+        software: "pymunk 7.3, copies and pickles of a `Space` or `Body`",
+        does: "a body whose center of gravity is not its origin shows the right position after copying, and jumps by the distance of the two at the first step: the T of PushT by 45",
+        who: "who saves or plans in copies of PushT of others; snapshots here are exact",
+        fix: "after copying, `body.position = body.position` for each body of the copy",
+        script: Some("pymunk-copies-jump"),
+        when: &[Need("pymunk", "==7.3")],
+    },
+    Trap {
         software: "h5py 3.16 (HDF5 2.0) with `libver=\"latest\"`",
         does: "HDF5 1.14 opens a file that was written with `libver=\"latest\"` and its plain datasets, and not the filtered and boolean ones (`bad version number for layout message`)",
         who: "labs that write with a new h5py and train where HDF5 1.14 is; `swm` reads with 1.14 and lists these columns with the reason",
