@@ -342,6 +342,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[],
     },
     Trap {
+        software: "NumPy 2.4, `Generator.spawn` after `bit_generator.state` was restored",
+        does: "the state has neither the seed nor the count of children: a resumed generator of the same seed spawns its first children once more",
+        who: "who keeps this state in checkpoints and spawns a generator for each episode or worker; random streams here are keyed by seed and episode",
+        fix: "pickle the generator, or `SeedSequence(seed, n_children_spawned=count)`",
+        script: Some("numpy-generator-state-lacks-spawned-children"),
+        when: &[],
+    },
+    Trap {
         software: "Gymnasium 1.4, with code for 0.29",
         does: "`final_observation` and `final_info` do not appear in the infos of vector environments, so that code that looks for them logs and bootstraps nothing; the step after an end ignores its action",
         who: "who trains on `make_vec` by scripts of 2023",
