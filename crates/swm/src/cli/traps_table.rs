@@ -390,6 +390,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("gymnasium", "==1.4")],
     },
     Trap {
+        software: "Gymnasium 1.4 with Minari 0.5.4, flattened `Dict` spaces",
+        does: "`flatten` and `FlattenObservation` follow the order of the keys, which `==` passes over: sorted for a space from a dict, as given for one from keywords. The space of a dataset is sorted, so that its vectors differ from those of the environment",
+        who: "who trains on flattened observations of a Minari dataset; `swm` reads columns by name",
+        fix: "flatten both by one space: `flatten(env.observation_space, observation)`, or make spaces from dicts",
+        script: Some("gymnasium-equal-spaces-flatten-differently"),
+        when: &[Need("gymnasium", "==1.4"), Need("minari", "==0.5.4")],
+    },
+    Trap {
         software: "ale-py 0.12 with Gymnasium 1.4",
         does: "`make_vec(\"ALE/MsPacman-v5\")` is another environment than `make`: four gray images of 84 × 84 in place of one of 210 × 160 × 3, and rewards clipped to -1, 0 and 1, so that its dots count 1 in place of 10",
         who: "who reports returns on Atari from `make_vec` beside published scores",
