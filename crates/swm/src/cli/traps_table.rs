@@ -438,6 +438,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("cmaes", "==0.13")],
     },
     Trap {
+        software: "pycma 4.5 (`cma`)",
+        does: "`seed` 0 means the time, so that each run differs; any other seed is given to NumPy's global generator, from which the strategy samples: it sets the random numbers of the program, and two strategies mix theirs",
+        who: "who plans by a solver of their own with pycma; `cma-es` here takes 0 as a seed, and has random numbers of its own",
+        fix: "seeds from 1 up; with others on the global generator, `seed` of NaN and `randn=lambda *shape: rng.standard_normal(shape)`",
+        script: Some("pycma-takes-seed-0-as-none"),
+        when: &[Need("cma", "==4.5")],
+    },
+    Trap {
         software: "Slurm 22.05 (Debian 12)",
         does: "`SLURM_ARRAY_TASK_STEP` is 1 for `--array=2,4`",
         who: "who divides work by array index and runs failed tasks again",
