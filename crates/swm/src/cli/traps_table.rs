@@ -134,6 +134,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("pyarrow", "==26")],
     },
     Trap {
+        software: "pyarrow 26, `Table.join`",
+        does: "a left outer join moves rows without a partner to the end, and can give large tables back in blocks whose order changes from run to run",
+        who: "who joins tasks or labels of episodes to tables of LeRobot; `swm` refuses a table whose frames are out of order",
+        fix: "look up in order: `labels[\"task\"].take(pc.index_in(frames[\"episode_index\"], value_set=labels[\"episode_index\"]))`; or sort by `index` after it",
+        script: Some("pyarrow-join-changes-order"),
+        when: &[Need("pyarrow", "==26")],
+    },
+    Trap {
         software: "datasets 5.2 (Hugging Face) with NumPy",
         does: "under `with_format(\"numpy\")` columns of float64 are float32 and single rows are float64: times in seconds since 1970 are rounded to multiples of 128",
         who: "who reads tables with absolute times by `datasets`",
