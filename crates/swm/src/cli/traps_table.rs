@@ -438,6 +438,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("ray", "==2.60")],
     },
     Trap {
+        software: "TensorBoard 2.21, `EventAccumulator`",
+        does: "of more than 10,000 values of a tag it reads 10,000 at random, without a warning; the best value may be missing",
+        who: "who takes returns or success rates of long trainings from event files",
+        fix: "`EventAccumulator(path, size_guidance={\"scalars\": 0})`, or the run's `metrics.jsonl` (`swm.track.read`), which has all",
+        script: Some("tensorboard-reads-a-sample-of-the-curve"),
+        when: &[Need("tensorboard", "==2.21")],
+    },
+    Trap {
         software: "cmaes 0.13",
         does: "`tell` sorts the list that it is given, so that costs kept in the order of `ask` belong to other solutions after it; a NaN leaves the list out of order, and the distribution moves toward solutions that are not the best",
         who: "who plans by a solver of their own with cmaes; the solvers here count NaN as the worst cost",
