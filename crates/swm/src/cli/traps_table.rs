@@ -46,6 +46,14 @@ pub(super) const TRAPS: &[Trap] = &[
         when: &[Need("pymunk", "==7.3")],
     },
     Trap {
+        software: "OGBench 1.2, mazes",
+        does: "task, start and goal come from NumPy's global generator, and not from `reset(seed=…)`: equal seeds give other episodes, and all environments of an `AsyncVectorEnv` whose processes are forked begin the same ones",
+        who: "who compares mazes here with OGBench's on fixed seeds, or runs those in parallel; here the episode's seed decides",
+        fix: "`np.random.seed(seed)` in the environment's process before each `reset`, by a wrapper",
+        script: Some("ogbench-mazes-ignore-seeds"),
+        when: &[Need("ogbench", "==1.2")],
+    },
+    Trap {
         software: "h5py 3.16 (HDF5 2.0) with `libver=\"latest\"`",
         does: "HDF5 1.14 opens a file that was written with `libver=\"latest\"` and its plain datasets, and not the filtered and boolean ones (`bad version number for layout message`)",
         who: "labs that write with a new h5py and train where HDF5 1.14 is; `swm` reads with 1.14 and lists these columns with the reason",
