@@ -1,7 +1,9 @@
 //! Decoding of whole chunks that HDF5's own filters made: deflate (gzip), with or without byte shuffle before it. Other
 //! programs write them; this one writes blosc, whose chunks can be decoded in part.
 
-use flate2::{Decompress, FlushDecompress, Status};
+use std::fmt;
+
+use libdeflater::Decompressor;
 
 use super::blosc::unshuffle;
 
@@ -10,9 +12,8 @@ use super::blosc::unshuffle;
 const GREATEST_RATIO: usize = 1032;
 
 /// A decoder and the last chunk that it decoded.
-#[derive(Debug)]
 pub(super) struct Inflated {
-    decoder: Decompress,
+    decoder: Decompressor,
     /// The address of the chunk; `None` if there is none.
     address: Option<u64>,
     shuffled: Vec<u8>,
@@ -21,7 +22,13 @@ pub(super) struct Inflated {
 
 impl Default for Inflated {
     fn default() -> Self {
-        Self { decoder: Decompress::new(true), address: None, shuffled: Vec::new(), bytes: Vec::new() }
+        Self { decoder: Decompressor::new(), address: None, shuffled: Vec::new(), bytes: Vec::new() }
+    }
+}
+
+impl fmt::Debug for Inflated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Inflated").field("address", &self.address).finish_non_exhaustive()
     }
 }
 
@@ -51,9 +58,7 @@ impl Inflated {
         }
         let inflated = if shuffled.is_some() { &mut self.shuffled } else { &mut self.bytes };
         inflated.resize(total, 0);
-        self.decoder.reset(true);
-        let end = self.decoder.decompress(source, inflated, FlushDecompress::Finish);
-        if !matches!(end, Ok(Status::StreamEnd)) || self.decoder.total_out() != total as u64 {
+        if self.decoder.zlib_decompress(source, inflated) != Ok(total) {
             return Err("no valid deflate data");
         }
         if let Some(element) = shuffled {

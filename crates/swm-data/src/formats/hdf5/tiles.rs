@@ -56,22 +56,40 @@ impl Tiles {
         let Some((axis, rest)) = axes.split_first() else { return row.copy_from_slice(tile) };
         let (row_step, tile_step) = (row.len() / axis.size, tile.len() / axis.tile);
         let below: usize = rest.iter().map(|axis| axis.size.div_ceil(axis.tile)).product();
-        let first = index / below * axis.tile;
-        let count = axis.tile.min(axis.size - first);
-        let (row, tile) =
-            (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
+        let (first, count) = axis.span(index / below);
+        let (row, tile) = (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
+        let lines = row.chunks_exact_mut(row_step).zip(tile.chunks_exact(tile_step));
         match rest {
             [] => row.copy_from_slice(tile),
-            // Single values between others, as colors are: a call for each would cost more than they do.
-            [last] if self.element == 1 && last.tile == 1 => {
-                let values = row.iter_mut().skip(index % below).step_by(row_step);
-                values.zip(tile).for_each(|(into, from)| *into = *from);
+            [last] => {
+                let (first, count) = last.span(index % below);
+                let (at, run) = (first * self.element, count * self.element);
+                match run {
+                    1 => lines.for_each(|(row, tile)| copy_few::<1>(&mut row[at..], tile)),
+                    2 => lines.for_each(|(row, tile)| copy_few::<2>(&mut row[at..], tile)),
+                    3 => lines.for_each(|(row, tile)| copy_few::<3>(&mut row[at..], tile)),
+                    4 => lines.for_each(|(row, tile)| copy_few::<4>(&mut row[at..], tile)),
+                    8 => lines.for_each(|(row, tile)| copy_few::<8>(&mut row[at..], tile)),
+                    _ => lines.for_each(|(row, tile)| row[at..at + run].copy_from_slice(&tile[..run])),
+                }
             }
-            _ => {
-                let lines = row.chunks_exact_mut(row_step).zip(tile.chunks_exact(tile_step));
-                lines.for_each(|(row, tile)| self.copy(rest, index % below, tile, row));
-            }
+            _ => lines.for_each(|(row, tile)| self.copy(rest, index % below, tile, row)),
         }
+    }
+}
+
+impl Axis {
+    /// The first element of the tile at a place, and how many there are before the end.
+    fn span(self, place: usize) -> (usize, usize) {
+        let first = place * self.tile;
+        (first, self.tile.min(self.size - first))
+    }
+}
+
+/// Copies so few bytes, as those of a color, for which a call would cost more than the copy.
+fn copy_few<const N: usize>(row: &mut [u8], tile: &[u8]) {
+    if let (Some(row), Some(tile)) = (row.first_chunk_mut::<N>(), tile.first_chunk::<N>()) {
+        *row = *tile;
     }
 }
 
