@@ -27,16 +27,7 @@ __all__ = [
     "Solver",
 ]
 
-for _solver in (
-    CEMSolver,
-    CMAESSolver,
-    CategoricalCEMSolver,
-    FullCEMSolver,
-    GradientSolver,
-    ICEMSolver,
-    LagrangianSolver,
-    MPPISolver,
-    PGDSolver,
-    PredictiveSamplingSolver,
-):
-    _document(_solver, _solver.native_name if isinstance(_solver.native_name, str) else "sgd")
+for _name in __all__:
+    if _name != "Solver":
+        _solver = globals()[_name]
+        _document(_solver, _solver.native_name if isinstance(_solver.native_name, str) else "sgd")
