@@ -82,7 +82,7 @@ fn settings_are_told_with_the_nearest() {
     }
     home.refused(
         &render("--policy cem:seeds=1"),
-        &["setting `seeds`: unknown; did you mean `seed`? (known are samples, "],
+        &["setting `seeds`: unknown (did you mean `seed`?); known are samples, "],
     );
     home.refused(&render("--policy cem,samples=20"), &["settings follow a colon", "`cem:samples=20`"]);
     for (option, instead) in

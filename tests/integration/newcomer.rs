@@ -271,7 +271,7 @@ fn wrong_requests_are_told_what_is_wrong_and_what_to_do() {
         (
             2,
             &["stats", &data, "--columns", "actoin"],
-            "has no column `actoin`; did you mean `action`?; it has ",
+            "has no column `actoin` (did you mean `action`?); it has ",
         ),
         (2, &["plan", PUSHT, "--dataset", &data], "`swm manifest make --dataset`"),
     ] {

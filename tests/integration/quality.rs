@@ -60,7 +60,7 @@ fn the_gate_asks_for_what_decides_and_for_the_order_of_plans() {
     assert!(message.contains("write COLUMN, COLUMN[0,1] or angle(COLUMN[4])"), "{message}");
     assert!(swm_fails(2, &probe("state[9]")).contains("`state[9]`: no element 9"));
     let message = swm_fails(2, &probe("stat"));
-    assert!(message.contains("--probe stat: unknown column; did you mean `state`?"), "{message}");
+    assert!(message.contains("--probe stat: unknown column (did you mean `state`?)"), "{message}");
     let message = swm_fails(2, &[&all("swm/PushT-v1", "true")[..], &["--violation", "teleprot"]].concat());
     for (violation, reason) in [
         ("state[9]=1", "no element 9; `state` has 7"),

@@ -402,7 +402,7 @@ fn the_command_words_a_remedy_as_options() {
             "--distractor noise --distractor blur",
             "--distractor noise --distractor blur: changes images, and there are none; give --image-size 64x64",
         ),
-        ("--vary agent.colr", "did you mean `agent.color`?; `swm fovs swm/PushT-v1` lists them"),
+        ("--vary agent.colr", "did you mean `agent.color`?); `swm fovs swm/PushT-v1` lists them"),
     ] {
         let said = make(more).split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(said.contains(message), "{said}");

@@ -165,7 +165,7 @@ def test_metadata_of_a_writer_may_leave_out_what_is_not_known(tmp_path: Path) ->
     recorded = runs[-1][1] if isinstance(runs, list) else runs
     assert (recorded["env"], recorded["seed"], recorded["policy"], recorded["from_recorded_rows"]) == ("mine/Env-v0", 3, "unknown", True)
     for wrong, message in [
-        ({"enw": "a"}, "there is no `enw`; did you mean `env`.*rows_per_second"),
+        ({"enw": "a"}, "there is no `enw`.*did you mean `env`.*rows_per_second"),
         ({"seed": "three"}, "metadata: `seed`"),
         ({"frame_skip": -1}, "metadata: `frame_skip`"),
     ]:

@@ -75,7 +75,7 @@ def test_a_model_is_loaded_with_what_is_known_of_it(zoo: Path) -> None:
 
 
 def test_unknown_names_are_told_with_the_nearest(zoo: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    with pytest.raises(swm.SwmError, match=r"there is no model zoo:tworoom-gcb; did you mean `tworoom-gcbc`\?; the zoo has: tworoom-gcbc"):
+    with pytest.raises(swm.SwmError, match=r"there is no model zoo:tworoom-gcb \(did you mean `tworoom-gcbc`\?\); the zoo has: tworoom-gcbc"):
         swm.zoo.load("tworoom-gcb")
     monkeypatch.setenv("SWM_ZOO", str(tmp_path / "none"))
     with pytest.raises(swm.SwmError, match="no model of the zoo is installed: `pip install stable-worldmodel-zoo`"):

@@ -164,7 +164,7 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (copy_onto_itself, ["a.h5 is the dataset to read and the one to write"]),
     (the_same_file_twice, ["a.h5 is named twice"]),
     (parts_above_one, ["--parts: they sum to 1.8"]),
-    (unknown_column_of_statistics, ["no column `actions`; did you mean `action`?"]),
+    (unknown_column_of_statistics, ["no column `actions` (did you mean `action`?)"]),
     (file_without_h5_inside, ["a.h5 is not a dataset", "cut short or another file"]),
     (manifest_changed_by_hand, ["task.toml", "was changed after it was written"]),
     (actions_one_row_short, ["column `action` has 9"]),

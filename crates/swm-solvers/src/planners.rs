@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn bad_settings_are_named() {
         let message = |text: &str| describe(text).unwrap_err().to_string();
-        assert!(message("cem:sample=1").contains("setting `sample`: unknown; did you mean `samples`?"));
+        assert!(message("cem:sample=1").contains("setting `sample`: unknown (did you mean `samples`?)"));
         assert!(message("cem:horizon=0").contains("setting `horizon`: 0 is too small"));
         assert!(message("cem:samples=20,elites=30").contains("setting `elites`: 30 of 20 samples"));
         assert!(message("cem:elites=1").contains("setting `elites`: 1 is too few"));

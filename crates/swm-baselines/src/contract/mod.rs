@@ -345,7 +345,7 @@ fn what_cannot_be_made_is_an_error_with_a_reason() {
     };
     assert!(
         error("lewn", &options("small", Json::Null))
-            .contains("did you mean `lewm`?; there are canonical, conv-jepa, dino-wm, ")
+            .contains("did you mean `lewm`?); there are canonical, conv-jepa, dino-wm, ")
     );
     assert!(error("lewm", &options("huge", Json::Null)).contains("it has: paper, small"));
     assert!(

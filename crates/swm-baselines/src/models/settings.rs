@@ -119,9 +119,9 @@ mod tests {
             |changes: Json| with_changes("lewm", &LewmConfig::paper(), &changes).unwrap_err().to_string();
         assert!(
             told(json!({ "optim": { "lrr": 0.1 } }))
-                .contains("`optim.lrr`: unknown; did you mean `optim.lr`?")
+                .contains("`optim.lrr`: unknown (did you mean `optim.lr`?)")
         );
-        assert!(told(json!({ "lr": 0.1 })).contains("`lr`: unknown; did you mean `optim.lr`?"));
+        assert!(told(json!({ "lr": 0.1 })).contains("`lr`: unknown (did you mean `optim.lr`?)"));
     }
 
     #[test]

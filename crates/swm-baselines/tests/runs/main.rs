@@ -349,7 +349,9 @@ fn a_policy_acts_by_itself() {
     assert!(alone.0 == paths(&format!("policy:{run}"), 3, Some(IMAGE)).unwrap().0);
     let fails = |text: String| made(&text).err().unwrap();
     assert!(fails(format!("gcivl:{run}")).contains("trained gcbc, not gcivl; use `gcbc:RUN`"));
-    assert!(fails(format!("gcbc:{run},devise=cpu")).contains("did you mean `device`? (known are checkpoint"));
+    assert!(
+        fails(format!("gcbc:{run},devise=cpu")).contains("did you mean `device`?); known are checkpoint")
+    );
     let message = fails(format!("mpc:{run}"));
     assert!(message.contains(&format!("run {run}: gcbc is no world model")), "{message}");
     assert!(message.contains("policy:RUN"), "{message}");

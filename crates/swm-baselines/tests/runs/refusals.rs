@@ -164,7 +164,11 @@ fn unknown_settings_are_refused() {
         |changes: Json| refused(folder.path(), dataset.as_ref(), &NewRun { changes, ..new_run("lewm") });
     says(
         &fails(json!({ "model": { "latent_din": 8 } })),
-        &["settings of `lewm`", "`model.latent_din`: unknown; did you mean `model.latent_dim`?", "projector"],
+        &[
+            "settings of `lewm`",
+            "`model.latent_din`: unknown (did you mean `model.latent_dim`?)",
+            "projector",
+        ],
     );
     says(
         &fails(json!({ "model": { "encoder": { "kind": "rnn" } } })),

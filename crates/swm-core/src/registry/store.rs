@@ -202,7 +202,7 @@ mod tests {
         assert_eq!(registry.find::<Shape>("circle").unwrap().0, "disc");
         assert_eq!(registry.all::<Shape>().map(Entry::name).collect::<Vec<_>>(), ["disc", "box"]);
         let error = registry.find::<Shape>("cirle").unwrap_err().to_string();
-        assert_eq!(error, "unknown shape `cirle`; did you mean `circle`?; `swm shapes` lists them");
+        assert_eq!(error, "unknown shape `cirle` (did you mean `circle`?); `swm shapes` lists them");
         assert!(registry.find::<Shape>(TOY.id).is_err(), "kinds do not share names");
     }
 

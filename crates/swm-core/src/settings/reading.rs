@@ -20,7 +20,7 @@ use crate::error::{did_you_mean, nearest};
 /// assert_eq!(read(r#"{"iterations": 5}"#).unwrap().iterations, 5);
 /// assert_eq!(
 ///     read(r#"{"iteration": 5}"#).unwrap_err().to_string(),
-///     "setting `iteration`: unknown; did you mean `iterations`? (known are iterations)"
+///     "setting `iteration`: unknown (did you mean `iterations`?); known are iterations"
 /// );
 /// assert_eq!(
 ///     read(r#"{"iterations": "few"}"#).unwrap_err().to_string(),
@@ -93,11 +93,7 @@ impl WrongSetting {
             [] => format!("{UNKNOWN}; there are no settings"),
             known => {
                 let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
-                let known = known.join(", ");
-                match meant.is_empty() {
-                    true => format!("{UNKNOWN}; known are {known}"),
-                    false => format!("{UNKNOWN}{meant} (known are {known})"),
-                }
+                format!("{UNKNOWN}{meant}; known are {}", known.join(", "))
             }
         };
         Self { name: name.to_owned(), reason }
@@ -207,7 +203,7 @@ mod tests {
         let all = "known are count, share, flag, render, at";
         assert_eq!(
             refused(json!({ "rendr": "fast" })),
-            format!("setting `rendr`: unknown; did you mean `render`? ({all})")
+            format!("setting `rendr`: unknown (did you mean `render`?); {all}")
         );
         assert_eq!(
             refused(json!({ "count": 1, "completely": 2 })),
@@ -227,7 +223,7 @@ mod tests {
             (json!({ "count": 1, "flag": 1 }), "`flag`: must be true or false; found integer `1`"),
             (
                 json!({ "render": "fst" }),
-                "`render`: no value `fst`; did you mean `fast`?; there are `exact`, `fast`",
+                "`render`: no value `fst` (did you mean `fast`?); there are `exact`, `fast`",
             ),
             (json!({ "at": 3 }), "`at`: must be a list of 2 values; found integer `3`"),
         ] {
@@ -238,7 +234,7 @@ mod tests {
     #[test]
     fn names_in_files_are_told_with_the_nearest() {
         let said = "unknown field `bugdet`, expected one of `budget`, `seed`";
-        assert_eq!(plain(said), "`bugdet` is unknown; did you mean `budget`?");
+        assert_eq!(plain(said), "`bugdet` is unknown (did you mean `budget`?)");
         assert_eq!(
             plain("missing field `budget` at line 3 column 1"),
             "`budget` is missing at line 3 column 1"

@@ -333,7 +333,7 @@ fn repeated_actions_stay_reproducible_and_arguments_are_checked() {
     for (policy, part) in [
         ("expert:noise=-1", "noise -1 must be 0 or more"),
         ("expert:action_repeat_prob=2", "action_repeat_prob 2 must be 0 to 1"),
-        ("expert:nois=1", "setting `nois`: unknown; did you mean `noise`?"),
+        ("expert:nois=1", "setting `nois`: unknown (did you mean `noise`?)"),
     ] {
         let config = EnvConfig::default();
         let context = PolicyContext::new(&TWO_ROOM_V2, &config);

@@ -247,7 +247,7 @@ mod tests {
     fn wrong_requests_are_refused() {
         let message = |text: &str| parse(text).err().map(|error| error.to_string()).unwrap_or_default();
         assert!(message("noize").contains("did you mean `noise`?"));
-        assert!(message("noise:sdt=1").contains("setting `sdt`: unknown; did you mean `std`?"));
+        assert!(message("noise:sdt=1").contains("setting `sdt`: unknown (did you mean `std`?)"));
         assert!(message("noise:std=-1").contains("not between"));
         assert!(message("noise:20").contains("key=value"));
         assert!(message("resolution:scale=0").contains("scale"));

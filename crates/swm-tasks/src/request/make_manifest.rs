@@ -298,7 +298,7 @@ mod tests {
             (json!({ "env": "" }), "env: must be given", None),
             (json!({ "out": "" }), "out: must be given", None),
             (json!({ "out": "task.yaml" }), "a manifest is TOML or JSON", None),
-            (json!({ "budgt": 3 }), "budgt=3: unknown; did you mean `budget`?", None),
+            (json!({ "budgt": 3 }), "budgt=3: unknown (did you mean `budget`?)", None),
             (json!({ "budget": -1 }), "budget=-1: must be a whole number, 0 or more", None),
             (json!({ "budget": 0 }), "budget=0: no action is allowed; use 1 or more", None),
             (json!({ "tier": "lenient" }), "tier=lenient: ", None),

@@ -64,7 +64,7 @@ mod tests {
         for (from, to, told) in [
             ("'MIT'", "' '", "license must not be empty"),
             ("['eval']", "[]", "no steps"),
-            ("result", "results", "`results` is unknown; did you mean `result`?"),
+            ("result", "results", "`results` is unknown (did you mean `result`?)"),
         ] {
             let said = Recipe::parse(&text.replace(from, to)).unwrap_err().to_string();
             assert!(said.contains(told), "{said}");

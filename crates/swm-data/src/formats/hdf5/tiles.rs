@@ -57,7 +57,8 @@ impl Tiles {
         let (row_step, tile_step) = (row.len() / axis.size, tile.len() / axis.tile);
         let below: usize = rest.iter().map(|axis| axis.size.div_ceil(axis.tile)).product();
         let (first, count) = axis.span(index / below);
-        let (row, tile) = (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
+        let (row, tile) =
+            (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
         let lines = row.chunks_exact_mut(row_step).zip(tile.chunks_exact(tile_step));
         match rest {
             [] => row.copy_from_slice(tile),

@@ -278,7 +278,7 @@ mod tests {
             ["agent.shape sampled", "agent.shape+block.color sampled"]
         );
         let unknown = of(&["agent.shape+blok.color"], Values::Sampled).unwrap_err();
-        assert!(unknown.contains("`blok.color`; did you mean `block.color`?"), "{unknown}");
+        assert!(unknown.contains("`blok.color` (did you mean `block.color`?)"), "{unknown}");
         assert!(
             of(&["+agent.shape"], Values::Sampled).unwrap_err().contains("unknown factor `+agent.shape`")
         );

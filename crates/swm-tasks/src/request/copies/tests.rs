@@ -67,7 +67,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
     let table: Vec<Row> = vec![
         (convert, json!({ "target": out }), "source: must be given", None),
         (convert, json!({ "source": source }), "target: must be given", None),
-        (convert, copy(json!({ "qualty": 3 })), "qualty=3: unknown; did you mean `quality`?", None),
+        (convert, copy(json!({ "qualty": 3 })), "qualty=3: unknown (did you mean `quality`?)", None),
         (convert, copy(json!({ "quality": 0 })), "quality=0: use 1 to 100", None),
         (convert, copy(json!({ "quality": 101 })), "quality=101: use 1 to 100", None),
         (

@@ -40,7 +40,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (json!({ "violation": ["teleprot"] }), "did you mean `teleport`?", None),
         (json!({ "violation": ["state[9]=1"] }), "no element 9; `state` has 1", None),
         (json!({ "probe": ["angle(state"] }), "write COLUMN, COLUMN[0,1] or angle(COLUMN[4])", None),
-        (json!({ "probe": ["stat"] }), "probe=stat: unknown column; did you mean `state`?", None),
+        (json!({ "probe": ["stat"] }), "probe=stat: unknown column (did you mean `state`?)", None),
         (json!({ "opening": { "flip": "180" } }), "flip: is about a dataset, and none is named", any("flip")),
         (json!({ "dataset": none }), "none.h5", None),
     ];

@@ -67,7 +67,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (toy(json!({ "video_format": "webm" })), "video_format=webm: no format of videos", None),
         (toy(json!({ "threads": 0 })), "threads=0: use 1 to 1024", None),
         (toy(json!({ "policy": "random" })), "the policy `random` makes no plans", None),
-        (toy(json!({ "policy": "cme" })), "unknown solver `cme`; did you mean `cem`?", None),
+        (toy(json!({ "policy": "cme" })), "unknown solver `cme` (did you mean `cem`?)", None),
         (toy(json!({ "vary": ["point.gian"] })), "vary=point.gian: unknown factor", None),
         (
             toy(json!({ "trace": full })),

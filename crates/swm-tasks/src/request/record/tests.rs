@@ -58,7 +58,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (json!({ "env": "" }), "env: must be given", None),
         (json!({ "out": "" }), "out: must be given", None),
         (json!({ "episodes": null }), "episodes: must be given", None),
-        (json!({ "epsodes": 3 }), "epsodes=3: unknown; did you mean `episodes`?", None),
+        (json!({ "epsodes": 3 }), "epsodes=3: unknown (did you mean `episodes`?)", None),
         (json!({ "seed": -1 }), "seed=-1: must be a whole number, 0 or more", None),
         (json!({ "mode": "replace" }), "mode=replace: no value `replace`", None),
         (json!({ "shard": "3/2" }), "shard=3/2: must be part I of N parts", None),

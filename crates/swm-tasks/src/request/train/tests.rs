@@ -52,7 +52,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (json!({ "baseline": "lewm" }), "out: name the folder of the new run", None),
         (
             new("lewn", json!({})),
-            "unknown baseline or agent `lewn`; did you mean `lewm`?; there are: lewm, sac",
+            "unknown baseline or agent `lewn` (did you mean `lewm`?); there are: lewm, sac",
             None,
         ),
         (new("lewm", json!({})), "dataset: name the dataset that lewm learns from", None),
