@@ -7,9 +7,10 @@
 //! recorded into a dataset that is no longer at its path; and nothing is left of a new one that failed before its first episode.
 
 mod backend;
+mod end;
 mod fit;
+mod writer;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -24,14 +25,16 @@ pub use crate::formats::disk::sync as sync_files;
 pub use crate::lock::WriterLock;
 
 pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex, remove_file};
+pub use self::end::end_all;
 pub use self::fit::{check_fit, foreign, with_run};
 pub(crate) use self::fit::{check_own, difference, resolve};
+pub use self::writer::BackendWriter;
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";
 
-/// The [`DatasetWriter`] over a [`Backend`].
-pub struct BackendWriter<S: Backend> {
+/// A recording into a [`Backend`]'s dataset. Its [`BackendWriter`] shares it with [`end_all`].
+struct Recording<S: Backend> {
     path: PathBuf,
     backend: S,
     options: WriteOptions,
@@ -49,8 +52,8 @@ pub struct BackendWriter<S: Backend> {
     identity: Option<(u64, u64)>,
     /// When committed episodes were synced last, and how long that took.
     synced: (Instant, Duration),
-    /// Declared last: the files must be closed before another writer may have them.
-    _lock: WriterLock,
+    /// Until it ends. Declared last: the files must be closed before another writer may have them.
+    lock: Option<WriterLock>,
 }
 
 /// Committed episodes are synced no more often than this…
@@ -79,14 +82,9 @@ enum State<R> {
     Closed,
 }
 
-impl<S: Backend> BackendWriter<S> {
-    /// Takes the dataset at `path` for itself. Nothing of it is changed before `begin`.
-    ///
-    /// # Errors
-    ///
-    /// Something is there that the mode does not allow for or that is no dataset, another writer has it, or it cannot
-    /// be opened.
-    pub fn new(path: &Path, options: &WriteOptions, backend: S) -> Result<Self, DataError> {
+impl<S: Backend> Recording<S> {
+    /// As of [`BackendWriter::new`].
+    fn new(path: &Path, options: &WriteOptions, backend: S) -> Result<Self, DataError> {
         let path = resolve(path)?;
         let lock = WriterLock::take(&path)?;
         let exists = path.exists();
@@ -143,7 +141,7 @@ impl<S: Backend> BackendWriter<S> {
             is_finished: false,
             identity: None,
             synced: (Instant::now(), Duration::ZERO),
-            _lock: lock,
+            lock: Some(lock),
         })
     }
 
@@ -208,6 +206,19 @@ impl<S: Backend> BackendWriter<S> {
         if removed.is_ok() && self.made == Some(Before::Nothing) && self.backend.is_folder() {
             let _ = std::fs::remove_dir(&self.path);
         }
+    }
+
+    /// Ends it as far as it has come, for the next writer: what failed before its first episode is removed.
+    fn end(&mut self) {
+        if self.lock.is_none() {
+            return;
+        }
+        match self.is_failed() {
+            true => self.remove(),
+            // A caller who wants to know calls `finish`.
+            false => drop(self.close()),
+        }
+        self.lock = None;
     }
 
     /// Does something with the recording. After an error nothing more is written.
@@ -303,7 +314,7 @@ impl<S: Backend> BackendWriter<S> {
     }
 }
 
-impl<S: Backend> EpisodeSink for BackendWriter<S> {
+impl<S: Backend> EpisodeSink for Recording<S> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         if !matches!(self.state, State::Waiting) {
             return Err(DataError::record(&self.path, "the recording has begun already").into());
@@ -345,7 +356,7 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
     }
 }
 
-impl<S: Backend> DatasetWriter for BackendWriter<S> {
+impl<S: Backend> DatasetWriter for Recording<S> {
     fn num_episodes(&self) -> u64 {
         self.episodes
     }
@@ -387,26 +398,5 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
         self.open = 0;
         self.episodes += 1;
         Ok(self.sync_if_due()?)
-    }
-}
-
-impl<S: Backend> Drop for BackendWriter<S> {
-    fn drop(&mut self) {
-        if self.is_failed() {
-            return self.remove();
-        }
-        // A caller who wants to know calls `finish`.
-        let _ = self.close();
-    }
-}
-
-impl<S: Backend> fmt::Debug for BackendWriter<S> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { path, episodes, open, .. } = self;
-        f.debug_struct("BackendWriter")
-            .field("path", path)
-            .field("episodes", episodes)
-            .field("open", open)
-            .finish()
     }
 }

@@ -11,6 +11,7 @@ mod damage;
 mod damage_mcap;
 #[cfg(unix)]
 mod exhaustion;
+mod exits;
 #[cfg(feature = "video")]
 mod field;
 mod folders;

@@ -1,5 +1,5 @@
 //! Ctrl-C and SIGTERM: the running command stops at its next step, says in one line what is safe and how to continue, and
-//! ends. What does not stop by itself soon is ended: all files survive a kill.
+//! ends. What does not stop by itself soon is ended: recordings are ended first, and all files survive a kill.
 //!
 //! The exit status is 130 after Ctrl-C, as shells give it. After SIGTERM, by which schedulers stop a job, it is 75 where the same
 //! command continues (`EX_TEMPFAIL` of BSD's `sysexits.h`), and else 143, as shells give it.
@@ -13,6 +13,9 @@ use swm_core::Cancel;
 
 use super::called;
 use super::output::print_to_stderr;
+
+/// How long the recordings of a command that does not stop by itself may take to end.
+const RECORDINGS_END: Duration = Duration::from_secs(1);
 
 /// How long a command may take to stop by itself, in ms.
 static GRACE_MS: AtomicU64 = AtomicU64::new(200);
@@ -110,6 +113,8 @@ fn stop(cancel: &Cancel, is_terminated: bool) {
     IS_TERMINATED.store(is_terminated, Ordering::SeqCst);
     cancel.cancel();
     std::thread::sleep(Duration::from_millis(GRACE_MS.load(Ordering::SeqCst)));
+    // A policy may be amid a long step: nothing else would free the locks, and remove a dataset without an episode.
+    swm_data::recording::end_all(RECORDINGS_END);
     say();
     std::process::exit(i32::from(status()));
 }
