@@ -79,6 +79,10 @@ impl Backend for LanceBackend {
         Ok(entries.all(|entry| [DATA, "_versions"].iter().any(|own| entry.file_name() == *own)))
     }
 
+    fn is_dataset(&self, path: &Path) -> bool {
+        Table::exists(path)
+    }
+
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
         Ok(Box::new(LanceDataset::open(path, self.name())?))
     }

@@ -28,8 +28,8 @@ pub trait Backend: Send + 'static {
         Ok(!path.exists())
     }
 
-    /// Whether a file that is there is a dataset in this format, whole or damaged: nothing else is replaced. A folder is opened for that.
-    fn is_dataset(&self, _file: &Path) -> bool {
+    /// Whether what is there is a dataset in this format, whole or damaged: nothing else is continued or replaced.
+    fn is_dataset(&self, _path: &Path) -> bool {
         true
     }
 

@@ -20,6 +20,7 @@ use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
 use crate::dataset::{Dataset, DatasetWriter, EncodedBatch, RowEncoder, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
+use crate::format;
 use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
 pub use crate::lock::WriterLock;
@@ -105,27 +106,35 @@ impl<S: Backend> Recording<S> {
             };
             return Err(DataError::record(&path, reason));
         }
+        let is_new = backend.is_new(&path)?;
+        let is_empty = || path.metadata().is_ok_and(|there| there.is_file() && there.len() == 0);
+        let is_replaced = options.mode != WriteMode::Append;
+        // An empty file, as `mktemp` makes, holds nothing that could be lost.
+        if !is_new && !backend.is_dataset(&path) && !(is_replaced && is_empty()) {
+            let other = format::detect(format::built_in(), &path);
+            let reason = format!(
+                "it is a {}{}, but no dataset in the format `{}` to {}; move it away, or choose another name",
+                if backend.is_folder() { "folder" } else { "file" },
+                other.map(|other| format!(" in the format `{}`", other.name)).unwrap_or_default(),
+                backend.name(),
+                if is_replaced { "replace" } else { "continue" }
+            );
+            return Err(DataError::record(&path, reason));
+        }
         let mut continued = Arc::default();
         let episodes = match options.mode {
-            _ if backend.is_new(&path)? => 0,
+            _ if is_new => 0,
             WriteMode::Append => {
                 let there = backend.open(&path)?;
                 continued = Arc::clone(there.schema());
                 there.num_episodes() as u64
             }
-            // A folder that is to be replaced must be a dataset: more would be lost with it than one file.
+            // A folder that is to be replaced must be read: more would be lost with it than one file.
             _ if backend.is_folder() => {
                 backend.open(&path).map_err(|error| {
                     DataError::record(&path, format!("it is a folder, but no dataset to replace: {error}"))
                 })?;
                 0
-            }
-            _ if path.metadata().is_ok_and(|file| file.len() > 0) && !backend.is_dataset(&path) => {
-                let reason = format!(
-                    "it is a file, but no dataset in the format `{}` to replace; move it away, or choose another name",
-                    backend.name()
-                );
-                return Err(DataError::record(&path, reason));
             }
             _ => 0,
         };

@@ -1,9 +1,10 @@
 //! Write modes, and continuing a file.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use swm_core::{Batch, Dtype, Field, FieldKind, Metadata, Schema};
-use swm_data::{WriteMode, create, open};
+use swm_data::{WriteMode, WriteOptions, create, create_with, open};
 
 use crate::support::{
     assert_same, contents, episode, fail_before_the_first_episode, metadata, record, schema,
@@ -77,19 +78,72 @@ fn an_overwritten_file_stays_until_recording_begins() {
     assert!(fs::read(&path).unwrap() == bytes);
 }
 
+/// Everything below a path, by name.
+fn tree(path: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    if path.is_file() {
+        return vec![(path.to_owned(), fs::read(path).unwrap())];
+    }
+    let mut entries: Vec<_> = fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()).collect();
+    entries.sort();
+    entries.iter().flat_map(|entry| tree(entry)).collect()
+}
+
 #[test]
-fn a_file_that_is_no_dataset_is_not_replaced() {
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["notes.h5", "notes.mcap"] {
-        let path = folder.path().join(name);
-        fs::write(&path, "my notes").unwrap();
-        let message = record(&path, WriteMode::Overwrite, 0..1).unwrap_err().to_string();
-        assert!(message.contains(name) && message.contains("no dataset in the format"), "{message}");
-        assert_eq!(fs::read_to_string(&path).unwrap(), "my notes");
-        // An empty file, as `mktemp` makes, holds nothing that could be lost.
-        fs::write(&path, "").unwrap();
-        assert_eq!(record(&path, WriteMode::Overwrite, 0..1).unwrap(), 0, "{name}");
-        assert_eq!(contents(&path).len(), 1);
+fn in_every_format_what_is_no_dataset_is_neither_continued_nor_replaced_nor_called_damaged() {
+    for format in swm_data::FORMATS {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data").with_extension(format.extensions[0]);
+        record(&path, WriteMode::Error, 0..1).unwrap();
+        let is_folder = path.is_dir();
+        let mut foreign: Vec<PathBuf> = ["letter", "several"].map(|name| folder.path().join(name)).to_vec();
+        if is_folder {
+            for (path, names) in
+                foreign.iter().zip([&["notes.txt"][..], &["data.npz", "a.parquet", "meta.json"]])
+            {
+                fs::create_dir(path).unwrap();
+                names.iter().for_each(|name| fs::write(path.join(name), "my notes").unwrap());
+            }
+        } else {
+            fs::write(&foreign[0], "my notes").unwrap();
+            fs::write(&foreign[1], [7; 5000]).unwrap();
+        }
+        for other in swm_data::FORMATS.iter().filter(|other| other.name != format.name) {
+            let there = folder.path().join(format!("other.{}", other.extensions[0]));
+            record(&there, WriteMode::Error, 0..1).unwrap();
+            if there.is_dir() == is_folder {
+                foreign.push(there);
+            }
+        }
+        let others = foreign.len() - 2;
+        for (at, there) in foreign.iter().enumerate() {
+            let before = tree(folder.path());
+            for (mode, what) in [(WriteMode::Append, "to continue"), (WriteMode::Overwrite, "to replace")] {
+                let context = format!("{}, {}, {what}", format.name, there.display());
+                let options = WriteOptions::default().mode(mode);
+                let refused = create_with(there, &options, Some(format.name)).map(drop);
+                let message = match refused {
+                    Ok(()) => panic!("{context}: it is taken"),
+                    Err(error) => error.to_string(),
+                };
+                assert!(message.contains(&*there.to_string_lossy()), "{context}: {message}");
+                assert!(
+                    !message.contains("damaged") && !message.contains("os error"),
+                    "{context}: {message}"
+                );
+                if at < 2 {
+                    let part = format!("no dataset in the format `{}` {what}", format.name);
+                    assert!(message.contains(&part), "{context}: {message}");
+                }
+            }
+            assert!(tree(folder.path()) == before, "{}: {}", format.name, there.display());
+        }
+        assert_eq!(others, if is_folder { swm_data::FORMATS.len() - 3 } else { 1 }, "{}", format.name);
+        if !is_folder {
+            // An empty file, as `mktemp` makes, holds nothing that could be lost.
+            fs::write(&path, "").unwrap();
+            assert_eq!(record(&path, WriteMode::Overwrite, 0..1).unwrap(), 0, "{}", format.name);
+            assert_eq!(contents(&path).len(), 1);
+        }
     }
 }
 

@@ -124,7 +124,7 @@ fn modes_locks_and_misfits() {
         fs::create_dir(&private).unwrap();
         fs::write(private.join("letter.txt"), "dear").unwrap();
         let message = record(&private, WriteMode::Overwrite, 0..1).unwrap_err().to_string();
-        assert!(message.contains("no dataset to replace"), "{message}");
+        assert!(message.contains("no dataset in the format"), "{message}");
         assert!(private.join("letter.txt").exists());
         let begin = |field: Field| {
             let mut writer =

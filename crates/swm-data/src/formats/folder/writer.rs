@@ -70,6 +70,10 @@ impl Backend for FolderBackend {
         Ok(entries.next().is_none())
     }
 
+    fn is_dataset(&self, path: &Path) -> bool {
+        super::is_dataset(path) && super::has_videos(path) != (self.store == Store::Jpeg)
+    }
+
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
         Ok(Box::new(FolderDataset::open(path, self.format, self.store)?))
     }

@@ -57,8 +57,8 @@ impl Backend for Hdf5Backend {
         false
     }
 
-    fn is_dataset(&self, file: &Path) -> bool {
-        FORMAT.detect(file)
+    fn is_dataset(&self, path: &Path) -> bool {
+        FORMAT.detect(path)
     }
 
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {

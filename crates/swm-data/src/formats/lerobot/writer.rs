@@ -71,6 +71,10 @@ impl Backend for LeRobotBackend {
         Ok(entries.flatten().all(|entry| entry.file_name() == "meta"))
     }
 
+    fn is_dataset(&self, path: &Path) -> bool {
+        path.join(INFO).is_file()
+    }
+
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
         Ok(Box::new(LeRobotDataset::open(path)?))
     }

@@ -65,7 +65,7 @@ fn a_folder_that_is_no_dataset_is_not_replaced_and_misfits_are_refused() {
     fs::create_dir(&private).unwrap();
     fs::write(private.join("letter.txt"), "dear").unwrap();
     let message = record(&private, WriteMode::Overwrite, 0..1).unwrap_err().to_string();
-    assert!(message.contains("no dataset to replace"), "{message}");
+    assert!(message.contains("no dataset in the format"), "{message}");
     assert!(private.join("letter.txt").exists());
 
     let path = folder.path().join("data.lerobot");
