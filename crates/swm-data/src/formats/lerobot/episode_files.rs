@@ -74,7 +74,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         }
         episodes.push(found);
     }
-    Ok(episodes)
+    in_order(episodes)
 }
 
 /// Version 3: tables that say in which file each episode lies, and where.
@@ -146,8 +146,139 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
     for files in &mut episodes {
         files.first = files.start.unwrap_or_default() - begins.get(&files.data).copied().unwrap_or_default();
     }
+    let episodes = in_order(episodes)?;
     match episodes.len() == info.total_episodes {
         true => Ok(episodes),
         false => Err(missing(format!("{} of {} episodes are listed", episodes.len(), info.total_episodes))),
+    }
+}
+
+/// Episodes by their numbers, whatever the order of the list. Each of them must be there once.
+fn in_order(mut episodes: Vec<EpisodeFiles>) -> Result<Vec<EpisodeFiles>> {
+    episodes.sort_by_key(|files| files.number);
+    for (expected, files) in (0..).zip(&episodes) {
+        let number = files.number;
+        if number < 0 {
+            return Err(invalid(format!("the list of episodes names episode {number}")));
+        }
+        if number < expected {
+            return Err(invalid(format!("episode {number} is listed twice")));
+        }
+        if number > expected {
+            return Err(missing(format!("episode {expected} is not listed, and episode {number} is")));
+        }
+    }
+    Ok(episodes)
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::Batch;
+
+    use super::super::info::INFO;
+    use super::super::parquet_file::{self, ColumnOut};
+    use super::*;
+    use crate::testing::{assert_same, contents, record};
+    use crate::{WriteMode, open};
+
+    /// A column with these of its rows.
+    fn picked(column: &Column, width: usize, rows: &[usize]) -> Column {
+        let mut out: Option<Column> = None;
+        for &row in rows {
+            let part = column.as_slice().range(row * width, width).to_column();
+            match &mut out {
+                None => out = Some(part),
+                Some(out) => assert!(out.extend(part.as_slice())),
+            }
+        }
+        out.unwrap()
+    }
+
+    /// Writes the lists of a folder anew, with these rows of the one that it had in each file.
+    fn list_anew(folder: &Path, list: &Table, names: &[String], files: &[&[usize]]) {
+        for (file, rows) in files.iter().enumerate() {
+            let columns: Vec<(String, usize, Column)> = names
+                .iter()
+                .map(|name| {
+                    let column = list.column(name).unwrap();
+                    let width = column.len() / list.rows();
+                    (name.clone(), width, picked(&column, width, rows))
+                })
+                .collect();
+            let out = columns.iter().map(|(name, width, column)| ColumnOut {
+                name: name.clone(),
+                values: column.as_slice(),
+                list: (name == "tasks").then_some(*width),
+            });
+            let bytes = parquet_file::bytes(&out.collect::<Vec<_>>(), &[]).unwrap();
+            fs::write(folder.join(format!("meta/episodes/chunk-000/file-{file:03}.parquet")), bytes).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_order_of_a_list_is_that_of_its_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.lerobot");
+        record(&path, WriteMode::Error, 0..4).unwrap();
+        // As another program leaves it that rewrites a folder of ours.
+        fs::remove_file(path.join("meta/swm.json")).unwrap();
+        let expected: Vec<Batch> = contents(&path);
+        let file = path.join("meta/episodes/chunk-000/file-000.parquet");
+        let kept = folder.path().join("list.parquet");
+        fs::rename(&file, &kept).unwrap();
+        let list = Table::open(&kept).unwrap();
+        let camera = |what: &str| format!("videos/observation.images.pixels/{what}");
+        let mut names: Vec<String> =
+            ["episode_index", "tasks", "length", "dataset_from_index", "data/chunk_index", "data/file_index"]
+                .map(str::to_owned)
+                .to_vec();
+        names.extend(["chunk_index", "file_index", "from_timestamp"].map(camera));
+        names.extend(
+            ["chunk_index", "file_index", "from_timestamp"]
+                .map(|what| camera(what).replace("pixels", "goal")),
+        );
+        let orders: [&[&[usize]]; 3] = [&[&[3, 1, 0, 2]], &[&[2, 0], &[3, 1]], &[&[3], &[2], &[0, 1]]];
+        for files in orders {
+            list_anew(&path, &list, &names, files);
+            let found = contents(&path);
+            assert_eq!(found.len(), 4, "{files:?}");
+            found.iter().zip(&expected).for_each(|(found, expected)| assert_same(found, expected));
+        }
+        for file in 1..3 {
+            fs::remove_file(path.join(format!("meta/episodes/chunk-000/file-{file:03}.parquet"))).unwrap();
+        }
+        let wrong: [(&[usize], &str); 3] = [
+            (&[0, 2, 1, 2], "episode 2 is listed twice"),
+            (&[3, 1, 0], "episode 2 is not listed, and episode 3 is"),
+            (&[0, 1, 2], "3 of 4 episodes are listed"),
+        ];
+        for (rows, part) in wrong {
+            list_anew(&path, &list, &names, &[rows]);
+            let message = open(&path).err().unwrap().to_string();
+            assert!(message.contains(part), "{rows:?}: {message}");
+        }
+    }
+
+    /// Of version 2, the list is a text.
+    #[test]
+    fn so_is_that_of_lines() {
+        let entry =
+            |episode: usize| format!("{{\"episode_index\": {episode}, \"length\": {}}}\n", 10 + episode);
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("meta")).unwrap();
+        let info = r#"{"codebase_version": "v2.1", "fps": 10, "total_episodes": 3, "features": {},
+            "data_path": "data/{episode_index}.parquet"}"#;
+        fs::write(folder.path().join(INFO), info).unwrap();
+        let info = Info::read(folder.path()).unwrap();
+        let list = |episodes: &[usize]| {
+            let lines: String = episodes.iter().copied().map(entry).collect();
+            fs::write(folder.path().join("meta/episodes.jsonl"), lines).unwrap();
+            second(folder.path(), &info, &[])
+        };
+        let lengths: Vec<usize> = list(&[2, 0, 1]).unwrap().iter().map(|files| files.rows).collect();
+        assert_eq!(lengths, [10, 11, 12]);
+        let message = |episodes: &[usize]| list(episodes).unwrap_err().to_string();
+        assert!(message(&[0, 1, 0]).contains("episode 0 is listed twice"));
+        assert!(message(&[1, 2]).contains("episode 0 is not listed, and episode 1 is"));
     }
 }

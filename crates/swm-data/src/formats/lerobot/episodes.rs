@@ -134,6 +134,14 @@ pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>> {
                 rows.len()
             )));
         }
+        // A program that sorted the list in another way would give every episode the checksums of another.
+        let numbers = table.integers("episode_index").unwrap_or_default();
+        if let Some((expected, number)) =
+            (entries.len() as i64..).zip(numbers).find(|(at, number)| at != number)
+        {
+            let reason = format!("it lists episode {number} where episode {expected} belongs");
+            return Err(invalid(reason)).at(path.display());
+        }
         let last_rows = table.has(LAST_ROW).then(|| table.integers(LAST_ROW)).flatten();
         let tasks = match table.column("tasks") {
             Ok(Column::Str(tasks)) => tasks,
