@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use swm_core::SliceMut;
+use swm_core::{Dtype, SliceMut};
 
 use super::array::{Scratch, Shared};
 use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
-use crate::error::{At as _, DataError, Result, invalid};
+use crate::error::{DataError, Result, invalid};
+use crate::formats::element;
 
 /// Where the rows of an episode are: the first of them end to end in an array, then perhaps one in another; the rest is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,9 +108,16 @@ impl Dataset for ForeignDataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let dim = self.info.field(column).dim();
-        let read = self.columns[column].read(episode, steps, dim, out, &mut self.scratch);
-        read.at(format_args!("row {}", steps.first))
-            .map_err(|error| self.info.damaged(column, episode, error))
+        let (columns, scratch) = (&self.columns[column], &mut self.scratch);
+        let mut read = |steps, out: SliceMut<'_>| columns.read(episode, steps, dim, out, scratch);
+        let is_integer = out.dtype() == Dtype::I64;
+        read(steps, out).map_err(|error| {
+            let row = match is_integer && error.is_unsupported() {
+                true => element::first_failing(steps, dim, read),
+                false => steps.first,
+            };
+            self.info.damaged(column, episode, error.at(format_args!("row {row}")))
+        })
     }
 
     fn share(&self) -> Box<dyn Dataset> {

@@ -7,13 +7,14 @@ use std::sync::Arc;
 
 use serde_json::json;
 use swm_core::dataset::Metadata;
-use swm_core::{Field, FieldKind, Schema};
+use swm_core::{Field, FieldKind, Schema, SliceMut};
 
-use super::array::{Array, Scratch, Shared, values};
+use super::array::{Scratch, Shared};
 use super::dataset::{Column, ForeignDataset, Span};
 use super::images;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
-use crate::error::{At as _, DataError, FormatError, Result};
+use crate::dataset::{Dataset, DatasetInfo};
+use crate::error::{At as _, DataError, Result};
+use crate::formats::element;
 use crate::open_options::OpenOptions;
 
 /// What a reader found.
@@ -105,18 +106,15 @@ impl Source {
     }
 }
 
-/// Rows of a column of u64 that are looked at together, times the values of a row.
-const LOOKED_AT: usize = 1 << 16;
-
-/// Why an array of u64 is left out, if it holds a number beyond the range of i64. What else is wrong is an error where it is read.
-fn too_large(array: &dyn Array, scratch: &mut Scratch) -> Option<String> {
-    if !array.is_u64() {
-        return None;
-    }
-    let piece = (LOOKED_AT / array.dim().max(1)).max(1);
-    (0..array.rows()).step_by(piece).find_map(|first| {
-        let rows = Steps { first, count: piece.min(array.rows() - first), stride: 1 };
-        values(array, rows, scratch).err().filter(FormatError::is_unsupported).map(|error| error.to_string())
+/// Why a column of u64 is left out, of which the first values of the first arrays are looked at: see [`element::too_large`].
+fn too_large(arrays: &[Shared], scratch: &mut Scratch) -> Option<String> {
+    let mut left = element::LOOKED_AT;
+    arrays.iter().take_while(|array| array.is_u64()).find_map(|array| {
+        let looked_at = left;
+        left = left.saturating_sub(array.rows() * array.dim());
+        let read = |steps, out: SliceMut<'_>| array.read(steps, out, scratch);
+        let look = || element::too_large(looked_at, array.rows(), array.dim(), read);
+        (looked_at > 0).then(look).flatten()
     })
 }
 
@@ -232,7 +230,7 @@ impl Found {
         sources.retain(|source| {
             let reason = match source.arrays.first() {
                 Some(array) if array.dim() == 0 => Some("its rows hold no values".to_owned()),
-                _ => source.arrays.iter().find_map(|array| too_large(array.as_ref(), scratch)),
+                _ => too_large(&source.arrays, scratch),
             };
             let is_read = reason.is_none();
             skipped.extend(reason.map(|reason| (source.new.clone(), reason)));

@@ -1,7 +1,11 @@
 //! Types of stored elements, as little-endian bytes, and their values as columns; formats of raw bytes share them.
 
+use crate::dataset::Steps;
 use crate::error::{Result, invalid, unsupported, wrong_type};
 use swm_core::{Dtype, SliceMut};
+
+/// Values of a column of u64 that are looked at where it is opened.
+pub(crate) const LOOKED_AT: usize = 1 << 16;
 
 /// How the elements of a column stand in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,6 +122,54 @@ pub(crate) fn signed(value: u64) -> Result<i64> {
     })
 }
 
+/// Why a column of u64 is left out, if one of its first `looked_at` values is beyond the range of i64. A look at all of them would cost
+/// as much as reading the file: one that lies further behind is an error of [`read_rows`].
+pub(crate) fn too_large(
+    looked_at: usize,
+    rows: usize,
+    dim: usize,
+    read: impl FnOnce(Steps, SliceMut<'_>) -> Result<()>,
+) -> Option<String> {
+    let count = (looked_at / dim.max(1)).max(1).min(rows);
+    let mut values = vec![0; count * dim];
+    let error = read(Steps { first: 0, count, stride: 1 }, SliceMut::I64(&mut values)).err()?;
+    error.is_unsupported().then(|| error.to_string())
+}
+
+/// Reads rows of `dim` values by `read`. The error for a u64 beyond the range of i64 has its row.
+pub(crate) fn read_rows(
+    steps: Steps,
+    dim: usize,
+    out: SliceMut<'_>,
+    mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
+) -> Result<()> {
+    let is_integer = out.dtype() == Dtype::I64;
+    match read(steps, out) {
+        Err(error) if is_integer && error.is_unsupported() => {
+            Err(error.at(format_args!("row {}", first_failing(steps, dim, read))))
+        }
+        done => done,
+    }
+}
+
+/// The first row of `dim` integers that `read` fails for, as it does for all of `steps`.
+pub(crate) fn first_failing(
+    steps: Steps,
+    dim: usize,
+    mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
+) -> usize {
+    let (mut first, mut count) = (steps.first, steps.count);
+    while count > 1 {
+        let half = count / 2;
+        let part = Steps { first, count: half, ..steps };
+        match read(part, SliceMut::I64(&mut vec![0; half * dim])) {
+            Err(_) => count = half,
+            Ok(()) => (first, count) = (first + half * steps.stride, count - half),
+        }
+    }
+    first
+}
+
 /// A number of half precision: 1 bit of sign, 5 of exponent, 10 of fraction.
 pub(crate) fn half(bits: u16) -> f32 {
     let (sign, exponent, fraction) = (u32::from(bits >> 15) << 31, bits >> 10 & 31, u32::from(bits & 1023));
@@ -155,6 +207,27 @@ mod tests {
         bytes[7] = 0x80;
         let message = from_bytes(Element::U64, &bytes, SliceMut::I64(&mut out)).unwrap_err().to_string();
         assert!(message.contains("the u64 9295429630892703743, and whole numbers"), "{message}");
+    }
+
+    #[test]
+    fn the_row_of_a_number_that_is_too_large_is_found() {
+        for (rows, large) in [(1, 0), (9, 0), (9, 4), (9, 8)] {
+            let mut bytes = vec![0; rows * 16];
+            bytes[large * 16 + 15] = 0x80;
+            let read = |steps: Steps, mut out: SliceMut<'_>| {
+                (0..steps.count).try_for_each(|at| {
+                    let row = (steps.first + at * steps.stride - 5) / 2;
+                    let SliceMut::I64(out) = &mut out else { panic!("not i64") };
+                    let out = SliceMut::I64(&mut out[at * 2..at * 2 + 2]);
+                    from_bytes(Element::U64, &bytes[row * 16..row * 16 + 16], out)
+                })
+            };
+            let steps = Steps { first: 5, count: rows, stride: 2 };
+            let message =
+                read_rows(steps, 2, SliceMut::I64(&mut vec![0; rows * 2]), read).unwrap_err().to_string();
+            let part = format!("row {}: it holds the u64 9223372036854775808", 5 + large * 2);
+            assert!(message.contains(&part), "{message}");
+        }
     }
 
     /// All 65,536 of each.

@@ -2,12 +2,14 @@
 //! it is damage.
 
 use std::fs;
+use std::io::Write as _;
 use std::path::Path;
 
 use serde_json::json;
+use swm_core::SliceMut;
 use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
-use swm_data::{Dataset, OpenOptions, WriteOptions, open};
+use swm_data::{Dataset, OpenOptions, Steps, WriteOptions, open};
 
 use crate::copied;
 use crate::field::{column_of, golden, lengths, numbers, opened, rows};
@@ -82,6 +84,71 @@ fn columns_without_values_that_a_dataset_can_have_are_left_out() {
         let (copied, mut sources) = (path.with_extension("copy.h5"), [dataset]);
         let pieces = all(&sources);
         copy(&mut sources, &pieces, &copied, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+    }
+}
+
+/// Writes an array as `numpy.savez` does.
+fn put_npz(path: &Path, descriptor: &str, rows: usize, bytes: &[u8]) {
+    let mut archive = zip::ZipWriter::new(fs::File::create(path).unwrap());
+    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    archive.start_file("arr_0.npy", options).unwrap();
+    let text = format!("{{'descr': '{descriptor}', 'fortran_order': False, 'shape': ({rows},), }}");
+    archive.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
+    archive.write_all(format!("{text:<117}\n").as_bytes()).unwrap();
+    archive.write_all(bytes).unwrap();
+    archive.finish().unwrap();
+}
+
+/// Opening looks at the first values only: it takes no longer for a larger file.
+#[test]
+fn a_number_too_large_far_behind_is_an_error_where_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut values: Vec<u64> = (0..70_000).map(|row| row + (1 << 40)).collect();
+    values[69_998] = 1 << 63;
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+
+    let flat = folder.path().join("flat.h5");
+    let file = hdf5_metno::File::create(&flat).unwrap();
+    put(&file, "count", &[70_000], &values);
+    put(&file, "ep_len", &[2], &[60_000_i32, 10_000]);
+    put(&file, "ep_offset", &[2], &[0_i64, 60_000]);
+    drop(file);
+    let grouped = folder.path().join("traj.h5");
+    let file = hdf5_metno::File::create(&grouped).unwrap();
+    for (name, rows) in [("traj_0", 0..60_000), ("traj_1", 60_000..70_000)] {
+        file.create_group(name).unwrap();
+        put(&file, &format!("{name}/actions"), &[rows.len()], &vec![0.0_f32; rows.len()]);
+        put(&file, &format!("{name}/count"), &[rows.len()], &values[rows]);
+    }
+    drop(file);
+    let store = Files::new(folder.path().join("a.zarr"), &[60_000, 70_000]);
+    let chunks: Vec<(String, &[u8])> =
+        bytes.chunks(80_000).enumerate().map(|(at, chunk)| (at.to_string(), chunk)).collect();
+    let chunks: Vec<(&str, &[u8])> = chunks.iter().map(|(name, chunk)| (&**name, *chunk)).collect();
+    store.array("data/count", &json!({ "shape": [70_000], "chunks": [10_000], "dtype": "<u8" }), &chunks);
+    let arrays = folder.path().join("arrays");
+    fs::create_dir(&arrays).unwrap();
+    put_npz(&arrays.join("count.npz"), "<u8", 70_000, &bytes);
+    put_npz(&arrays.join("ep_len.npz"), "<i4", 2, &[60_000_i32, 10_000].map(i32::to_le_bytes).concat());
+    put_npz(&arrays.join("ep_offset.npz"), "<i8", 2, &[0_i64, 60_000].map(i64::to_le_bytes).concat());
+
+    for path in [flat, grouped, store.0, arrays] {
+        let mut dataset = open(&path).unwrap();
+        let count = column_of(dataset.as_ref(), "count");
+        let mut read = |episode, first, rows| {
+            let mut out = vec![0; rows];
+            let steps = Steps { first, count: rows, stride: 1 };
+            let read = dataset.read_column(count, episode, steps, SliceMut::I64(&mut out));
+            read.map(|()| out).map_err(|error| error.to_string())
+        };
+        let expected = |from: i64, to: i64| Ok((from..to).map(|row| row + (1 << 40)).collect::<Vec<_>>());
+        assert_eq!(read(0, 0, 60_000), expected(0, 60_000), "{}", path.display());
+        assert_eq!(read(1, 0, 9_998), expected(60_000, 69_998), "{}", path.display());
+        assert_eq!(read(1, 9_999, 1), expected(69_999, 70_000), "{}", path.display());
+        let message = read(1, 9_000, 1_000).unwrap_err();
+        for part in ["`count`", "episode 1", "row 9998: it holds the u64 9223372036854775808"] {
+            assert!(message.contains(part) && !message.contains("damaged"), "{part}: {message}");
+        }
     }
 }
 

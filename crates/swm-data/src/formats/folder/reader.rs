@@ -12,6 +12,7 @@ use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, INDEX, Manifest};
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps};
 use crate::error::{DataError, FormatError, wrong_type};
+use crate::formats::element;
 use crate::formats::labels::{Labels, number};
 use crate::formats::npz::Array;
 
@@ -337,8 +338,10 @@ impl Dataset for FolderDataset {
         let field = shared.info.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Array(array), out) => {
-                let first = shared.first[episode] + steps.first;
-                array.read((first, steps.count, steps.stride), out, &mut self.scratch)
+                let (begin, scratch) = (shared.first[episode], &mut self.scratch);
+                element::read_rows(steps, field.dim(), out, |Steps { first, count, stride }, out| {
+                    array.read((begin + first, count, stride), out, scratch)
+                })
             }
             (Source::Images(folder), SliceMut::U8(out)) => {
                 let checksum =

@@ -19,9 +19,9 @@ use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use super::torn;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Origin, Steps};
-use crate::error::{DataError, FormatError};
+use crate::error::DataError;
 use crate::foreign;
-use crate::formats::element::Element;
+use crate::formats::element::{self, Element, LOOKED_AT};
 use crate::formats::labels::{Labels, number};
 use crate::lock::WriterLock;
 use crate::recording::{self, EP_IDX};
@@ -150,7 +150,9 @@ impl Hdf5Dataset {
             }
             let unread = match element {
                 Element::Bf16 if is_opaque && storage.is_by_library() => Some(OPAQUE.to_owned()),
-                Element::U64 => too_large(&storage, &file, &field, rows),
+                Element::U64 => element::too_large(LOOKED_AT, rows, field.dim(), |steps, out| {
+                    storage.read(&file, &field, steps, out, &mut Scratch::default())
+                }),
                 // Those of this program are right, whoever reads them.
                 Element::FixedText(_) if attributes.columns.is_some() => None,
                 _ => storage.unread_text(rows).map(str::to_owned),
@@ -224,8 +226,11 @@ impl Dataset for Hdf5Dataset {
             number(field.dtype, |out| columns[column].read(file, field, steps, out, scratch))
         });
         compared.map_err(|error| info.damaged_episode(episode, error))?;
-        let rows = Steps { first: begin + steps.first, ..steps };
-        let read = columns[column].read(file, info.field(column), rows, out, &mut self.scratch);
+        let (field, scratch) = (info.field(column), &mut self.scratch);
+        let read = element::read_rows(steps, field.dim(), out, |steps, out| {
+            let rows = Steps { first: begin + steps.first, ..steps };
+            columns[column].read(file, field, rows, out, scratch)
+        });
         read.map_err(|error| info.damaged(column, episode, error))
     }
 
@@ -284,23 +289,6 @@ pub(super) fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataE
 /// What is said of a column of bfloat16 that h5py stored, where its chunks are not read here but by the library.
 const OPAQUE: &str = "it holds bfloat16, which h5py stores as opaque bytes, in chunks or with filters in which such bytes are not read; \
                       store it as float32, or without chunks";
-/// Rows of a column of u64 that are looked at together.
-const LOOKED_AT: usize = 1 << 16;
-
-/// Why a column of u64 is left out, if it holds a number beyond the range of i64, which is what columns hold. What else is wrong is
-/// told where it is read.
-fn too_large(storage: &ColumnStorage, file: &File, field: &Field, rows: usize) -> Option<String> {
-    let (mut scratch, piece) = (Scratch::default(), (LOOKED_AT / field.dim().max(1)).max(1));
-    let mut values = Vec::new();
-    (0..rows).step_by(piece).find_map(|first| {
-        let steps = Steps { first, count: piece.min(rows - first), stride: 1 };
-        values.resize(steps.count * field.dim(), 0);
-        match storage.read(file, field, steps, SliceMut::I64(&mut values), &mut scratch) {
-            Err(error @ FormatError::Unsupported(_)) => Some(error.to_string()),
-            _ => None,
-        }
-    })
-}
 
 /// Names of root datasets that are no columns, with the reason.
 type Skipped = Vec<(String, String)>;

@@ -14,7 +14,7 @@ use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
-use crate::formats::element::Element;
+use crate::formats::element::{self, Element, LOOKED_AT};
 
 /// Where numpy puts the only array of an archive.
 pub(super) const ENTRY: &str = "arr_0.npy";
@@ -26,8 +26,6 @@ const MAX_INFLATED: u64 = 1 << 30;
 const MAX_INTEGERS: usize = 1 << 24;
 /// A head is never longer.
 const MAX_HEAD: u64 = 1 << 16;
-/// Values of u64 that are looked at together.
-const LOOKED_AT: usize = 1 << 16;
 /// The record at the end of a zip archive: how it begins, and its most bytes, with a comment.
 const END: &[u8] = b"PK\x05\x06";
 const MAX_END: u64 = 22 + 65_535;
@@ -213,21 +211,13 @@ impl Array {
         Ok(())
     }
 
-    /// Why a column of u64 is left out, if it holds a number beyond the range of i64, which is what columns hold. What else is wrong
-    /// is told where it is read.
+    /// Why it is left out, if it holds u64: see [`element::too_large`].
     pub(crate) fn too_large(&self) -> Option<String> {
         if self.elements != ArrayType::Plain(Element::U64) {
             return None;
         }
-        let dim = self.row_shape().iter().product::<usize>();
-        let (mut scratch, mut values, piece) = (Vec::new(), Vec::new(), (LOOKED_AT / dim.max(1)).max(1));
-        (0..self.rows()).step_by(piece).find_map(|first| {
-            let count = piece.min(self.rows() - first);
-            values.resize(count * dim, 0);
-            match self.read((first, count, 1), SliceMut::I64(&mut values), &mut scratch) {
-                Err(error @ FormatError::Unsupported(_)) => Some(error.to_string()),
-                _ => None,
-            }
+        element::too_large(LOOKED_AT, self.rows(), self.row_shape().iter().product(), |steps, out| {
+            self.read((steps.first, steps.count, steps.stride), out, &mut Vec::new())
         })
     }
 
