@@ -34,7 +34,8 @@ pub(super) fn register(recording: Weak<Mutex<dyn End>>) {
 }
 
 /// Ends all recordings of this process as dropping their writers would: a dataset that has no episode yet is removed, one that has some is
-/// closed, and its lock is free. For a program that is about to exit while other threads still record; their writers take no more.
+/// closed, and its lock is free. For a program that is about to exit while other threads still record: every later call of their writers
+/// waits for the exit.
 ///
 /// Returns whether all of them ended within the `limit`. The exit of the process is then like a kill to the others, which their datasets
 /// survive.
@@ -47,7 +48,10 @@ pub fn end_all(limit: Duration) -> bool {
     for recording in open {
         let ended = ended.clone();
         let end = move || {
-            locked(&recording).end();
+            let mut open = locked(&recording);
+            open.end();
+            // An error of its writer would tell of nothing but the exit.
+            std::mem::forget(open);
             let _ = ended.send(());
         };
         count += usize::from(thread::Builder::new().name("end".to_owned()).spawn(end).is_ok());
