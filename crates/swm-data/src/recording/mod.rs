@@ -110,7 +110,7 @@ impl<S: Backend> Recording<S> {
         let is_empty = || path.metadata().is_ok_and(|there| there.is_file() && there.len() == 0);
         let is_replaced = options.mode != WriteMode::Append;
         // An empty file, as `mktemp` makes, holds nothing that could be lost.
-        if !is_new && !backend.is_dataset(&path) && !(is_replaced && is_empty()) {
+        if !(is_new || backend.is_dataset(&path) || is_replaced && is_empty()) {
             let other = format::detect(format::built_in(), &path);
             let reason = format!(
                 "it is a {}{}, but no dataset in the format `{}` to {}; move it away, or choose another name",

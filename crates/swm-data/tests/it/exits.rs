@@ -52,7 +52,7 @@ fn in_every_format_an_exit_leaves_what_was_committed_and_nothing_else() {
                 assert!(left.is_empty(), "{}, {stage}: {left:?}", format.name);
                 continue;
             }
-            assert_eq!(left, [path.clone()], "{}, {stage}", format.name);
+            assert_eq!(left, std::slice::from_ref(&path), "{}, {stage}", format.name);
             assert_eq!(record(&path, WriteMode::Append, 1..2).unwrap(), 1, "{}", format.name);
             let read = contents(&path);
             assert_eq!(read.len(), 2);
