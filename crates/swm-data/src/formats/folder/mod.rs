@@ -51,9 +51,6 @@ fn is_dataset(path: &Path) -> bool {
         && [layout::MANIFEST, "ep_len.npz", "ep_offset.npz"].iter().any(|name| path.join(name).is_file())
 }
 
-/// Files of a subfolder that are looked at for a video: a folder of images may have millions.
-const LOOKED_AT: usize = 100;
-
 /// Whether the folder says so, or a subfolder holds a video.
 fn has_videos(path: &Path) -> bool {
     if let Ok(Some(manifest)) = layout::Manifest::read(path) {
@@ -61,7 +58,7 @@ fn has_videos(path: &Path) -> bool {
     }
     let folders = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
     folders.filter(|path| path.is_dir()).any(|folder| {
-        let mut files = std::fs::read_dir(folder).into_iter().flatten().flatten().take(LOOKED_AT);
+        let mut files = std::fs::read_dir(folder).into_iter().flatten().flatten();
         files.any(|file| file.path().extension().is_some_and(|extension| extension == "mp4"))
     })
 }

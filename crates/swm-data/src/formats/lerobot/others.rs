@@ -153,10 +153,10 @@ fn of_videos(name: &str, first: &EpisodeFiles) -> Result<Vec<usize>> {
 }
 
 fn of_table(name: &str, feature: &Json, table: &Table) -> Result<(Dtype, Vec<usize>)> {
-    let ((values, rows), shape) = (table.first_values(name)?, shape_of(feature)?);
-    match rows.checked_mul(shape.iter().product()) == Some(values.len()) {
+    let (values, shape) = (table.column(name)?, shape_of(feature)?);
+    match table.rows().checked_mul(shape.iter().product()) == Some(values.len()) {
         true => Ok((values.dtype(), shape)),
-        false => Err(invalid(format!("{} values in {rows} rows", values.len()))),
+        false => Err(invalid(format!("{} values in {} rows", values.len(), table.rows()))),
     }
 }
 

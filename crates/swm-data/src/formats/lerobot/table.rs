@@ -13,9 +13,7 @@ use parquet::basic::{ConvertedType, Type};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::{ByteArray, FixedLenByteArray};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::file::statistics::Statistics;
 use swm_core::Column;
 
 /// An error of the crate `parquet`; what it lacks is no damage.
@@ -71,33 +69,12 @@ impl Table {
     pub(super) fn column(&self, name: &str) -> Result<Column> {
         let found = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;
         match *found {
-            (leaf, 1) => guarded(|| self.read(leaf, 0..self.reader.num_row_groups())),
+            (leaf, 1) => guarded(|| self.read(leaf)),
             (_, parts) => {
                 Err(unsupported(format!("its values are structures of {parts} parts, which are not read")))
             }
         }
         .at(format_args!("column `{name}`"))
-    }
-
-    /// The values of the first rows of a column, and the number of these rows. They are all rows where the file leaves open whether the
-    /// others can be read.
-    pub(super) fn first_values(&self, name: &str) -> Result<(Column, usize)> {
-        let groups = self.reader.metadata().row_groups();
-        if let (Some(&(leaf, 1)), Some(first)) = (self.columns.get(name), groups.first()) {
-            // A float may be missing.
-            let is_whole = |group: &RowGroupMetaData| {
-                let chunk = group.column(leaf);
-                matches!(chunk.column_type(), Type::FLOAT | Type::DOUBLE)
-                    || chunk.statistics().and_then(Statistics::null_count_opt) == Some(0)
-            };
-            if !is_unsigned(first.column(leaf).column_descr(), 64)
-                && groups.iter().all(is_whole)
-                && let Ok(values) = guarded(|| self.read(leaf, 0..1))
-            {
-                return Ok((values, usize::try_from(first.num_rows()).unwrap_or_default()));
-            }
-        }
-        Ok((self.column(name)?, self.rows))
     }
 
     /// The columns of structures and of lists, by their paths without the levels of lists, and whether their values are bytes that are no
@@ -117,7 +94,7 @@ impl Table {
 
     /// All values of a leaf, row after row.
     pub(crate) fn leaf(&self, leaf: usize) -> Result<Column> {
-        guarded(|| self.read(leaf, 0..self.reader.num_row_groups()))
+        guarded(|| self.read(leaf))
     }
 
     /// The bytes of all rows of a leaf.
@@ -175,9 +152,9 @@ impl Table {
         }
     }
 
-    fn read(&self, leaf: usize, groups: Range<usize>) -> Result<Column> {
+    fn read(&self, leaf: usize) -> Result<Column> {
         let mut all: Option<Column> = None;
-        for group in groups {
+        for group in 0..self.reader.num_row_groups() {
             let group = self.reader.get_row_group(group).map_err(not_parquet)?;
             let chunk = group.metadata().column(leaf);
             if !(0..=MAX_VALUES).contains(&chunk.num_values()) {
@@ -282,39 +259,6 @@ mod tests {
             let column = Table::open(&path).unwrap().leaf(0).unwrap();
             assert_eq!(column, Column::I64(values.clone()), "{compression:?}");
         }
-    }
-
-    #[test]
-    fn a_look_at_a_column_reads_its_first_rows() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.parquet");
-        let about = "message table { required int64 a; optional int64 b; optional int64 c; required int64 d (INTEGER(64, false)); }";
-        let schema = Arc::new(parse_message_type(about).unwrap());
-        let properties = Arc::new(WriterProperties::builder().build());
-        let mut file = SerializedFileWriter::new(File::create(&path).unwrap(), schema, properties).unwrap();
-        for depths in [[1, 1], [1, 0]] {
-            let mut group = file.next_row_group().unwrap();
-            for name in ["a", "b", "c", "d"] {
-                let mut column = group.next_column().unwrap().unwrap();
-                let values: &[i64] = if name == "c" && depths[1] == 0 { &[5] } else { &[5, 6] };
-                let depths = match name {
-                    "b" => Some(&[1, 1][..]),
-                    "c" => Some(&depths[..]),
-                    _ => None,
-                };
-                column.typed::<Int64Type>().write_batch(values, depths, None).unwrap();
-                column.close().unwrap();
-            }
-            group.close().unwrap();
-        }
-        file.close().unwrap();
-        let table = Table::open(&path).unwrap();
-        for name in ["a", "b"] {
-            assert_eq!(table.first_values(name).unwrap(), (Column::I64(vec![5, 6]), 2), "{name}");
-        }
-        // One of its values further behind is missing, or may be too large.
-        assert!(table.first_values("c").unwrap_err().to_string().contains("1 of its values are missing"));
-        assert_eq!(table.first_values("d").unwrap(), (Column::I64(vec![5, 6, 5, 6]), 4));
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Reading the array of an `.npz` file: straight from the file where it is stored as it is, from memory where it is
-//! deflated, since it was read first.
+//! deflated.
 
 use std::io::{self, BufReader, Read};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use swm_core::SliceMut;
 use zip::result::ZipError;
@@ -49,62 +49,7 @@ pub(crate) struct Array {
 enum Values {
     /// From this byte of the file on.
     File(Readable, u64),
-    /// In memory, since they were asked for first.
-    Decoded(Box<Decoded>),
-}
-
-/// An array that is compressed, or stored by column: all of it is decoded at once.
-#[derive(Debug)]
-struct Decoded {
-    file: Readable,
-    member: String,
-    /// Of the member, decoded.
-    size: u64,
-    head: Head,
-    values: OnceLock<Vec<u8>>,
-    /// One reader decodes, the others wait.
-    decoding: Mutex<()>,
-}
-
-impl Decoded {
-    fn values(&self) -> Result<&[u8]> {
-        if let Some(values) = self.values.get() {
-            return Ok(values);
-        }
-        let _decoding = self.decoding.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(values) = self.values.get() {
-            return Ok(values);
-        }
-        let mut archive = archive(&self.file, &self.member)?;
-        let entry = archive.by_name(&self.member).map_err(|error| archive_error(error, &self.member))?;
-        let mut bytes = Vec::new();
-        // Its checksum is compared where it ends.
-        entry.take(self.size + 1).read_to_end(&mut bytes)?;
-        let Head { elements, is_big_endian, shape, is_by_column, bytes: begin } = &self.head;
-        bytes.drain(..(*begin).min(bytes.len()));
-        // That it does not overflow was checked where it was opened.
-        let needed = shape.iter().product::<usize>() * elements.size();
-        if bytes.len() < needed {
-            return Err(cut_short(bytes.len() as u64, shape));
-        }
-        bytes.truncate(needed);
-        if *is_by_column {
-            bytes = by_row(&bytes, shape, elements.size());
-        }
-        if *is_big_endian {
-            elements.swap(&mut bytes);
-        }
-        Ok(self.values.get_or_init(|| bytes))
-    }
-}
-
-fn cut_short(available: u64, shape: &[usize]) -> FormatError {
-    invalid(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}"))
-}
-
-fn archive(file: &Readable, member: &str) -> Result<ZipArchive<BufReader<Cursor>>> {
-    let file = BufReader::new(Cursor::new(file.clone())?);
-    ZipArchive::new(file).map_err(|error| archive_error(error, member))
+    Memory(Vec<u8>),
 }
 
 impl Array {
@@ -119,7 +64,8 @@ impl Array {
         let file = Readable::open(path)?;
         let length = file.length()?;
         check_end(&file, length)?;
-        let mut archive = archive(&file, member)?;
+        let mut archive = ZipArchive::new(BufReader::new(Cursor::new(file.clone())?))
+            .map_err(|error| archive_error(error, member))?;
         let entry = archive.by_name(member).map_err(|error| archive_error(error, member))?;
         let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
         if entry.compressed_size() > length || size / MAX_RATIO > entry.compressed_size() {
@@ -137,9 +83,10 @@ impl Array {
                 return Self::spooled(entry, size, folder);
             }
             let mut bytes = Vec::new();
-            entry.take(size.min(MAX_HEAD)).read_to_end(&mut bytes)?;
+            entry.take(size).read_to_end(&mut bytes)?;
             let head = Head::parse(&bytes)?;
-            return Self::decoded(file, member, size, head);
+            bytes.drain(..head.bytes);
+            return Self::in_memory(head, bytes);
         }
         let start = entry.data_start();
         drop(entry);
@@ -147,13 +94,16 @@ impl Array {
         read_exact_at(&file, &mut bytes, start)?;
         let head = Head::parse(&bytes)?;
         if head.is_by_column && head.shape.len() > 1 {
-            if size.saturating_sub(head.bytes as u64) > MAX_INFLATED {
+            let size = size.saturating_sub(head.bytes as u64);
+            if size > MAX_INFLATED {
                 return Err(unsupported(format!(
                     "stored column by column (`fortran_order`), it takes {} GB of memory; store `numpy.ascontiguousarray` of it",
                     size >> 30
                 )));
             }
-            return Self::decoded(file, member, size, head);
+            let mut bytes = vec![0; size as usize];
+            read_exact_at(&file, &mut bytes, start + head.bytes as u64)?;
+            return Self::in_memory(head, bytes);
         }
         let (values, available) = (start + head.bytes as u64, size.saturating_sub(head.bytes as u64));
         Self::new(head, available, Values::File(file, values))
@@ -193,18 +143,22 @@ impl Array {
         Self::new(head, length.saturating_sub(start), Values::File(file, start))
     }
 
-    /// An array that is decoded when it is asked for.
-    fn decoded(file: Readable, member: &str, size: u64, head: Head) -> Result<Self> {
-        let available = size.saturating_sub(head.bytes as u64);
-        let values = Decoded {
-            file,
-            member: member.to_owned(),
-            size,
-            head: head.clone(),
-            values: OnceLock::new(),
-            decoding: Mutex::new(()),
-        };
-        Self::new(head, available, Values::Decoded(Box::new(values)))
+    /// From all values as they are stored, which are brought into the order of this program.
+    fn in_memory(head: Head, mut bytes: Vec<u8>) -> Result<Self> {
+        let elements = head.elements;
+        let values = head.shape.iter().try_fold(elements.size(), |bytes, &size| bytes.checked_mul(size));
+        // A shape that does not fit is told below.
+        if let Some(values) = values.filter(|&values| values > 0 && values <= bytes.len()) {
+            bytes.truncate(values);
+            if head.is_by_column {
+                bytes = by_row(&bytes, &head.shape, elements.size());
+            }
+            if head.is_big_endian {
+                elements.swap(&mut bytes);
+            }
+        }
+        let available = bytes.len() as u64;
+        Self::new(Head { is_big_endian: false, ..head }, available, Values::Memory(bytes))
     }
 
     fn new(head: Head, available: u64, values: Values) -> Result<Self> {
@@ -219,7 +173,7 @@ impl Array {
             Some(needed) if needed as u64 <= available => {
                 Ok(Self { elements, is_big_endian, row_bytes, shape, values })
             }
-            _ => Err(cut_short(available, &shape)),
+            _ => Err(invalid(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}"))),
         }
     }
 
@@ -279,7 +233,7 @@ impl Array {
         }
         let (start, size) = (first * self.row_bytes, count * self.row_bytes);
         match &self.values {
-            Values::Decoded(values) => Ok(&values.values()?[start..start + size]),
+            Values::Memory(bytes) => Ok(&bytes[start..start + size]),
             Values::File(file, from) => {
                 scratch.resize(size, 0);
                 read_exact_at(file, scratch, from + start as u64)?;

@@ -145,7 +145,7 @@ pub(super) fn format(field: &Field, rows: usize) -> Result<Vec<u8>> {
 }
 
 /// What the head of an array says.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub(super) struct Head {
     pub(super) elements: ArrayType,
     pub(super) is_big_endian: bool,
