@@ -277,4 +277,44 @@ mod tests {
         let lengths: Vec<usize> = list(&[2, 0]).unwrap().iter().map(|files| files.rows).collect();
         assert_eq!(lengths, [10, 12]);
     }
+
+    /// The lists of the first table tell the shape of a column; those of another one may differ.
+    #[test]
+    fn lists_of_another_length_move_no_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.lerobot");
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets/lerobot_v2.1");
+        let table = |episode: usize| format!("data/chunk-000/episode_00000{episode}.parquet");
+        let video = |episode| format!("videos/chunk-000/observation.images.top/episode_00000{episode}.mp4");
+        let lists = ["meta/info.json", "meta/episodes.jsonl", "meta/tasks.jsonl"].map(str::to_owned);
+        for file in lists.into_iter().chain([table(0), table(1), video(0), video(1)]) {
+            fs::create_dir_all(path.join(&file).parent().unwrap()).unwrap();
+            fs::copy(golden.join(&file), path.join(&file)).unwrap();
+        }
+        let second = path.join(table(1));
+        let table = Table::open(&second).unwrap();
+        let names: Vec<String> = table.leaves().into_iter().map(|(name, _)| name).collect();
+        let mut columns: Vec<Column> = names.iter().map(|name| table.column(name).unwrap()).collect();
+        let mut widths: Vec<usize> = columns.iter().map(|column| column.len() / table.rows()).collect();
+        let wide = widths.iter().position(|width| *width > 1).unwrap();
+        widths[wide] += 1;
+        let longer: Vec<usize> =
+            (0..table.rows() * widths[wide]).map(|at| at % columns[wide].len()).collect();
+        columns[wide] = picked(&columns[wide], 1, &longer);
+        let out = names.iter().zip(&columns).zip(&widths).map(|((name, column), &width)| ColumnOut {
+            name: name.clone(),
+            values: column.as_slice(),
+            list: (width > 1).then_some(width),
+        });
+        fs::write(&second, parquet_file::bytes(&out.collect::<Vec<_>>(), &[]).unwrap()).unwrap();
+        let mut dataset = open(&path).unwrap();
+        let read = |dataset: &mut Box<dyn crate::Dataset>, episode| {
+            let mut batch = Batch::new(dataset.schema().clone(), 0);
+            let rows = 0..dataset.episode_len(episode);
+            dataset.read(episode, rows, &mut batch).map_err(|error| error.to_string())
+        };
+        read(&mut dataset, 0).unwrap();
+        let message = read(&mut dataset, 1).unwrap_err();
+        assert!(message.contains("episode_000001.parquet has ") && message.contains("in each"), "{message}");
+    }
 }

@@ -81,7 +81,19 @@ impl LeRobotDataset {
         }
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
-            columns.insert(name.to_owned(), narrowed(Table::open(path)?.column(name)?, out.dtype()));
+            let table = Table::open(path)?;
+            let values = narrowed(table.column(name)?, out.dtype());
+            // Lists of other lengths would move the rows behind them.
+            if table.rows().checked_mul(width) != Some(values.len()) {
+                let reason = format!(
+                    "{} has {} values in {} rows, not {width} in each",
+                    path.display(),
+                    values.len(),
+                    table.rows()
+                );
+                return Err(wrong_type(reason));
+            }
+            columns.insert(name.to_owned(), values);
         }
         let values = columns[name].as_slice();
         let (start, size) = (first.checked_mul(width), rows.checked_mul(width));
