@@ -224,7 +224,8 @@ impl ColumnStorage {
             let here = (rows_per_chunk - within).div_ceil(rows.stride).min(rows.count - done);
             let of_rows = &chunks[index * count..(index + 1) * count];
             for (tile, &Chunk { address, size }) in of_rows.iter().enumerate() {
-                let stored = fetched.get(file, address, size, adjacent(&of_rows[tile..]))?;
+                let stored = fetched.get(file, address, size, adjacent(&of_rows[tile..]));
+                let stored = stored.at(format_args!("row {row}"))?;
                 let bytes = match *codec {
                     Codec::Deflate { shuffled } => inflated
                         .decode(address, stored, rows_per_chunk * tile_bytes, shuffled)
@@ -238,7 +239,6 @@ impl ColumnStorage {
             }
             done += here;
         }
-        inflated.forget();
         Ok(())
     }
 
@@ -454,10 +454,10 @@ fn direct(
     let mut chunks = vec![Chunk::default(); expected];
     let mut plain = true;
     dataset.chunks_visit(|info| {
-        let place = info.offset.split_first();
-        let index = place
-            .map_or(usize::MAX, |(&row, places)| row as usize / rows_per_chunk * count + tiles.index(places));
-        if let Some(chunk) = chunks.get_mut(index) {
+        let index = info.offset.split_first().and_then(|(&row, places)| {
+            (row as usize / rows_per_chunk).checked_mul(count)?.checked_add(tiles.index(places)?)
+        });
+        if let Some(chunk) = index.and_then(|index| chunks.get_mut(index)) {
             *chunk = Chunk { address: info.addr, size: info.size };
             let expected = chunk_bytes as u64 + checksum_bytes;
             plain &= info.filter_mask == 0 && (codec != Codec::Plain || info.size == expected);
@@ -483,4 +483,34 @@ fn adjacent(chunks: &[Chunk]) -> u64 {
         bytes += chunk.size;
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_tiles_are_read_without_the_library() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.h5");
+        let file = hdf5_metno::File::create(&path).unwrap();
+        let make = || file.new_dataset::<u8>().shape((40, 21, 20, 3)).chunk((7, 8, 9, 1));
+        let values = ndarray::Array4::<u8>::zeros((40, 21, 20, 3));
+        make().create("plain").unwrap();
+        make().deflate(4).create("gzip").unwrap();
+        make().shuffle().deflate(4).create("shuffled").unwrap();
+        make().fletcher32().create("checked").unwrap();
+        make().lzf().create("lzf").unwrap();
+        let field = Field::step("pixels", Dtype::U8, &[21, 20, 3]);
+        for (name, is_direct) in
+            [("plain", true), ("gzip", true), ("shuffled", true), ("checked", false), ("lzf", false)]
+        {
+            let dataset = file.dataset(name).unwrap();
+            dataset.write(&values).unwrap();
+            file.flush().unwrap();
+            let length = path.metadata().unwrap().len();
+            let storage = ColumnStorage::of(dataset, &field, Element::U8, 40, length).unwrap();
+            assert_eq!(matches!(storage.access, Access::Tiles { .. }), is_direct, "{name}");
+        }
+    }
 }

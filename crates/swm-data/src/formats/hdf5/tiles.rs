@@ -39,11 +39,11 @@ impl Tiles {
         self.axes.iter().try_fold(self.element, |bytes, axis| bytes.checked_mul(axis.tile))
     }
 
-    /// Which one lies at these places of the axes.
-    pub(super) fn index(&self, places: &[u64]) -> usize {
-        let steps = self.axes.iter().zip(places);
-        steps.fold(0, |index, (axis, &place)| {
-            index * axis.size.div_ceil(axis.tile) + place as usize / axis.tile
+    /// Which one lies at these places of the axes; `None`: they are behind the end of one.
+    pub(super) fn index(&self, places: &[u64]) -> Option<usize> {
+        self.axes.iter().zip(places).try_fold(0, |index, (axis, &place)| {
+            let place = usize::try_from(place).ok().filter(|place| *place < axis.size)?;
+            Some(index * axis.size.div_ceil(axis.tile) + place / axis.tile)
         })
     }
 
@@ -136,9 +136,9 @@ mod tests {
     fn other_shapes_are_none() {
         assert!(Tiles::new(&[4, 4], &[2], 1).is_none());
         assert!(Tiles::new(&[4], &[0], 1).is_none());
-        assert_eq!(
-            Tiles::new(&[84, 84, 3], &[21, 42, 1], 1).unwrap().index(&[42, 42, 2]),
-            (2 * 2 + 1) * 3 + 2
-        );
+        let tiles = Tiles::new(&[84, 84, 3], &[21, 42, 1], 1).unwrap();
+        assert_eq!(tiles.index(&[42, 42, 2]), Some((2 * 2 + 1) * 3 + 2));
+        // Of a forged file.
+        assert_eq!((tiles.index(&[84, 0, 0]), tiles.index(&[0, 0, u64::MAX])), (None, None));
     }
 }
