@@ -43,18 +43,18 @@ pub fn end_all(limit: Duration) -> bool {
     let start = Instant::now();
     let open: Vec<Arc<Mutex<dyn End>>> = locked(&OPEN).iter().filter_map(Weak::upgrade).collect();
     let (ended, ends) = channel();
-    let mut count = 0;
+    let (all, mut count) = (open.len(), 0);
     // A writer that is busy keeps no other one from ending.
     for recording in open {
         let ended = ended.clone();
         let end = move || {
             let mut open = locked(&recording);
             open.end();
-            // An error of its writer would tell of nothing but the exit.
+            // Unlocked, its writer would return an error whose only cause is the exit.
             std::mem::forget(open);
             let _ = ended.send(());
         };
         count += usize::from(thread::Builder::new().name("end".to_owned()).spawn(end).is_ok());
     }
-    (0..count).all(|_| ends.recv_timeout(limit.saturating_sub(start.elapsed())).is_ok())
+    count == all && (0..count).all(|_| ends.recv_timeout(limit.saturating_sub(start.elapsed())).is_ok())
 }

@@ -112,8 +112,12 @@ impl<S: Backend> Recording<S> {
         // An empty file, as `mktemp` makes, holds nothing that could be lost.
         if !(is_new || backend.is_dataset(&path) || is_replaced && is_empty()) {
             let other = format::detect(format::built_in(), &path);
+            let fix = match other {
+                Some(other) if !is_replaced => format!("continue it in the format `{}`", other.name),
+                _ => "move it away".to_owned(),
+            };
             let reason = format!(
-                "it is a {}{}, but no dataset in the format `{}` to {}; move it away, or choose another name",
+                "it is a {}{}, but no dataset in the format `{}` to {}; {fix}, or choose another name",
                 if backend.is_folder() { "folder" } else { "file" },
                 other.map(|other| format!(" in the format `{}`", other.name)).unwrap_or_default(),
                 backend.name(),
