@@ -185,8 +185,8 @@ impl FetchEnv {
         distance(self.achieved(), self.task_state.goal)
     }
 
-    /// Draws the goal, and returns to where the episode is.
-    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode is.
+    fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.robot.sim.save(&mut kept);
         self.go_to_goal()?;
@@ -274,7 +274,7 @@ impl Env for FetchEnv {
         out.write(first + 1, &self.task_state.goal);
         self.fov.write(first + 2, out);
         if let Some(mut image) = self.goal_image.take() {
-            image.write(out, |pixels| self.draw_goal(pixels));
+            image.write(out, |pixels| self.render_goal(pixels));
             self.goal_image = Some(image);
         }
     }

@@ -207,8 +207,8 @@ impl MazeEnv {
         distance(self.place_that_counts(), self.task_state.goal) <= self.body.reach()
     }
 
-    /// Draws the goal, and returns to where the episode is.
-    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode is.
+    fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.sim.save(&mut kept);
         self.sim.qpos_mut().copy_from_slice(&self.task_state.goal_qpos);
@@ -274,7 +274,7 @@ impl Env for MazeEnv {
         let first = first_factor(self.body);
         self.fov.write(first, out);
         if let Some(mut image) = self.goal_image.take() {
-            image.write(out, |pixels| self.draw_goal(pixels));
+            image.write(out, |pixels| self.render_goal(pixels));
             self.goal_image = Some(image);
         }
     }

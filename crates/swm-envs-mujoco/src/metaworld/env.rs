@@ -131,8 +131,8 @@ impl MetaWorldEnv {
         GoalImage::renew(&mut self.goal_image);
     }
 
-    /// Draws the goal, and returns to where the episode is.
-    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode is.
+    fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let mut kept = Vec::new();
         self.robot.sim.save(&mut kept);
         self.go_to_goal()?;
@@ -244,7 +244,7 @@ impl Env for MetaWorldEnv {
         out.write(EPISODE + 1, &target.map(|value| value as f32));
         self.fov.write(EPISODE + 2, out);
         if let Some(mut image) = self.goal_image.take() {
-            image.write(out, |pixels| self.draw_goal(pixels));
+            image.write(out, |pixels| self.render_goal(pixels));
             self.goal_image = Some(image);
         }
     }

@@ -276,7 +276,7 @@ impl Env for TableEnv {
         out.write(self.episode_columns + 1, &self.goal.observation);
         self.fov.write(self.episode_columns + 2, out);
         if let Some(mut image) = self.goal_image.take() {
-            image.write(out, |pixels| self.draw_goal(pixels));
+            image.write(out, |pixels| self.render_goal(pixels));
             self.goal_image = Some(image);
         }
     }

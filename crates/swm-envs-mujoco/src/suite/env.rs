@@ -168,8 +168,8 @@ impl SuiteEnv {
         Ok(())
     }
 
-    /// Draws the goal, and returns to where the episode is.
-    fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode is.
+    fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let Self { image: Some(image), stage, task, .. } = self else { return Ok(()) };
         let Some(qpos) = task.goal_qpos(stage).map(<[f64]>::to_vec) else { return Ok(()) };
         let mut kept = Vec::new();
@@ -256,7 +256,7 @@ impl Env for SuiteEnv {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.fov.write(self.columns.factors, out);
         if let Some(mut image) = self.goal_image.take() {
-            image.write(out, |pixels| self.draw_goal(pixels));
+            image.write(out, |pixels| self.render_goal(pixels));
             self.goal_image = Some(image);
         }
     }

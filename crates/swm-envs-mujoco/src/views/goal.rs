@@ -3,7 +3,7 @@
 use swm_core::{Dtype, Field, ImageSize, RowsMut};
 use swm_mujoco::MujocoError;
 
-/// The image of a goal in the column `goal`: drawn where it is written first, and kept while goal and look are the same.
+/// The image of a goal in the column `goal`: rendered where it is written first, and kept while goal and look are the same.
 pub(crate) struct GoalImage {
     column: usize,
     pixels: Vec<u8>,
@@ -20,20 +20,20 @@ impl GoalImage {
         Self { column: fields.len() - 1, pixels, is_stale: true }
     }
 
-    /// Another goal, or another look: the next image is drawn anew.
+    /// Another goal, or another look: the next image is rendered anew.
     pub(crate) fn renew(this: &mut Option<Self>) {
         if let Some(goal) = this {
             goal.is_stale = true;
         }
     }
 
-    /// Writes the image, which `draw` draws where it is needed: it takes the simulation to the goal, and back.
+    /// Writes the image, which `render` renders where it is needed: it takes the simulation to the goal, and back.
     pub(crate) fn write(
         &mut self,
         out: &mut RowsMut<'_>,
-        draw: impl FnOnce(&mut [u8]) -> Result<(), MujocoError>,
+        render: impl FnOnce(&mut [u8]) -> Result<(), MujocoError>,
     ) {
-        if std::mem::take(&mut self.is_stale) && draw(&mut self.pixels).is_err() {
+        if std::mem::take(&mut self.is_stale) && render(&mut self.pixels).is_err() {
             // The next step finds the simulation unusable, and its error is that of the episode.
             self.pixels.fill(0);
         }

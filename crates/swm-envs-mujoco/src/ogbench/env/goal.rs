@@ -74,8 +74,8 @@ impl TableEnv {
         standing.finish(&mut self.sim, &self.table.robot, self.table.is_late())
     }
 
-    /// Draws the goal, and returns to where the episode is.
-    pub(super) fn draw_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode is.
+    pub(super) fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let goal = self.goal.clone();
         self.stand_at(&goal.standing, goal.buttons, goal.buttons)?;
         if let Some(images) = &mut self.images {
