@@ -117,7 +117,7 @@ OPENING = {
     "map": ({"map": [("a", "b")]}, TypeError, r"map=.*: give a dict, such as map=\{'proprio': 'obs.state'\}"),
     "shift": ({"shift": 2}, ValueError, "shift=2: give a whole number from 0 to 1"),
     "max_steps": ({"max_steps": -1}, ValueError, "max_steps=-1: give 1 or more"),
-    "options": ({"options": {"camra": "top"}}, ValueError, "has no option 'camra'; did you mean 'camera'?"),
+    "options": ({"options": {"camra": "top"}}, ValueError, r"has no option 'camra' \(did you mean 'camera'\?\)"),
 }
 
 

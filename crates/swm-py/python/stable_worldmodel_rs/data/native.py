@@ -133,7 +133,7 @@ def _as_option(name: str, value: Any) -> Any:
             raise ValueError(f"image_size={value!r}: give sides of 1 to {_LARGEST_SIDE} pixels")
         return {"height": height, "width": width}
     meant = difflib.get_close_matches(name, _OPTIONS, 1)
-    raise ValueError(f"opening a dataset has no option {name!r}{f'; did you mean {meant[0]!r}?' if meant else ''}; there are {', '.join(_OPTIONS)}")
+    raise ValueError(f"opening a dataset has no option {name!r}{f' (did you mean {meant[0]!r}?)' if meant else ''}; there are {', '.join(_OPTIONS)}")
 
 
 class NativeDataset(Dataset):
