@@ -33,10 +33,16 @@ pub(super) struct ColumnStorage {
 
 #[derive(Debug)]
 enum Access {
-    /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
-    Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, checksummed: bool, chunks: Vec<Chunk> },
-    /// In chunks of tiles of rows; all tiles of a row are next to each other.
-    Tiles { rows_per_chunk: usize, row_bytes: usize, codec: Codec, tiles: Tiles, chunks: Vec<Chunk> },
+    /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked), or of tiles of rows. The chunks of the same rows
+    /// are next to each other.
+    Chunks {
+        rows_per_chunk: usize,
+        row_bytes: usize,
+        codec: Codec,
+        checksummed: bool,
+        tiles: Option<Tiles>,
+        chunks: Vec<Chunk>,
+    },
     /// Wherever the library finds it.
     Library(Dataset),
 }
@@ -107,17 +113,14 @@ impl ColumnStorage {
 
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
-        let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
-        let (rows_per_chunk, codec, row_bytes, chunks) = match &self.access {
-            Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } => {
-                (rows_per_chunk, codec, row_bytes, chunks)
-            }
-            Access::Tiles { rows_per_chunk, tiles, chunks, .. } => {
-                return Some(chunks.iter().position(cut)? / tiles.count()? * rows_per_chunk);
-            }
-            Access::Library(_) => return None,
+        let Access::Chunks { rows_per_chunk, codec, row_bytes, tiles, chunks, .. } = &self.access else {
+            return None;
         };
+        let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
         let index = chunks.iter().position(cut)?;
+        if let Some(tiles) = tiles {
+            return Some(index / tiles.count() * rows_per_chunk);
+        }
         // The last chunk of rows that are not compressed may be longer than what has been written of it.
         let whole = file_length.saturating_sub(chunks[index].address) as usize / (*row_bytes).max(1);
         Some(index * rows_per_chunk + if *codec == Codec::Plain { whole } else { 0 })
@@ -137,7 +140,7 @@ impl ColumnStorage {
             return Ok(());
         }
         let row_bytes = match &self.access {
-            Access::Chunks { row_bytes, .. } | Access::Tiles { row_bytes, .. } => row_bytes,
+            Access::Chunks { row_bytes, .. } => row_bytes,
             Access::Library(dataset) => return library::read(dataset, self.element, field, rows, out),
         };
         match out {
@@ -168,12 +171,8 @@ impl ColumnStorage {
 
     /// Reads the stored form of rows, one after the other.
     fn read_bytes(&self, file: &File, rows: Steps, out: &mut [u8], scratch: &mut Scratch) -> Result<()> {
-        let (rows_per_chunk, row_bytes, codec, chunks) = match &self.access {
-            Access::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } => {
-                (rows_per_chunk, row_bytes, codec, chunks)
-            }
-            Access::Tiles { .. } => return self.read_tiles(file, rows, out, scratch),
-            Access::Library(_) => return Ok(()),
+        let Access::Chunks { rows_per_chunk, row_bytes, codec, tiles, chunks, .. } = &self.access else {
+            return Ok(());
         };
         scratch.fetched.forget();
         scratch.inflated.forget();
@@ -187,57 +186,30 @@ impl ColumnStorage {
             let part = &mut out[done * row_bytes..(done + count) * row_bytes];
             let here = Steps { first: within, count, stride: rows.stride };
             // Chunks that follow in the file come along, if every chunk is wanted.
-            let last = (rows.first + (rows.count - 1) * rows.stride) / rows_per_chunk;
-            let ahead = adjacent(&chunks[index..=if rows.stride <= *rows_per_chunk { last } else { index }]);
-            let read = match *codec {
-                Codec::Blosc => {
-                    let total = rows_per_chunk * row_bytes;
-                    read_compressed(file, chunks[index], ahead, total, here, part, scratch)
+            let ahead = || {
+                let last = (rows.first + (rows.count - 1) * rows.stride) / rows_per_chunk;
+                adjacent(&chunks[index..=if rows.stride <= *rows_per_chunk { last } else { index }])
+            };
+            let total = || rows_per_chunk * row_bytes;
+            let read = match (tiles, *codec) {
+                (Some(tiles), codec) => {
+                    let of_rows = &chunks[index * tiles.count()..(index + 1) * tiles.count()];
+                    let total = rows_per_chunk * tiles.bytes();
+                    read_tiles(file, of_rows, tiles, (codec, total), here, part, scratch)
                 }
-                Codec::Deflate { shuffled } => {
-                    let total = rows_per_chunk * row_bytes;
-                    read_deflated(file, chunks[index], ahead, total, shuffled, here, part, scratch)
+                (None, Codec::Blosc) => {
+                    read_compressed(file, chunks[index], ahead(), total(), here, part, scratch)
                 }
-                Codec::Plain => {
-                    let ahead = if *rows_per_chunk == 1 { ahead } else { 0 };
+                (None, Codec::Deflate { .. }) => {
+                    read_deflated(file, chunks[index], ahead(), (*codec, total()), here, part, scratch)
+                }
+                (None, Codec::Plain) => {
+                    let ahead = if *rows_per_chunk == 1 { ahead() } else { 0 };
                     read_plain(file, chunks[index], ahead, here, part, scratch).map_err(FormatError::from)
                 }
             };
             read.at(format_args!("row {row}"))?;
             done += count;
-        }
-        Ok(())
-    }
-
-    /// The same of rows in tiles: each chunk is decoded once.
-    fn read_tiles(&self, file: &File, rows: Steps, out: &mut [u8], scratch: &mut Scratch) -> Result<()> {
-        let Access::Tiles { rows_per_chunk, row_bytes, codec, tiles, chunks } = &self.access else {
-            return Ok(());
-        };
-        let (Some(count), Some(tile_bytes)) = (tiles.count(), tiles.bytes()) else { return Ok(()) };
-        scratch.fetched.forget();
-        let Scratch { fetched, inflated, .. } = scratch;
-        let mut done = 0;
-        while done < rows.count {
-            let row = rows.first + done * rows.stride;
-            let (index, within) = (row / rows_per_chunk, row % rows_per_chunk);
-            let here = (rows_per_chunk - within).div_ceil(rows.stride).min(rows.count - done);
-            let of_rows = &chunks[index * count..(index + 1) * count];
-            for (tile, &Chunk { address, size }) in of_rows.iter().enumerate() {
-                let stored = fetched.get(file, address, size, adjacent(&of_rows[tile..]));
-                let stored = stored.at(format_args!("row {row}"))?;
-                let bytes = match *codec {
-                    Codec::Deflate { shuffled } => inflated
-                        .decode(address, stored, rows_per_chunk * tile_bytes, shuffled)
-                        .map_err(|reason| invalid(format!("its chunk is {reason}")))
-                        .at(format_args!("row {row}"))?,
-                    _ => stored,
-                };
-                let stored = bytes.chunks_exact(tile_bytes).skip(within).step_by(rows.stride);
-                let rows = out[done * row_bytes..(done + here) * row_bytes].chunks_exact_mut(*row_bytes);
-                rows.zip(stored).for_each(|(row, stored)| tiles.place(tile, stored, row));
-            }
-            done += here;
         }
         Ok(())
     }
@@ -334,30 +306,62 @@ fn read_compressed(
     Ok(())
 }
 
-/// Rows of a chunk of `total` bytes that can only be decoded as a whole.
-#[expect(clippy::too_many_arguments, reason = "as its neighbors, and the size of elements")]
-fn read_deflated(
+/// A whole chunk of `total` bytes, which is deflated, or stored as it is.
+fn whole<'a>(
     file: &File,
     chunk: Chunk,
     ahead: u64,
-    total: usize,
-    shuffled: Option<usize>,
-    rows: Steps,
-    out: &mut [u8],
-    scratch: &mut Scratch,
-) -> Result<()> {
+    (codec, total): (Codec, usize),
+    scratch: &'a mut Scratch,
+) -> Result<&'a [u8]> {
     let Scratch { fetched, inflated, .. } = scratch;
+    let Codec::Deflate { shuffled } = codec else {
+        return Ok(fetched.get(file, chunk.address, chunk.size, ahead)?);
+    };
     if inflated.held(chunk.address).is_none() {
         let bytes = fetched.get(file, chunk.address, chunk.size, ahead)?;
         let decoded = inflated.decode(chunk.address, bytes, total, shuffled);
         decoded.map_err(|reason| invalid(format!("its chunk is {reason}")))?;
     }
-    let bytes = inflated.held(chunk.address).unwrap_or_default();
+    Ok(inflated.held(chunk.address).unwrap_or_default())
+}
+
+/// Rows of a chunk that can only be decoded as a whole.
+fn read_deflated(
+    file: &File,
+    chunk: Chunk,
+    ahead: u64,
+    of: (Codec, usize),
+    rows: Steps,
+    out: &mut [u8],
+    scratch: &mut Scratch,
+) -> Result<()> {
+    let bytes = whole(file, chunk, ahead, of, scratch)?;
     let row_bytes = out.len() / rows.count;
     for (index, into) in out.chunks_exact_mut(row_bytes).enumerate() {
         let start = (rows.first + index * rows.stride) * row_bytes;
         let stored = bytes.get(start..start + row_bytes).ok_or(invalid("its chunk is cut short"))?;
         into.copy_from_slice(stored);
+    }
+    Ok(())
+}
+
+/// Rows whose tiles are in these chunks, each of which is decoded once.
+fn read_tiles(
+    file: &File,
+    chunks: &[Chunk],
+    tiles: &Tiles,
+    of: (Codec, usize),
+    rows: Steps,
+    out: &mut [u8],
+    scratch: &mut Scratch,
+) -> Result<()> {
+    let row_bytes = out.len() / rows.count;
+    for (index, chunk) in chunks.iter().enumerate() {
+        let bytes = whole(file, *chunk, adjacent(&chunks[index..]), of, scratch)?;
+        let stored = bytes.chunks_exact(tiles.bytes()).skip(rows.first).step_by(rows.stride);
+        let rows = out.chunks_exact_mut(row_bytes);
+        rows.zip(stored).for_each(|(row, stored)| tiles.place(index, stored, row));
     }
     Ok(())
 }
@@ -424,6 +428,7 @@ fn direct(
                 row_bytes,
                 codec: Codec::Plain,
                 checksummed: false,
+                tiles: None,
                 chunks,
             }
         });
@@ -439,9 +444,9 @@ fn direct(
         return Ok(None);
     }
     let Some(tiles) = Tiles::new(&field.shape, &chunk[1..], size) else { return Ok(None) };
-    let chunk_bytes = tiles.bytes().and_then(|bytes| bytes.checked_mul(rows_per_chunk));
-    let (Some(chunk_bytes), Some(count)) = (chunk_bytes, tiles.count()) else { return Ok(None) };
-    let Some(expected) = rows.div_ceil(rows_per_chunk).checked_mul(count) else { return Ok(None) };
+    let expected = rows.div_ceil(rows_per_chunk).checked_mul(tiles.count());
+    let chunk_bytes = tiles.bytes().checked_mul(rows_per_chunk);
+    let (Some(expected), Some(chunk_bytes)) = (expected, chunk_bytes) else { return Ok(None) };
     // More chunks than fit the file are not worth a table: missing ones stand for the fill value.
     let smallest = match codec {
         Codec::Plain => chunk_bytes as u64,
@@ -455,7 +460,7 @@ fn direct(
     let mut plain = true;
     dataset.chunks_visit(|info| {
         let index = info.offset.split_first().and_then(|(&row, places)| {
-            (row as usize / rows_per_chunk).checked_mul(count)?.checked_add(tiles.index(places)?)
+            (row as usize / rows_per_chunk).checked_mul(tiles.count())?.checked_add(tiles.index(places)?)
         });
         if let Some(chunk) = index.and_then(|index| chunks.get_mut(index)) {
             *chunk = Chunk { address: info.addr, size: info.size };
@@ -465,10 +470,8 @@ fn direct(
         0
     })?;
     let complete = chunks.iter().all(|chunk| chunk.size > 0);
-    let access = match is_cut {
-        true => Access::Tiles { rows_per_chunk, row_bytes, codec, tiles, chunks },
-        false => Access::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks },
-    };
+    let tiles = is_cut.then_some(tiles);
+    let access = Access::Chunks { rows_per_chunk, row_bytes, codec, checksummed, tiles, chunks };
     Ok((plain && complete).then_some(access))
 }
 
@@ -510,7 +513,7 @@ mod tests {
             file.flush().unwrap();
             let length = path.metadata().unwrap().len();
             let storage = ColumnStorage::of(dataset, &field, Element::U8, 40, length).unwrap();
-            assert_eq!(matches!(storage.access, Access::Tiles { .. }), is_direct, "{name}");
+            assert_eq!(matches!(storage.access, Access::Chunks { tiles: Some(_), .. }), is_direct, "{name}");
         }
     }
 }

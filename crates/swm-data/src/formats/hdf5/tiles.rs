@@ -7,6 +7,8 @@ pub(super) struct Tiles {
     axes: Vec<Axis>,
     /// Bytes of an element, with those of the axes that are not cut.
     element: usize,
+    count: usize,
+    bytes: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,34 +18,36 @@ struct Axis {
 }
 
 impl Tiles {
-    /// Those of rows of `shape` in chunks of `chunk`, both without the axis of rows; `element` is in bytes. `None`: not a shape of chunks.
+    /// Those of rows of `shape` in chunks of `chunk`, both without the axis of rows; `element` is in bytes. `None`: no shape of chunks, or
+    /// sizes beyond what can be counted.
     pub(super) fn new(shape: &[usize], chunk: &[usize], element: usize) -> Option<Self> {
         if shape.len() != chunk.len() || chunk.contains(&0) || shape.contains(&0) {
             return None;
         }
         let cut = shape.iter().zip(chunk).rposition(|(size, tile)| size != tile).map_or(0, |last| last + 1);
-        let axes = shape.iter().zip(chunk).take(cut).map(|(&size, &tile)| Axis { size, tile }).collect();
-        Some(Self {
-            axes,
-            element: shape[cut..].iter().try_fold(element, |bytes, &size| bytes.checked_mul(size))?,
-        })
+        let axes: Vec<Axis> =
+            shape.iter().zip(chunk).take(cut).map(|(&size, &tile)| Axis { size, tile }).collect();
+        let element = shape[cut..].iter().try_fold(element, |bytes, &size| bytes.checked_mul(size))?;
+        let count = axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.count()))?;
+        let bytes = axes.iter().try_fold(element, |bytes, axis| bytes.checked_mul(axis.tile))?;
+        Some(Self { axes, element, count, bytes })
     }
 
-    /// How many there are to a row; `None`: more than can be counted.
-    pub(super) fn count(&self) -> Option<usize> {
-        self.axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.size.div_ceil(axis.tile)))
+    /// How many there are to a row.
+    pub(super) fn count(&self) -> usize {
+        self.count
     }
 
     /// The bytes of one; those behind the end of an axis are stored, too.
-    pub(super) fn bytes(&self) -> Option<usize> {
-        self.axes.iter().try_fold(self.element, |bytes, axis| bytes.checked_mul(axis.tile))
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
     }
 
     /// Which one lies at these places of the axes; `None`: they are behind the end of one.
     pub(super) fn index(&self, places: &[u64]) -> Option<usize> {
         self.axes.iter().zip(places).try_fold(0, |index, (axis, &place)| {
             let place = usize::try_from(place).ok().filter(|place| *place < axis.size)?;
-            Some(index * axis.size.div_ceil(axis.tile) + place / axis.tile)
+            Some(index * axis.count() + place / axis.tile)
         })
     }
 
@@ -55,7 +59,7 @@ impl Tiles {
     fn copy(&self, axes: &[Axis], index: usize, tile: &[u8], row: &mut [u8]) {
         let Some((axis, rest)) = axes.split_first() else { return row.copy_from_slice(tile) };
         let (row_step, tile_step) = (row.len() / axis.size, tile.len() / axis.tile);
-        let below: usize = rest.iter().map(|axis| axis.size.div_ceil(axis.tile)).product();
+        let below: usize = rest.iter().map(|axis| axis.count()).product();
         let (first, count) = axis.span(index / below);
         let (row, tile) =
             (&mut row[first * row_step..(first + count) * row_step], &tile[..count * tile_step]);
@@ -80,6 +84,11 @@ impl Tiles {
 }
 
 impl Axis {
+    /// Its tiles.
+    fn count(self) -> usize {
+        self.size.div_ceil(self.tile)
+    }
+
     /// The first element of the tile at a place, and how many there are before the end.
     fn span(self, place: usize) -> (usize, usize) {
         let first = place * self.tile;
@@ -110,8 +119,8 @@ mod tests {
             let row: Vec<u8> = (0..total).map(|at| (at * 7 + 1) as u8).collect();
             let mut again = vec![0; total];
             // Each tile by the definition: the element at (i, j, …) of the row is in tile (i / h, j / w, …) at (i % h, j % w, …).
-            for index in 0..tiles.count().unwrap() {
-                let mut tile = vec![0xee; tiles.bytes().unwrap()];
+            for index in 0..tiles.count() {
+                let mut tile = vec![0xee; tiles.bytes()];
                 for at in 0..total / element {
                     let (mut rest, mut which, mut within, mut scale, mut width) = (at, 0, 0, 1, 1);
                     for (&size, &cut) in shape.iter().zip(&chunk).rev() {
