@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use swm_core::{Dtype, SliceMut};
+use swm_core::SliceMut;
 
 use super::array::{Scratch, Shared};
 use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
@@ -110,12 +110,9 @@ impl Dataset for ForeignDataset {
         let dim = self.info.field(column).dim();
         let (columns, scratch) = (&self.columns[column], &mut self.scratch);
         let mut read = |steps, out: SliceMut<'_>| columns.read(episode, steps, dim, out, scratch);
-        let is_integer = out.dtype() == Dtype::I64;
+        let dtype = out.dtype();
         read(steps, out).map_err(|error| {
-            let row = match is_integer && error.is_unsupported() {
-                true => element::first_failing(steps, dim, read),
-                false => steps.first,
-            };
+            let row = element::failing_row(&error, dtype, steps, dim, read).unwrap_or(steps.first);
             self.info.damaged(column, episode, error.at(format_args!("row {row}")))
         })
     }

@@ -1,7 +1,7 @@
 //! Types of stored elements, as little-endian bytes, and their values as columns; formats of raw bytes share them.
 
 use crate::dataset::Steps;
-use crate::error::{Result, invalid, unsupported, wrong_type};
+use crate::error::{FormatError, Result, invalid, unsupported, wrong_type};
 use swm_core::{Dtype, SliceMut};
 
 /// Values of a column of u64 that are looked at where it is opened.
@@ -143,21 +143,26 @@ pub(crate) fn read_rows(
     out: SliceMut<'_>,
     mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
 ) -> Result<()> {
-    let is_integer = out.dtype() == Dtype::I64;
-    match read(steps, out) {
-        Err(error) if is_integer && error.is_unsupported() => {
-            Err(error.at(format_args!("row {}", first_failing(steps, dim, read))))
-        }
-        done => done,
-    }
+    let dtype = out.dtype();
+    read(steps, out).map_err(|error| match failing_row(&error, dtype, steps, dim, read) {
+        Some(row) => error.at(format_args!("row {row}")),
+        None => error,
+    })
+}
+
+/// The row of the u64 beyond the range of i64 for which `read` failed, if that is its error.
+pub(crate) fn failing_row(
+    error: &FormatError,
+    dtype: Dtype,
+    steps: Steps,
+    dim: usize,
+    read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
+) -> Option<usize> {
+    (dtype == Dtype::I64 && error.is_unsupported()).then(|| first_failing(steps, dim, read))
 }
 
 /// The first row of `dim` integers that `read` fails for, as it does for all of `steps`.
-pub(crate) fn first_failing(
-    steps: Steps,
-    dim: usize,
-    mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
-) -> usize {
+fn first_failing(steps: Steps, dim: usize, mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>) -> usize {
     let (mut first, mut count) = (steps.first, steps.count);
     while count > 1 {
         let half = count / 2;
