@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(lengths, [10, 12]);
     }
 
-    /// The lists of the first table tell the shape of a column; those of another one may differ.
+    /// The shape of a column is that of the lists in the first table; those of another one may differ.
     #[test]
     fn lists_of_another_length_move_no_rows() {
         let folder = tempfile::tempdir().unwrap();
