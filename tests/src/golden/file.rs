@@ -61,20 +61,17 @@ impl GoldenFile {
     /// It cannot be read, or lacks an array that every recording has.
     pub fn read_all(path: &Path) -> Result<Vec<Self>> {
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let mut npz = NpzReader::new(File::open(path)?).with_context(|| format!("{name} is no npz file"))?;
-        let (mut bytes, mut numbers) = (BTreeMap::new(), BTreeMap::new());
-        for entry in npz.names()? {
-            let key = entry.trim_end_matches(".npy").to_owned();
-            if key == "meta" || key.ends_with("_png") {
-                let array: ArrayD<u8> = npz.by_name(&entry)?;
-                bytes.insert(key, array.into_raw_vec_and_offset().0);
-            } else if let Some(array) = number_array(&mut npz, &entry) {
-                numbers.insert(key, array);
-            }
-        }
+        let Arrays { mut bytes, mut numbers } = Arrays::read(path)?;
         let meta = bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?;
         // Python writes numbers that are none in a way that JSON has not.
         let meta: Json = serde_json::from_str(&String::from_utf8_lossy(meta).replace(": NaN", ": null"))?;
+        if let Some(like) = meta["like"].as_str() {
+            let (env, _) = name.split_once("__").ok_or_else(|| anyhow!("{name} is like no other file"))?;
+            let other = Arrays::read(&path.with_file_name(format!("{env}__{like}.npz")))?;
+            // Its own come last, and stay.
+            bytes = other.bytes.into_iter().chain(bytes).collect();
+            numbers = other.numbers.into_iter().chain(numbers).collect();
+        }
         if let Some(id) = meta["env_id"].as_str() {
             let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
             return Ok(vec![Self::from_arrays(name, id.to_owned(), factors, numbers, &bytes)?]);
@@ -131,6 +128,31 @@ impl GoldenFile {
     pub fn rows(&self, key: &str) -> Option<Vec<Vec<f64>>> {
         let array = self.numbers.get(key)?;
         Some(array.outer_iter().map(|row| row.iter().copied().collect()).collect())
+    }
+}
+
+/// What a file holds, by name.
+struct Arrays {
+    /// JSON and pictures.
+    bytes: BTreeMap<String, Vec<u8>>,
+    numbers: BTreeMap<String, ArrayD<f64>>,
+}
+
+impl Arrays {
+    fn read(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut npz = NpzReader::new(file).with_context(|| format!("{} is no npz file", path.display()))?;
+        let (mut bytes, mut numbers) = (BTreeMap::new(), BTreeMap::new());
+        for entry in npz.names()? {
+            let key = entry.trim_end_matches(".npy").to_owned();
+            if key == "meta" || key.ends_with("_png") {
+                let array: ArrayD<u8> = npz.by_name(&entry)?;
+                bytes.insert(key, array.into_raw_vec_and_offset().0);
+            } else if let Some(array) = number_array(&mut npz, &entry) {
+                numbers.insert(key, array);
+            }
+        }
+        Ok(Self { bytes, numbers })
     }
 }
 
