@@ -10,8 +10,8 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::{
-    apart, book, demo, deny, exports, gpu, interop, plugin, process, release, setup, sizes, test, tidy, ui,
-    wheel,
+    apart, book, demo, deny, exports, gpu, interop, plugin, process, proof, release, setup, sizes, test, tidy,
+    ui, wheel,
 };
 
 /// Options of the three commands.
@@ -159,6 +159,12 @@ const STEPS: &[Step] = &[
         about: "the reference loads what `swm export` writes, with equal outputs",
         tiers: NIGHTLY,
         run: || exports::run(&exports::Args::default()),
+    },
+    Step {
+        name: "proof",
+        about: "one training of a few models reaches what is recorded of it",
+        tiers: NIGHTLY,
+        run: proof::check,
     },
     Step {
         name: "gpu",

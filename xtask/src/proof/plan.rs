@@ -1,0 +1,146 @@
+//! What is run: the files `docs/proof/TASK.toml`.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use serde::Deserialize;
+
+/// Trainings of each row, unless it has another number.
+pub(super) const SEEDS: u64 = 3;
+
+/// Commands that run in one folder, and the tables of what they make.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Task {
+    /// The file's.
+    #[serde(skip)]
+    pub(super) name: String,
+    /// Arguments of `swm` that come before all rows.
+    pub(super) steps: Vec<String>,
+    pub(super) tables: Vec<Table>,
+}
+
+/// Rows that are shown together.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Table {
+    pub(super) name: String,
+    /// Those that come before its rows.
+    #[serde(default)]
+    pub(super) steps: Vec<String>,
+    /// Of sweeps: what changes are called, where it is not their own name.
+    #[serde(default)]
+    pub(super) labels: BTreeMap<String, String>,
+    /// Of sweeps: published success by change.
+    #[serde(default)]
+    pub(super) published: BTreeMap<String, String>,
+    pub(super) rows: Vec<Row>,
+}
+
+/// A policy, of several trainings.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Row {
+    pub(super) name: String,
+    /// What a reader calls it.
+    pub(super) policy: String,
+    /// How much it is trained.
+    #[serde(default)]
+    pub(super) training: String,
+    #[serde(default = "seeds")]
+    pub(super) seeds: u64,
+    /// The trainings; `SEED` is replaced.
+    #[serde(default)]
+    pub(super) steps: Vec<String>,
+    /// The evaluation or sweep, with `--out`.
+    pub(super) result: String,
+    #[serde(default)]
+    pub(super) published: String,
+    /// Whether `--quick` runs it.
+    #[serde(default)]
+    pub(super) quick: bool,
+}
+
+fn seeds() -> u64 {
+    SEEDS
+}
+
+impl Task {
+    pub(super) fn rows(&self) -> impl Iterator<Item = (&Table, &Row)> {
+        self.tables.iter().flat_map(|table| table.rows.iter().map(move |row| (table, row)))
+    }
+}
+
+impl Table {
+    /// Whether its rows are sweeps over changes.
+    pub(super) fn is_sweep(&self) -> bool {
+        self.rows.iter().any(|row| row.result.starts_with("sweep "))
+    }
+}
+
+/// All tasks, by name.
+pub(super) fn tasks(folder: &Path) -> Result<Vec<Task>> {
+    let mut tasks = Vec::new();
+    for entry in fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let text =
+                fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+            let task: Task =
+                toml::from_str(&text).with_context(|| format!("{} is no task", path.display()))?;
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            tasks.push(Task { name, ..task });
+        }
+    }
+    tasks.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(tasks)
+}
+
+/// A command of one training.
+pub(super) fn with_seed(step: &str, seed: u64) -> String {
+    step.replace("SEED", &seed.to_string())
+}
+
+/// The value of an option in a command.
+pub(super) fn option<'a>(step: &'a str, name: &str) -> Option<&'a str> {
+    step.split_whitespace().skip_while(|word| *word != name).nth(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::process;
+
+    #[test]
+    fn results_are_where_they_are_looked_for_and_names_are_distinct() {
+        let tasks = tasks(&process::root().join("docs/proof")).unwrap();
+        assert!(tasks.len() > 3 && tasks.iter().flat_map(Task::rows).any(|(_, row)| row.quick));
+        for task in &tasks {
+            let (mut rows, mut outs) = (Vec::new(), Vec::new());
+            for (table, row) in task.rows() {
+                let words: Vec<&str> = row.result.split_whitespace().collect();
+                assert!(["eval", "sweep"].contains(&words[0]), "{}: {}", task.name, row.result);
+                assert_eq!(table.is_sweep(), words[0] == "sweep", "{}: a table has one kind of rows", task.name);
+                assert!((1..=SEEDS).contains(&row.seeds) && row.result.contains("SEED"), "{}", row.result);
+                assert!(row.steps.iter().all(|step| step.contains("SEED")), "{}: {}", task.name, row.name);
+                rows.push((&table.name, &row.name));
+                outs.extend(row.steps.iter().chain([&row.result]));
+            }
+            outs.extend(task.steps.iter().chain(task.tables.iter().flat_map(|table| &table.steps)));
+            let mut outs: Vec<&str> =
+                outs.iter().map(|step| option(step, "--out").expect("a step writes somewhere")).collect();
+            for names in [&mut outs] {
+                let all = names.len();
+                names.sort_unstable();
+                names.dedup();
+                assert_eq!(names.len(), all, "{}: two steps write to one place", task.name);
+            }
+            let all = rows.len();
+            rows.sort();
+            rows.dedup();
+            assert_eq!(rows.len(), all, "{}: two rows of a table have one name", task.name);
+        }
+    }
+}
