@@ -10,8 +10,8 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::{
-    apart, book, demo, deny, exports, gpu, interop, plugin, process, proof, release, setup, sizes, test, tidy,
-    ui, wheel,
+    apart, book, demo, deny, exports, gpu, interop, plugin, process, proof, release, setup, sizes, test,
+    tidy, ui, wheel,
 };
 
 /// Options of the three commands.

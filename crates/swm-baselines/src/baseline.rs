@@ -9,8 +9,8 @@ use swm_solvers::{Aggregate, Candidates, Outputs};
 
 use crate::data::{ClipBatch, DataDims, Images, Observations, PlanningBatch};
 use crate::error::BaselineError;
-use crate::optim::OptimConfig;
 use crate::precision::Precision;
+use swm_nn::optim::OptimConfig;
 
 /// A model that can be trained, saved, and asked for plans or actions.
 ///

@@ -11,8 +11,8 @@ use swm_solvers::Aggregate;
 use crate::data::{Form, Observations, Start};
 use crate::error::BaselineError;
 use crate::images;
-use crate::params::host;
-use crate::placement::Placement;
+use swm_nn::params::host;
+use swm_nn::placement::Placement;
 
 /// A network that predicts latents, and the cost of plans from them.
 pub(crate) trait LatentDynamics: Module + Sync {

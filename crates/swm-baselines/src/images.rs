@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
-use crate::params::host;
-use crate::placement::Placement;
+use swm_nn::params::host;
+use swm_nn::placement::Placement;
 
 /// RGB images: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
 #[derive(Clone, Copy, Debug)]
@@ -191,7 +191,7 @@ impl Resampling {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::placement::as_on_a_device;
+    use swm_nn::placement::as_on_a_device;
 
     fn images(values: &[u8], side: usize, channels_last: bool) -> Images<'_> {
         Images { values, rows: 1, steps: 1, height: side, width: side, channels_last }

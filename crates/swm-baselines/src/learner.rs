@@ -11,15 +11,15 @@ use crate::baseline::{
 };
 use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
-use crate::init::initialize;
 use crate::network::{Network, Parts};
-use crate::optim::{AdamW, Gradients};
-use crate::params;
-use crate::pass::Pass;
-use crate::placement::Placement;
 use crate::precision::Precision;
 use crate::reading::{Reading, finite, read, read_all};
 use crate::weights;
+use swm_nn::Pass;
+use swm_nn::init::initialize;
+use swm_nn::optim::{AdamW, Gradients};
+use swm_nn::params;
+use swm_nn::placement::Placement;
 
 /// A network, its optimizers, and its model config.
 pub(crate) struct Learner<N> {

@@ -36,20 +36,12 @@ mod error;
 pub mod export;
 mod images;
 pub mod import;
-mod init;
-mod kernels;
 mod learner;
-mod losses;
 mod models;
 mod network;
-mod nn;
 pub mod online;
-mod optim;
-mod params;
 #[cfg(test)]
 mod parity;
-mod pass;
-mod placement;
 mod plan;
 #[cfg(test)]
 mod plane;
@@ -67,7 +59,6 @@ pub use baseline::{
 pub use data::{ClipBatch, DataDims, Images, Normalization, Observations, PlanningBatch, Vectors};
 pub use device::Device;
 pub use error::BaselineError;
-pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
     AuxiliaryWeights, CanonicalConfig, CanonicalModelConfig, ConvJepaConfig, CountdownConfig,
@@ -76,8 +67,9 @@ pub use models::{
     KeypointModelConfig, KeypointWmConfig, KeypointsConfig, LaterGoals, LewmConfig, MapEncoderConfig,
     PldmConfig, PldmWeights, PolicyGoals, ValueConfig, WorldConfig,
 };
-pub use nn::{
+pub use precision::Precision;
+pub use swm_nn::losses::SigregConfig;
+pub use swm_nn::optim::{OptimConfig, Schedule};
+pub use swm_nn::{
     CnnConfig, FilmPredictorConfig, GoalTransformerConfig, KeypointConfig, Pool, PredictorConfig, VitConfig,
 };
-pub use optim::{OptimConfig, Schedule};
-pub use precision::Precision;

@@ -8,9 +8,9 @@ use serde_json::{Map, Value as Json};
 use crate::baseline::{Canonicalizer, GoalPolicy, InputSpec, Phase, PlanModel};
 use crate::data::{Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::Terms;
-use crate::nn::Background;
-use crate::pass::Pass;
+use swm_nn::Background;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
 
 /// A network that can be trained.
 pub(crate) trait Network: Module + 'static {

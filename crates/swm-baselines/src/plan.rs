@@ -11,8 +11,8 @@ use crate::baseline::PlanModel;
 use crate::data::{Observations, PlanningBatch, Start};
 use crate::dynamics::{self, LatentDynamics, for_each_group, group_size};
 use crate::error::BaselineError;
-use crate::params::{device_of, host};
-use crate::placement::Placement;
+use swm_nn::params::{device_of, host};
+use swm_nn::placement::Placement;
 
 /// A copy of a model, and what was prepared.
 pub(crate) struct Planner<M: LatentDynamics> {

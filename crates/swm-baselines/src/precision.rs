@@ -12,7 +12,7 @@ use burn::tensor::FloatDType;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BaselineError;
-use crate::params;
+use swm_nn::params;
 
 /// The precision of linear layers and attention.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

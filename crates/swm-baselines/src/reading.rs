@@ -4,9 +4,9 @@ use burn::tensor::Tensor;
 
 use crate::baseline::Losses;
 use crate::error::BaselineError;
-use crate::losses::Terms;
-use crate::optim::Norm;
-use crate::params::host;
+use swm_nn::losses::Terms;
+use swm_nn::optim::Norm;
+use swm_nn::params::host;
 
 /// The values of a loss.
 pub(crate) fn read(terms: &Terms) -> Losses {

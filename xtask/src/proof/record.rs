@@ -74,7 +74,9 @@ impl Records {
             let what = format!("{} of {}, training {}", record.row, record.table, record.seed);
             let rate = record.rate();
             let Some(known) = self.0.iter().find(|other| other.is_of_what(record)) else {
-                return Some(format!("{what}: {rate:.0} %, and nothing is recorded; run `cargo xtask proof`"));
+                return Some(format!(
+                    "{what}: {rate:.0} %, and nothing is recorded; run `cargo xtask proof`"
+                ));
             };
             let [low, high] = wilson(known.successes, known.episodes);
             let recorded = format!("recorded {:.0} % ({low:.1} to {high:.1})", known.rate());
@@ -132,7 +134,13 @@ pub(super) fn made(table: &Table, row: &Row, seed: u64, result: &Json, minutes: 
     let list = |name: &str| result[name].as_array().into_iter().flatten();
     if table.is_sweep() {
         let cell = |cell: &Json| {
-            record(&row.name, Some(text(&cell["name"])), &result["policy"], &cell["summary"], &cell["successes"])
+            record(
+                &row.name,
+                Some(text(&cell["name"])),
+                &result["policy"],
+                &cell["summary"],
+                &cell["successes"],
+            )
         };
         return list("cells").filter_map(cell).collect();
     }
@@ -172,7 +180,8 @@ pub(super) fn wilson(successes: u64, episodes: u64) -> [f64; 2] {
 static MACHINE: LazyLock<String> = LazyLock::new(|| {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|(_, name)| name));
+    let name =
+        info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|(_, name)| name));
     format!("{cores} cores of {}", name.unwrap_or(std::env::consts::ARCH).trim())
 });
 
@@ -248,8 +257,14 @@ mod tests {
         });
         let records = made(&plain, &row, 2, &receipt, [1.26, 0.5]);
         assert_eq!(records.iter().map(|r| r.row.as_str()).collect::<Vec<_>>(), ["r", "random"]);
-        assert_eq!((records[0].seed, records[0].training_minutes, records[1].training_minutes), (2, 1.3, 0.0));
-        assert_eq!((records[0].version.as_str(), records[0].manifest.as_str()), ("1.2.3 (abc)", "0123456789abcdef"));
+        assert_eq!(
+            (records[0].seed, records[0].training_minutes, records[1].training_minutes),
+            (2, 1.3, 0.0)
+        );
+        assert_eq!(
+            (records[0].version.as_str(), records[0].manifest.as_str()),
+            ("1.2.3 (abc)", "0123456789abcdef")
+        );
         assert!(records[0].digest != records[1].digest);
 
         let sweeps = table(toml::from_str("name = 'r'\npolicy = 'R'\nresult = 'sweep --out x'").unwrap());

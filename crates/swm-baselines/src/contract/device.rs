@@ -4,8 +4,8 @@ use serde_json::json;
 use swm_solvers::{Candidates, Outputs};
 
 use super::{Clips, TINY, for_each, options, step, tiny, weights};
-use crate::placement::as_on_a_device;
 use crate::{BASELINES, Baseline, BaselineError, Device, Losses, MakeOptions, Step, make, restore};
+use swm_nn::placement::as_on_a_device;
 
 /// Baselines without noise: no dropout, and none with random directions.
 fn without_noise() -> Vec<Box<dyn Baseline>> {

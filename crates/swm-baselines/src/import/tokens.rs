@@ -10,7 +10,7 @@ use swm_tasks::request::{Fix, Message, TaskError};
 use super::config::Node;
 use super::recipe::{Given, Recipe, first, of};
 use super::shapes::{Shapes, VitShape, heads, root, unsaid_heads};
-use crate::nn::vit_epsilon;
+use swm_nn::vit_epsilon;
 
 const PREDICTOR: [&str; 11] = [
     "num_patches",

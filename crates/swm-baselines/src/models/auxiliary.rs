@@ -5,8 +5,8 @@ use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::data::Inputs;
-use crate::losses::{Terms, mean_squared_error, straightening};
-use crate::nn::{Drawing, InverseDynamics};
+use swm_nn::losses::{Terms, mean_squared_error, straightening};
+use swm_nn::{Drawing, InverseDynamics};
 
 /// Weights of additional terms. A term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 
 use burn::tensor::Tensor;
 
-use crate::losses::{Terms, mean_squared_error};
-use crate::nn::{CountdownPredictor, Looks};
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::{CountdownPredictor, Looks};
 
 /// The squared error of actions `[B, K + 1, D]` at each frame of clips for each later frame as the goal: its mean over clips, then over
 /// the pairs of equally many decisions, then over their number.

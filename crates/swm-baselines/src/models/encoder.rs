@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::nn::{Cnn, CnnConfig, KeypointConfig, Keypoints, Vit, VitConfig};
+use swm_nn::{Cnn, CnnConfig, KeypointConfig, Keypoints, Vit, VitConfig};
 
 /// Its kind and size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -9,11 +9,11 @@ use swm_core::env::PIXELS;
 use super::agent::{AgentConfig, Observation};
 use crate::baseline::Losses;
 use crate::error::BaselineError;
-use crate::losses::Terms;
-use crate::optim::{AdamW, Gradients};
-use crate::params;
 use crate::reading::{finite, read};
 use crate::weights;
+use swm_nn::losses::Terms;
+use swm_nn::optim::{AdamW, Gradients};
+use swm_nn::params;
 
 /// A tensor of this shape.
 pub(super) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {

@@ -7,8 +7,8 @@ use super::Fixture;
 use crate::data::{ClipBatch, DataDims, Images, Inputs, PlanningBatch, Vectors};
 use crate::models::dino_wm::{DinoWmConfig, make};
 use crate::network::{Network, Parts};
-use crate::params;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::params;
 
 const DIMS: DataDims = DataDims { action_dim: 4, proprio_dim: 3 };
 /// Values of an image.

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use burn::tensor::Tensor;
 
 use super::{Fixture, fixture_path};
-use crate::nn::{Vit, VitConfig};
-use crate::params;
 use crate::weights;
+use swm_nn::params;
+use swm_nn::{Vit, VitConfig};
 
 fn tiny(dinov2: bool) -> VitConfig {
     VitConfig { dim: 12, depth: 2, heads: 3, hidden: 24, patch: 4, positions_for: 16, dinov2 }

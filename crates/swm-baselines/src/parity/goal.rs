@@ -7,9 +7,9 @@ use crate::data::{ClipBatch, DataDims, Images, Inputs, PlanningBatch, Vectors};
 use crate::models::goal::GoalConfig;
 use crate::models::{gcbc, gciql, gcivl, hilp};
 use crate::network::{Network, Parts};
-use crate::nn::{MetricValue, TokenForm, ValueNetwork as _};
-use crate::params;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::params;
+use swm_nn::{MetricValue, TokenForm, ValueNetwork as _};
 
 const DIMS: DataDims = DataDims { action_dim: 4, proprio_dim: 3 };
 const CLIPS: usize = 5;

@@ -9,8 +9,8 @@ use crate::data::{ClipBatch, DataDims, Form, Images, Inputs, PlanningBatch, Vect
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::models::{lewm, pldm};
 use crate::network::Network;
-use crate::params::{self, host};
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::params::{self, host};
 
 const DIMS: DataDims = DataDims { action_dim: 4, proprio_dim: 0 };
 

@@ -18,11 +18,11 @@ use swm_solvers::{Candidates, Outputs};
 
 use crate::baseline::PlanModel;
 use crate::learner::follow_statistics;
-use crate::losses::Terms;
-use crate::optim::{AdamW, Gradients, OptimConfig};
-use crate::params::{self, host};
-use crate::pass::Pass;
 use crate::weights;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::optim::{AdamW, Gradients, OptimConfig};
+use swm_nn::params::{self, host};
 
 /// Greatest difference of an output.
 const OUTPUT: f32 = 1e-4;

@@ -3,10 +3,10 @@
 use serde_json::json;
 
 use super::{Fixture, GRADIENT, STEPPED, worst};
-use crate::losses::Terms;
 use crate::online::sac::{Minibatch, Sac, SacConfig, SacNetwork};
 use crate::online::{AgentConfig, OnlineAgent as _, Transitions};
-use crate::params;
+use swm_nn::losses::Terms;
+use swm_nn::params;
 
 #[test]
 fn sac_learns_as_the_reference() {

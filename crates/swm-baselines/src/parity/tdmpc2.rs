@@ -7,9 +7,9 @@ use super::{Fixture, GRADIENT, LOSS, STEPPED, worst};
 use crate::images::Images;
 use crate::online::tdmpc2::{Noise, Tdmpc2, Tdmpc2Config, Tdmpc2Image, Tdmpc2Network, check_functions, loss};
 use crate::online::{AgentConfig, OnlineAgent as _, Transitions};
-use crate::optim::Gradients;
-use crate::params;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::optim::Gradients;
+use swm_nn::params;
 
 const STEPS: usize = 2;
 const CLIPS: usize = 5;

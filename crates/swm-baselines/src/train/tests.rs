@@ -13,7 +13,7 @@ use super::*;
 use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step};
 use crate::data::{ClipBatch, DataDims};
 use crate::error::BaselineError;
-use crate::optim::OptimConfig;
+use swm_nn::optim::OptimConfig;
 
 /// Moves its two weights to the mean of the actions that it sees, with momentum.
 struct Toy {

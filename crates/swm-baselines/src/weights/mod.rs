@@ -19,7 +19,7 @@ use std::path::Path;
 use burn::module::Module;
 
 use crate::error::BaselineError;
-use crate::params;
+use swm_nn::params;
 
 pub(crate) use file::{Contents, Of, Stored, contents, read, write, write_for_transformers};
 #[cfg(test)]

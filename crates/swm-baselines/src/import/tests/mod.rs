@@ -15,10 +15,10 @@ use super::Import;
 use crate::Device;
 use crate::data::{Images, Observations, PlanningBatch, Vectors};
 use crate::online::tdmpc2::{Observed, Tdmpc2Config, Tdmpc2Network};
-use crate::params::host;
 use crate::plane::{PLANE, registry};
 use crate::train::{TrainedModel, Which};
 use crate::weights::{self, Stored};
+use swm_nn::params::host;
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints")

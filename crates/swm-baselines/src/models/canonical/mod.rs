@@ -17,13 +17,13 @@ use crate::baseline::{Canonicalizer, InputSpec, Phase};
 use crate::data::{DataDims, Form, Images, Inputs};
 use crate::error::BaselineError;
 use crate::images::{to_bytes, to_tensor};
-use crate::losses::Terms;
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{Background, HALVINGS, ImageTranslator, coordinates};
-use crate::optim::OptimConfig;
-use crate::params::device_of;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::optim::OptimConfig;
+use swm_nn::params::device_of;
+use swm_nn::{Background, HALVINGS, ImageTranslator, coordinates};
 
 /// Its name.
 pub(crate) const NAME: &str = "canonical";

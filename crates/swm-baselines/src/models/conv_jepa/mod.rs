@@ -21,17 +21,17 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{InputSpec, Phase, PlanModel};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
 use crate::models::auxiliary::{Auxiliary, AuxiliaryWeights};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{
+use crate::plan::Planner;
+use swm_nn::Pass;
+use swm_nn::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
+use swm_nn::optim::OptimConfig;
+use swm_nn::{
     ActionEmbedder, Drawing, FeatureMapEncoder, FilmPredictor, FilmPredictorConfig, InverseDynamics,
     KeypointConfig, Keypoints,
 };
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
-use crate::plan::Planner;
 
 /// Its name.
 pub(crate) const NAME: &str = "conv-jepa";

@@ -7,7 +7,7 @@ use swm_solvers::Aggregate;
 use super::ConvJepa;
 use crate::data::{Form, Start};
 use crate::dynamics::{LatentDynamics, aggregate};
-use crate::pass::Pass;
+use swm_nn::Pass;
 
 /// One planning problem, encoded.
 pub(crate) struct Problem {

@@ -12,15 +12,15 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{InputSpec, Phase, PlanModel};
 use crate::data::{DataDims, Form, Inputs, Normalization};
 use crate::error::BaselineError;
-use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::goal::concatenate;
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
-use crate::optim::{OptimConfig, Schedule};
-use crate::pass::Pass;
 use crate::plan::Planner;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::optim::{OptimConfig, Schedule};
+use swm_nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
 
 /// Its name.
 pub(crate) const NAME: &str = "dino-wm";

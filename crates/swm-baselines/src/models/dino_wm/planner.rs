@@ -7,8 +7,8 @@ use swm_solvers::Aggregate;
 use super::DinoWm;
 use crate::data::{Form, Start};
 use crate::dynamics::{LatentDynamics, aggregate};
-use crate::nn::StateEmbedder;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::StateEmbedder;
 
 /// One planning problem, encoded.
 pub(crate) struct Problem {

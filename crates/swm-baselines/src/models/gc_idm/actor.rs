@@ -7,8 +7,8 @@ use crate::baseline::{GoalPolicy, LatentPolicy, PlanModel};
 use crate::data::{Images, Observations, PlanningBatch, Vectors};
 use crate::dynamics::for_each_group;
 use crate::error::BaselineError;
-use crate::params::{device_of, host};
-use crate::placement::Placement;
+use swm_nn::params::{device_of, host};
+use swm_nn::placement::Placement;
 
 /// A copy of the network.
 pub(super) struct OverLatents {

@@ -17,13 +17,13 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{InputSpec, ModelConfig, Phase};
 use crate::data::{Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::Terms;
 use crate::models::countdown::imitation;
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CountdownPredictor, CountdownSizes, LatentMoments, Looks};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::optim::OptimConfig;
+use swm_nn::{CountdownPredictor, CountdownSizes, LatentMoments, Looks};
 
 pub(crate) use baseline::baseline;
 

@@ -8,12 +8,12 @@ use swm_data::loader::GoalWeights;
 use crate::baseline::{GoalPolicy, Phase};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, mean_squared_error};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen};
 use crate::network::{Network, Parts};
-use crate::nn::{GoalPredictor, parameter};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::optim::OptimConfig;
+use swm_nn::{GoalPredictor, parameter};
 
 /// Its name.
 pub(crate) const NAME: &str = "gcbc";

@@ -9,13 +9,13 @@ use swm_data::loader::GoalWeights;
 use crate::baseline::{GoalPolicy, Phase};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, expectile, mean_squared_error};
 use crate::models::gcivl::{ValueConfig, value_optim};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
 use crate::network::{Network, Parts};
-use crate::nn::{Critic, GoalPredictor, parameter};
-use crate::optim::{OptimConfig, Schedule};
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, expectile, mean_squared_error};
+use swm_nn::optim::{OptimConfig, Schedule};
+use swm_nn::{Critic, GoalPredictor, parameter};
 
 /// Its name.
 pub(crate) const NAME: &str = "gciql";

@@ -9,8 +9,8 @@ use crate::data::DataDims;
 use crate::error::BaselineError;
 use crate::models::goal::{GoalConfig, ValueLearner};
 use crate::network::{Network, Parts};
-use crate::nn::GoalPredictor;
-use crate::optim::{OptimConfig, Schedule};
+use swm_nn::GoalPredictor;
+use swm_nn::optim::{OptimConfig, Schedule};
 
 /// Its name.
 pub(crate) const NAME: &str = "gcivl";

@@ -17,16 +17,16 @@ use crate::baseline::{GoalPolicy, InputSpec, Phase};
 use crate::data::{DataDims, Form, Inputs, PlanningBatch, Start};
 use crate::dynamics::for_each_group;
 use crate::error::BaselineError;
-use crate::losses::Terms;
 use crate::models::countdown::imitation;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{CountdownPredictor, CountdownSizes, Drawing, KeypointConfig};
-use crate::optim::OptimConfig;
-use crate::params::{device_of, host};
-use crate::pass::Pass;
-use crate::placement::Placement;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::optim::OptimConfig;
+use swm_nn::params::{device_of, host};
+use swm_nn::placement::Placement;
+use swm_nn::{CountdownPredictor, CountdownSizes, Drawing, KeypointConfig};
 
 /// Its name.
 pub(crate) const NAME: &str = "gcsl";

@@ -15,8 +15,8 @@ use crate::error::BaselineError;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::gcivl::PolicyGoals;
 use crate::models::settings::check_sizes;
-use crate::nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
-use crate::optim::OptimConfig;
+use swm_nn::optim::OptimConfig;
+use swm_nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
 
 pub(crate) use policy::ActingPolicy;
 pub(crate) use transition::Transition;

@@ -7,10 +7,10 @@ use crate::baseline::GoalPolicy;
 use crate::data::{Form, PlanningBatch, Start};
 use crate::dynamics::for_each_group;
 use crate::error::BaselineError;
-use crate::nn::GoalPredictor;
-use crate::params::{device_of, host};
-use crate::pass::Pass;
-use crate::placement::Placement;
+use swm_nn::GoalPredictor;
+use swm_nn::Pass;
+use swm_nn::params::{device_of, host};
+use swm_nn::placement::Placement;
 
 /// A copy of what acts.
 pub(crate) struct ActingPolicy {

@@ -6,9 +6,9 @@ use burn::tensor::Tensor;
 use super::{Observer, Seen};
 use crate::data::Inputs;
 use crate::error::BaselineError;
-use crate::losses::Terms;
-use crate::nn::{GoalPredictor, ValueNetwork};
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::{GoalPredictor, ValueNetwork};
 
 /// Bounds of the logarithms of a policy's stds.
 const LOG_STDS: [f32; 2] = [-5.0, 2.0];

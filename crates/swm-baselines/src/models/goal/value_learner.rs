@@ -9,12 +9,12 @@ use super::{ActingPolicy, GoalConfig, Observer, Transition};
 use crate::baseline::{GoalPolicy, Phase};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, expectile};
 use crate::models::gcivl::ValueConfig;
 use crate::network::{Network, Parts};
-use crate::nn::{GoalPredictor, ValueNetwork, parameter};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, expectile};
+use swm_nn::optim::OptimConfig;
+use swm_nn::{GoalPredictor, ValueNetwork, parameter};
 
 /// A value `V` and a policy.
 #[derive(Module, Debug)]

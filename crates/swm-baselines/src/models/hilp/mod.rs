@@ -12,8 +12,8 @@ use crate::error::BaselineError;
 use crate::models::gcivl::{GcivlConfig, ValueConfig};
 use crate::models::goal::{GoalConfig, ValueLearner};
 use crate::network::{Network, Parts};
-use crate::nn::MetricValue;
-use crate::optim::OptimConfig;
+use swm_nn::MetricValue;
+use swm_nn::optim::OptimConfig;
 
 /// Its name.
 pub(crate) const NAME: &str = "hilp";

@@ -13,8 +13,8 @@ use crate::error::BaselineError;
 use crate::models::auxiliary::Auxiliary;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
-use crate::nn::{ActionEmbedder, CnnConfig, Mlp, Predictor, PredictorConfig, VitConfig};
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::{ActionEmbedder, CnnConfig, Mlp, Predictor, PredictorConfig, VitConfig};
 
 pub(crate) use planner::JointPlanner;
 

@@ -7,9 +7,9 @@ use swm_solvers::Aggregate;
 use super::Joint;
 use crate::data::{Form, Start};
 use crate::dynamics::{LatentDynamics, aggregate};
-use crate::nn::SeenStates;
-use crate::pass::Pass;
 use crate::plan::Planner;
+use swm_nn::Pass;
+use swm_nn::SeenStates;
 
 /// A copy of the model at work.
 pub(crate) type JointPlanner = Planner<Joint>;

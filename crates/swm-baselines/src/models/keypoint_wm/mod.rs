@@ -20,14 +20,14 @@ use serde_json::{Map, Value as Json, json};
 use crate::baseline::{InputSpec, Phase, PlanModel};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{KeypointConfig, Keypoints, LatentChange, LatentChangeSizes};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
 use crate::plan::Planner;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::optim::OptimConfig;
+use swm_nn::{KeypointConfig, Keypoints, LatentChange, LatentChangeSizes};
 
 /// Its name.
 pub(crate) const NAME: &str = "keypoint-wm";

@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{InputSpec, Phase};
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::Terms;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
-use crate::nn::{Drawing, KeypointConfig, Keypoints};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::Terms;
+use swm_nn::optim::OptimConfig;
+use swm_nn::{Drawing, KeypointConfig, Keypoints};
 
 /// Its name.
 pub(crate) const NAME: &str = "keypoints";

@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{Phase, PlanModel};
 use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, Vicreg, mean_squared_error, vicreg};
 use crate::models::auxiliary::Auxiliary;
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
-use crate::nn::{Drawing, InverseDynamics};
-use crate::optim::OptimConfig;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, Vicreg, mean_squared_error, vicreg};
+use swm_nn::optim::OptimConfig;
+use swm_nn::{Drawing, InverseDynamics};
 
 /// Its name.
 pub(crate) const NAME: &str = "pldm";

@@ -17,13 +17,13 @@ use super::training::{check_form, differentiate, load_optimizer, tensor, trainab
 use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::init::initialize;
 use crate::learner::follow;
-use crate::losses::Terms;
-use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
-use crate::params::{self, host};
-use crate::pass::Pass;
 use crate::weights;
+use swm_nn::Pass;
+use swm_nn::init::initialize;
+use swm_nn::losses::Terms;
+use swm_nn::optim::{AdamW, Gradients, OptimConfig, Schedule};
+use swm_nn::params::{self, host};
 
 pub(crate) use network::{Minibatch, SacNetwork};
 pub use settings::SacConfig;

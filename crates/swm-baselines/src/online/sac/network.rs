@@ -5,9 +5,9 @@ use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
-use crate::losses::{Terms, mean_squared_error};
-use crate::nn::{Linear, QHead, parameter};
-use crate::params::host;
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::params::host;
+use swm_nn::{Linear, QHead, parameter};
 
 /// Bounds of the logarithms of the policy's stds.
 const LOG_STDS: [f32; 2] = [-20.0, 2.0];

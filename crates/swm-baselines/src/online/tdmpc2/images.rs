@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 
-use crate::nn::{Conv, Linear};
+use swm_nn::{Conv, Linear};
 
 /// Kernel and stride of each convolution.
 const KERNELS: [[usize; 2]; 4] = [[7, 2], [5, 2], [3, 2], [3, 1]];

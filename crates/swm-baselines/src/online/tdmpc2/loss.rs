@@ -6,9 +6,9 @@ use burn::tensor::Tensor;
 use super::math::{cross_entropy, gaussian_log_density, percentile_range, squash};
 use super::network::{Observed, Tdmpc2Network};
 use super::settings::Tdmpc2Config;
-use crate::losses::{Terms, mean_squared_error};
-use crate::params::host;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::losses::{Terms, mean_squared_error};
+use swm_nn::params::host;
 
 /// B clips of H + 1 steps on the device, all of a step together.
 pub(crate) struct Minibatch {

@@ -4,7 +4,7 @@
 use burn::tensor::activation::{log_softmax, relu, softmax};
 use burn::tensor::{Tensor, TensorData};
 
-pub(super) use crate::nn::mish;
+pub(super) use swm_nn::mish;
 
 /// Bounds of the logarithms of the policy's stds.
 const LOG_STDS: [f64; 2] = [-10.0, 2.0];
@@ -104,7 +104,7 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::params::host;
+    use swm_nn::params::host;
 
     fn tensor<const N: usize>(values: [f32; N], shape: [usize; 2]) -> Tensor<2> {
         Tensor::from_data(TensorData::new(values.to_vec(), shape), &Device::flex())

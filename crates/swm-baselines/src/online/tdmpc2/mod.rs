@@ -25,10 +25,10 @@ use crate::device::Device;
 use crate::error::BaselineError;
 use crate::images::{Images, Normalization, to_tensor};
 use crate::learner::follow;
-use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
-use crate::params;
-use crate::pass::Pass;
 use crate::weights;
+use swm_nn::Pass;
+use swm_nn::optim::{AdamW, Gradients, OptimConfig, Schedule};
+use swm_nn::params;
 
 pub(crate) use loss::{Minibatch, Noise, loss};
 use network::TARGETS;

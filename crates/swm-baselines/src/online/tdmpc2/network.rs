@@ -9,12 +9,12 @@ use swm_core::seed::keyed;
 use super::images::ImageEncoder;
 use super::math::{Bins, log_std, mish, simnorm};
 use super::settings::Tdmpc2Config;
-use crate::init::initialize;
 use crate::learner::follow;
-use crate::nn::{LayerNorm, Linear, parameter};
 use crate::online::agent::AgentConfig;
-use crate::params;
-use crate::pass::Pass;
+use swm_nn::Pass;
+use swm_nn::init::initialize;
+use swm_nn::params;
+use swm_nn::{LayerNorm, Linear, parameter};
 
 /// The target networks, and what they follow.
 pub(super) const TARGETS: &[(&str, &str)] = &[("qs", "target_qs")];

@@ -13,7 +13,7 @@ use super::network::Tdmpc2Network;
 use super::plan::Tdmpc2Plan;
 use crate::error::BaselineError;
 use crate::online::training::tensor;
-use crate::params::host;
+use swm_nn::params::host;
 
 /// What a plan is made with.
 pub(super) struct Planner<'a> {

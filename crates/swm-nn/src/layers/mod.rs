@@ -1,0 +1,52 @@
+//! Layers and networks, on tensors. Each has the form of the reference's PyTorch module; `swm-baselines/src/parity` compares them
+//! value by value.
+
+mod activation;
+mod attention;
+mod background;
+mod cnn;
+mod convolution;
+mod countdown;
+mod drawing;
+mod embed;
+mod feature_map;
+mod film;
+mod frames;
+mod goal;
+mod image_translator;
+mod keypoints;
+mod latent_change;
+mod latent_moments;
+mod linear;
+mod metric;
+mod norm;
+mod predictor;
+mod projector;
+mod vit;
+
+pub use activation::mish;
+pub use background::Background;
+pub use cnn::Cnn;
+pub use cnn::CnnConfig;
+pub use countdown::{CountdownPredictor, CountdownSizes, Looks};
+pub use drawing::Drawing;
+pub use embed::{ActionEmbedder, StateEmbedder};
+pub use feature_map::FeatureMapEncoder;
+pub use film::FilmPredictor;
+pub use film::FilmPredictorConfig;
+pub use frames::FramePredictor;
+pub use goal::{Critic, GoalPredictor, QHead, TokenForm, ValueNetwork};
+pub use goal::{GoalTransformerConfig, Pool};
+pub use image_translator::{HALVINGS, ImageTranslator, coordinates};
+pub use keypoints::KeypointConfig;
+pub use keypoints::Keypoints;
+pub use latent_change::{LatentChange, LatentChangeSizes};
+pub use latent_moments::LatentMoments;
+pub use linear::{Conv, Linear, parameter};
+pub use metric::MetricValue;
+pub use norm::LayerNorm;
+pub use predictor::PredictorConfig;
+pub use predictor::{Predictor, SeenStates};
+pub use projector::{InverseDynamics, Mlp};
+pub use vit::VitConfig;
+pub use vit::{Vit, vit_epsilon};
