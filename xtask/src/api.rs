@@ -13,7 +13,7 @@ use crate::process;
 /// Options of `cargo xtask api`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Only this crate; may be given several times. Default: all that build without `swm-baselines` and `swm-data-lance`
+    /// Only this crate; may be given several times. Default: all that build without tensors and Lance
     #[arg(long, short, value_name = "CRATE")]
     package: Vec<String>,
 }

@@ -133,7 +133,7 @@ impl GoldenFile {
 
 /// What a file holds, by name.
 struct Arrays {
-    /// JSON and pictures.
+    /// JSON and images.
     bytes: BTreeMap<String, Vec<u8>>,
     numbers: BTreeMap<String, ArrayD<f64>>,
 }

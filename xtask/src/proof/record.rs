@@ -176,7 +176,7 @@ pub(super) fn wilson(successes: u64, episodes: u64) -> [f64; 2] {
     [middle - half, middle + half].map(|share| 100.0 * share.clamp(0.0, 1.0))
 }
 
-/// The processor and how many cores of it there are.
+/// The CPU, and how many of its cores there are.
 static MACHINE: LazyLock<String> = LazyLock::new(|| {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

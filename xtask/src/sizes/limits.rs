@@ -40,6 +40,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
     ("swm-tasks", &[HDF5, MATRICES], &[]),
     ("swm-ui", &[HDF5], &[]),
+    ("swm-nn", &[TENSORS], &["swm-data", "swm-solvers"]),
     ("swm-baselines", &[TENSORS, HDF5, MATRICES, VIDEOS], &[]),
 ];
 
