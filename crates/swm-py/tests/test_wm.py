@@ -86,6 +86,17 @@ def test_prejepa_equals_the_reference() -> None:
     near(info["predicted_embedding"][0, :, 1:], data["rollout"])
 
 
+@pytest.mark.parametrize(("name", "dim", "heads"), [("dinov2_small", 384, 6), ("facebook/dino-vits8", 384, 6), ("vit_base_patch16", 768, 12), (None, 192, 3)])
+def test_encoders_of_published_widths_need_no_heads(tmp_path: Path, name: str | None, dim: int, heads: int) -> None:
+    from stable_worldmodel_rs.wm._shapes import encoder_of
+    from stable_worldmodel_rs.wm._vit import Vit, VitSizes
+
+    # Names as the reference's training scripts write them into configs; policies of a whole training have none.
+    sizes = VitSizes(dim=dim, depth=1, heads=heads, hidden=dim, patch=4, positions_for=8, dinov2=name == "dinov2_small")
+    assert encoder_of(Vit(sizes).state_dict(), name, tmp_path, None, "encoder").sizes == sizes
+    assert encoder_of(Vit(sizes).state_dict(), name, tmp_path, 2, "encoder").sizes.heads == 2
+
+
 def policy_agrees(model: Any, data: dict[str, Any]) -> None:
     info = {key: data[key] for key in ("pixels", "goal", "proprio", "goal_proprio") if key in data}
     with torch.no_grad():

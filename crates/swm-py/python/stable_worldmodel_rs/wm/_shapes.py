@@ -13,14 +13,13 @@ from . import gcrl, prejepa
 from ._frames import frame_mask
 from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
-from ._vit import KNOWN, Vit, VitSizes, without_fixed
+from ._vit import KNOWN, USUAL_HEADS, Vit, VitSizes, without_fixed
 from .gcrl.gcrl import EvalOnly, TeacherStudent
 
 __all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
 _LETTERS = {"s": "small", "b": "base", "l": "large"}
-_DINOV2_WIDTHS = {sizes.dim: sizes.heads for sizes in KNOWN.values()}
 
 
 def _below(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
@@ -39,7 +38,8 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         tensors: Its own, without a prefix.
         name: What the config calls it: a repository, or a folder beside the file.
         folder: Of the file of weights.
-        heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``.
+        heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``, else those of the published ones of
+            its width.
         place: What errors call it.
     """
     if "embeddings.register_tokens" in tensors:
@@ -59,8 +59,8 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         heads = KNOWN[name].heads
     if heads is None:
         heads = _heads_of(beside)
-    if heads is None and name is None and dinov2:
-        heads = _DINOV2_WIDTHS.get(dim)
+    if heads is None:
+        heads = USUAL_HEADS.get(dim)
     if heads is None:
         raise ValueError(
             f"{place}: no file says how many heads the attention of this encoder of width {dim} has; give extra_args={{'encoder.heads': N}}"

@@ -14,7 +14,7 @@ from ._names import of_generation
 from ._nets import join_heads, split_heads
 from ._torch import F, Tensor, nn, torch
 
-__all__ = ["KNOWN", "Encoded", "Vit", "VitSizes", "vit_hf", "without_fixed"]
+__all__ = ["KNOWN", "USUAL_HEADS", "Encoded", "Vit", "VitSizes", "vit_hf", "without_fixed"]
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,12 @@ KNOWN: dict[str, VitSizes] = {
     "facebook/dinov2-large": replace(_DINOV2, dim=1024, depth=24, heads=16, hidden=4096),
 }
 """DINOv2 encoders whose sizes are known by their names."""
+# The reference's short names (`dinov2_small`), which its training script writes into configs.
+KNOWN |= {name.removeprefix("facebook/").replace("-", "_"): sizes for name, sizes in KNOWN.items()}
 
 _SIZES = {"tiny": (192, 12, 3, 768), "small": (384, 12, 6, 1536), "base": (768, 12, 12, 3072), "large": (1024, 24, 16, 4096)}
+USUAL_HEADS: dict[int, int] = {dim: heads for dim, _, heads, _ in _SIZES.values()}
+"""Heads of the published encoders of a width, in ``swm import``, too."""
 
 # Settings of transformers that have one value here, for either form.
 _FIXED: dict[str, Any] = {
