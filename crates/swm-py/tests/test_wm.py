@@ -120,6 +120,11 @@ def test_policies_with_values_equal_the_reference(folder: str) -> None:
     policy_agrees(wm.load_pretrained(path, kind=folder.split("_")[0], extra_args=HEADS), expected(folder))
 
 
+def test_num_pred_takes_no_part_in_plans() -> None:
+    model = wm.load_pretrained(GOLDEN / "prejepa", extra_args={"num_pred": 2})
+    assert model.num_pred == 2
+
+
 # ---- files: out, in, and bad ones
 
 

@@ -23,7 +23,7 @@ class PreJEPA(TokenModel):
         extra_encoders: Of columns that join every token, such as ``proprio``, and of ``action``.
         decoder: Must be None: none is known here.
         history_size: Frames that the predictor is given at most.
-        num_pred: Frames that are predicted at a time: 1.
+        num_pred: Frames between a frame and the one that training compares its prediction with. Of no effect here, as in the reference.
         interpolate_pos_encoding: Of no effect: positions are interpolated where images have another size.
     """
 
@@ -40,8 +40,8 @@ class PreJEPA(TokenModel):
         interpolate_pos_encoding: bool = True,
     ) -> None:
         super().__init__(encoder, extra_encoders)
-        if decoder is not None or num_pred != 1:
-            raise ValueError(f"PreJEPA: a decoder and num_pred={num_pred} are not known here; leave decoder out and give num_pred=1")
+        if decoder is not None:
+            raise ValueError("PreJEPA: a decoder is not known here; leave it out")
         self.predictor: nn.Module = predictor
         self.history_size: int = history_size
         self.num_pred: int = num_pred
