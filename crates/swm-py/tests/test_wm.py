@@ -139,6 +139,23 @@ def small_lewm(tmp_path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
     return folder, config_of("lewm_transformers4"), read_weights(folder / "weights.pt")
 
 
+@pytest.mark.parametrize(
+    ("prefix", "beside"),
+    [
+        ("model.", ["callbacks_modules.probe.weight", "callbacks_metrics.probe.total", "sigreg.t"]),
+        ("model.", ["ema_model.encoder.layernorm.weight", "n_averaged"]),
+        ("module.", ["n_averaged"]),
+    ],
+)
+def test_what_training_keeps_beside_a_model_is_left_out(tmp_path: Path, caplog: Any, prefix: str, beside: list[str]) -> None:
+    folder, _, tensors = small_lewm(tmp_path)
+    wrapped = {f"{prefix}{name}": value for name, value in tensors.items()} | {name: torch.ones(3) for name in beside}
+    torch.save({"state_dict": wrapped, "epoch": 1}, folder / "weights.pt")
+    found = wm.load_pretrained(folder).state_dict()
+    assert all(torch.equal(found[name], value) for name, value in tensors.items() if name in found) and len(found) == len(tensors)
+    assert ("averaged copy" in caplog.text) == ("ema_model" in str(beside))
+
+
 def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     model, config = wm.load_pretrained(GOLDEN / "lewm_transformers4"), config_of("lewm_transformers4")
     folder = wm.save_pretrained(model, tmp_path / "four", config)

@@ -19,8 +19,10 @@ __all__ = ["read_weights", "unwrapped"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
-# What training keeps beside the model: losses, meters, the inverse dynamics of PLDM.
-_BESIDE = ("sigreg.", "idm.", "criterion", "val_", "train_", "_metrics")
+# Copies of the model with averaged weights, which are left out.
+_AVERAGED = ("ema.", "ema_model.", "model_ema.")
+# What training keeps beside the model: losses, meters, probes, the inverse dynamics of PLDM, averages and their count.
+_BESIDE = ("sigreg.", "idm.", "criterion", "val_", "train_", "_metrics", "callbacks_", "n_averaged", *_AVERAGED)
 # Below these, files keep the tensors.
 _HOMES = ("state_dict", "model_state_dict", "model")
 # What wraps a whole model: torch.compile, several GPUs, training scripts.
@@ -137,6 +139,8 @@ def unwrapped(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
             inner = {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
             rest = [name for name in tensors if not name.startswith(prefix)]
             if inner and all(name.startswith(_BESIDE) for name in rest):
+                if averaged := next((name for name in rest if name.startswith(_AVERAGED)), None):
+                    logger.warning("the averaged copy of the weights (%s, …) is left out, and %s* are read", averaged, prefix)
                 tensors, wrapped = inner, True
     return {name.replace("._orig_mod.", "."): value for name, value in tensors.items()}
 
