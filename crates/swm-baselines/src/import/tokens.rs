@@ -12,7 +12,8 @@ use super::recipe::{Given, Recipe, first, of};
 use super::shapes::{Shapes, VitShape, heads, root, unsaid_heads};
 use swm_nn::vit_epsilon;
 
-const PREDICTOR: [&str; 11] = [
+/// Settings of the reference's predictors. Nothing reads `pool`, there or here.
+const PREDICTOR: [&str; 13] = [
     "num_patches",
     "num_frames",
     "dim",
@@ -23,7 +24,9 @@ const PREDICTOR: [&str; 11] = [
     "dropout",
     "emb_dropout",
     "out_dim",
+    "pool",
     "pool_type",
+    "causal",
 ];
 
 /// Mean and std of PushT's actions in the authors' archive, which are constants of its code (`datasets/pusht_dset.py`).
@@ -141,6 +144,9 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
     let actor = config.as_ref().and_then(|config| config.get("action_predictor"));
     if let Some(actor) = &actor {
         actor.check_module(&["Predictor"], &PREDICTOR)?;
+        if actor.get("causal").is_some() && !actor.is_true("causal") {
+            return Err(actor.other("causal", "false", "true"));
+        }
     }
     // The trainers of values store the settings of the whole training.
     let sizes = actor.clone().or_else(|| config.as_ref().and_then(|config| config.get("predictor")));

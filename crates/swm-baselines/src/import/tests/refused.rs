@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use swm_tasks::request::Request as _;
 
 use super::super::{Description, Import, Loaded};
@@ -71,6 +71,36 @@ fn configs_that_are_no_models_are_refused_by_name() {
         let message = request.run(&registry(), &mut ()).unwrap_err().to_string();
         assert!(message.contains("config.json: ") && message.contains(reason), "{name}: {message}");
     }
+}
+
+#[test]
+fn settings_of_the_reference_that_change_nothing_are_taken() {
+    let described = |[case, weights, heads]: [&str; 3], [part, setting]: [&str; 2], value: Json| {
+        let (from, folder) = (golden().join(case), tempfile::tempdir().unwrap());
+        let mut config: Json =
+            serde_json::from_slice(&std::fs::read(from.join("config.json")).unwrap()).unwrap();
+        config[part][setting] = value;
+        std::fs::write(folder.path().join("config.json"), config.to_string()).unwrap();
+        std::fs::copy(from.join(weights), folder.path().join(weights)).unwrap();
+        let mut request = Import { check_only: true, ..request(folder.path(), None) };
+        request.set.insert(heads.to_owned(), 3.into());
+        request
+            .run(&registry(), &mut ())
+            .map(|description| description.model)
+            .map_err(|error| error.to_string())
+    };
+    let gcbc = |value| {
+        described(
+            ["gcbc", "weights_epoch_3.pt", "model.encoder.heads"],
+            ["action_predictor", "causal"],
+            value,
+        )
+    };
+    assert_eq!(gcbc(json!(true)), Ok("gcbc".to_owned()));
+    let acausal = gcbc(json!(false)).unwrap_err();
+    assert!(acausal.contains("action_predictor.causal is false, and this program has true"), "{acausal}");
+    let prejepa = described(["prejepa", "weights.pt", "encoder.heads"], ["predictor", "pool"], json!("mean"));
+    assert_eq!(prejepa, Ok("dino-wm".to_owned()));
 }
 
 /// The configs of the four published repositories, whose weights are not here.
