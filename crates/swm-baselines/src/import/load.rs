@@ -221,6 +221,10 @@ fn describe(recipe: &Recipe, source: &Source, found: Option<&Contents>) -> Resul
     });
     let objects = found.iter().flat_map(|found| &found.passed_over);
     let objects = objects.map(|class| format!("{file}: the tensors of its {class} were passed over"));
+    let averaged = found.and_then(|found| weights::averaged(found.tensors.keys()));
+    let averaged = averaged.map(|name| {
+        format!("{file}: the averaged copy of the weights ({name}, …) was passed over, and the model's own are read")
+    });
     Ok(Description {
         model: recipe.name.to_owned(),
         format: found.map_or("", |found| found.format).to_owned(),
@@ -230,7 +234,7 @@ fn describe(recipe: &Recipe, source: &Source, found: Option<&Contents>) -> Resul
         history: recipe.history,
         known: known.map(|(_, known)| (*known).to_owned()),
         sha256,
-        ignored: calls.chain(objects).collect(),
+        ignored: calls.chain(objects).chain(averaged).collect(),
         settings: recipe.settings.clone(),
         ..Description::default()
     })

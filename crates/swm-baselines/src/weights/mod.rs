@@ -24,7 +24,7 @@ use swm_nn::params;
 pub(crate) use file::{Contents, Of, Stored, contents, read, write, write_for_transformers};
 #[cfg(test)]
 pub(crate) use rename::ours;
-pub(crate) use rename::{to_ours, vector_keys};
+pub(crate) use rename::{averaged, to_ours, vector_keys};
 pub(crate) use saved::{Saved, Values, save};
 
 /// Writes all tensors of a network.

@@ -11,8 +11,11 @@ use super::file::Stored;
 /// What is put before all names by Lightning and by compiled or distributed modules.
 const PREFIXES: [&str; 4] = ["model.", "_orig_mod.", "module.", "state_dict."];
 
-/// What the names of a trainer's own tensors begin with, beside those of the model below `model.`: losses and metrics.
-const BESIDE: [&str; 6] = ["sigreg.", "criterion", "val_", "train_", "_metrics", "callbacks_"];
+/// What the names of a trainer's own tensors begin with, beside those of the model below one of these: losses, metrics and probes, and
+/// how many weights were averaged.
+const BESIDE: [&str; 7] = ["sigreg.", "criterion", "val_", "train_", "_metrics", "callbacks_", "n_averaged"];
+/// Beside those, copies of the model with averaged weights.
+const AVERAGED: [&str; 3] = ["ema.", "ema_model.", "model_ema."];
 /// Beside those, a part of the model (PLDM's).
 const INVERSE: &str = "idm.";
 
@@ -79,10 +82,10 @@ pub(crate) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stor
 fn without_prefixes(mut stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
     loop {
         let common = |prefix: &&&str| stored.keys().all(|name| name.starts_with(**prefix));
-        let prefix = match PREFIXES.iter().find(common) {
+        let among_others = || PREFIXES.iter().find(|prefix| is_beside_a_model(&stored, prefix));
+        let prefix = match PREFIXES.iter().find(common).or_else(among_others) {
             _ if stored.is_empty() => return stored,
             Some(prefix) => *prefix,
-            None if is_beside_a_model(&stored) => "model.",
             None => return stored,
         };
         stored = stored
@@ -95,14 +98,19 @@ fn without_prefixes(mut stored: BTreeMap<String, Stored>) -> BTreeMap<String, St
     }
 }
 
-/// Whether the model is below `model.`, and all else is a trainer's.
-fn is_beside_a_model(stored: &BTreeMap<String, Stored>) -> bool {
+/// Whether the model is below `prefix`, and all else is a trainer's.
+fn is_beside_a_model(stored: &BTreeMap<String, Stored>, prefix: &str) -> bool {
     let is_known = |name: &String| {
-        name.starts_with("model.")
+        name.starts_with(prefix)
             || name.starts_with(INVERSE)
-            || BESIDE.iter().any(|beside| name.starts_with(beside))
+            || BESIDE.iter().chain(&AVERAGED).any(|beside| name.starts_with(beside))
     };
-    stored.keys().any(|name| name.starts_with("model.")) && stored.keys().all(is_known)
+    stored.keys().any(|name| name.starts_with(prefix)) && stored.keys().all(is_known)
+}
+
+/// The name of a tensor in a copy of the model with averaged weights, if there is one.
+pub(crate) fn averaged<'a>(mut names: impl Iterator<Item = &'a String>) -> Option<&'a String> {
+    names.find(|name| AVERAGED.iter().any(|averaged| name.starts_with(averaged)))
 }
 
 /// The name of a tensor of an archive of modules: encoders of actions and of proprioception have names of their own there.
@@ -209,6 +217,9 @@ mod tests {
             ["a.weight", "idm.net.0.weight"]
         );
         assert_eq!(renamed(&["model._orig_mod.a.weight", "model._orig_mod.b.bias"]), ["a.weight", "b.bias"]);
+        assert_eq!(renamed(&["model.a.weight", "ema_model.a.weight", "n_averaged"]), ["a.weight"]);
+        assert_eq!(renamed(&["module.a.weight", "module.b.bias", "n_averaged"]), ["a.weight", "b.bias"]);
+        assert_eq!(renamed(&["ema.a.weight", "n_averaged"]), ["ema.a.weight", "n_averaged"]);
         // Something else beside it may be another model.
         assert_eq!(renamed(&["model.a", "head.b"]), ["head.b", "model.a"]);
     }
