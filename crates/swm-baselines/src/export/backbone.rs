@@ -1,4 +1,4 @@
-//! A frozen DINOv2, which the reference makes by its name: that of a published one, or of a folder in the form of transformers.
+//! A frozen DINOv2 or ViT, which the reference makes by its name: that of a published one, or of a folder in the form of transformers.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use swm_nn::VitConfig;
 
 /// The folder beside the weights.
 pub(super) const FOLDER: &str = "backbone";
-/// Names, dims, blocks and heads of the published ones, whose patches have 14 pixels and whose positions are for 518.
+/// Names, dims, blocks and heads of the published DINOv2s, whose patches have 14 pixels and whose positions are for 518.
 const PUBLISHED: [(&str, [usize; 3]); 3] = [
     ("facebook/dinov2-small", [384, 12, 6]),
     ("facebook/dinov2-base", [768, 12, 12]),
@@ -33,8 +33,10 @@ pub(super) struct Named {
     pub(super) config: Json,
     /// The config of its folder, where it is not published.
     pub(super) folder: Option<Json>,
-    /// A tensor that takes no part in what it computes, which its class has all the same.
-    pub(super) mask_token: Saved,
+    /// Whether it is a DINOv2.
+    pub(super) dinov2: bool,
+    /// Tensors that take no part in what it computes, which its class has all the same.
+    pub(super) idle: Vec<Saved>,
     pub(super) notes: Vec<String>,
 }
 
@@ -49,8 +51,19 @@ impl Backbone {
         });
         let mut tensors: Vec<_> = own.collect();
         let dim = config["hidden_size"].as_u64().unwrap_or(0) as usize;
-        tensors.push(("embeddings.mask_token".to_owned(), vec![1, dim], vec![0.0; dim]));
+        for (name, shape) in idle(dim, encoder.dinov2) {
+            let zeros = vec![0.0; shape.iter().product()];
+            tensors.push((name.to_owned(), shape, zeros));
+        }
         Self { config, tensors }
+    }
+}
+
+/// Names and shapes of what an encoder's class has and nothing reads: the token of masked images, or the layer behind the first token.
+fn idle(dim: usize, dinov2: bool) -> Vec<(&'static str, Vec<usize>)> {
+    match dinov2 {
+        true => vec![("embeddings.mask_token", vec![1, dim])],
+        false => vec![("pooler.dense.weight", vec![dim, dim]), ("pooler.dense.bias", vec![dim])],
     }
 }
 
@@ -58,23 +71,19 @@ impl Backbone {
 pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result<Named, Unfit> {
     let EncoderConfig::Vit(vit) = config else {
         return Err(format!(
-            "its encoder is not a vision transformer (`{place}.kind`), and the reference's model has a DINOv2; train it with a \
+            "its encoder is not a vision transformer (`{place}.kind`), and the reference's model has one; train it with a \
              frozen DINOv2, as the preset `paper` has it"
         )
         .into());
     };
     let &VitConfig { dim, depth, heads, hidden, patch, positions_for, dinov2 } = vit;
-    if !dinov2 {
-        let reason = "its encoder is a ViT that is no DINOv2, and the reference's model has a DINOv2; train it with the setting \
-                      `dinov2` of its encoder at true";
-        return Err(reason.into());
-    }
-    let is_published = patch == 14 && positions_for == 518 && hidden == 4 * dim;
+    let is_published = dinov2 && patch == 14 && positions_for == 518 && hidden == 4 * dim;
     let published = PUBLISHED.iter().find(|(_, sizes)| is_published && *sizes == [dim, depth, heads]);
     let name = published.map_or(FOLDER, |(name, _)| name);
     let mut notes = Vec::new();
     // A whole number as such: transformers 5 takes no float.
     let ratio: Json = match hidden.is_multiple_of(dim.max(1)) {
+        _ if !dinov2 => Json::Null,
         true => (hidden / dim.max(1)).into(),
         false => {
             let ratio = hidden as f64 / dim as f64;
@@ -90,12 +99,21 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
             ratio.into()
         }
     };
-    let folder = json!({
-        "architectures": ["Dinov2Model"], "model_type": "dinov2", "hidden_size": dim, "num_hidden_layers": depth,
-        "num_attention_heads": heads, "mlp_ratio": ratio, "patch_size": patch, "image_size": positions_for, "num_channels": 3,
-        "hidden_act": "gelu", "layer_norm_eps": 1e-6, "layerscale_value": 1.0, "qkv_bias": true, "use_swiglu_ffn": false,
-        "use_mask_token": true, "hidden_dropout_prob": 0.0, "attention_probs_dropout_prob": 0.0, "drop_path_rate": 0.0,
-    });
+    let folder = match dinov2 {
+        true => json!({
+            "architectures": ["Dinov2Model"], "model_type": "dinov2", "hidden_size": dim, "num_hidden_layers": depth,
+            "num_attention_heads": heads, "mlp_ratio": ratio, "patch_size": patch, "image_size": positions_for,
+            "num_channels": 3, "hidden_act": "gelu", "layer_norm_eps": 1e-6, "layerscale_value": 1.0, "qkv_bias": true,
+            "use_swiglu_ffn": false, "use_mask_token": true, "hidden_dropout_prob": 0.0,
+            "attention_probs_dropout_prob": 0.0, "drop_path_rate": 0.0,
+        }),
+        false => json!({
+            "architectures": ["ViTModel"], "model_type": "vit", "hidden_size": dim, "num_hidden_layers": depth,
+            "num_attention_heads": heads, "intermediate_size": hidden, "patch_size": patch, "image_size": positions_for,
+            "num_channels": 3, "hidden_act": "gelu", "layer_norm_eps": 1e-12, "qkv_bias": true,
+            "hidden_dropout_prob": 0.0, "attention_probs_dropout_prob": 0.0,
+        }),
+    };
     let beside = format!(
         "the encoder is in the folder `{FOLDER}`, which the reference looks for below the current folder: load it from within the \
          checkpoint's folder, or with extra_args={{\"encoder.name\": …}}"
@@ -105,6 +123,13 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
         config: json!({ "_target_": "stable_worldmodel.wm.prejepa.module.create_backbone", "name": name }),
         notes,
         folder: published.is_none().then_some(folder),
-        mask_token: (format!("{prefix}embeddings.mask_token"), vec![1, dim], Values::Floats(vec![0.0; dim])),
+        dinov2,
+        idle: idle(dim, dinov2)
+            .into_iter()
+            .map(|(name, shape)| {
+                let zeros = vec![0.0; shape.iter().product()];
+                (format!("{prefix}{name}"), shape, Values::Floats(zeros))
+            })
+            .collect(),
     })
 }

@@ -5,7 +5,7 @@
 //! | `form` | a run's tensors and config in the reference's words |
 //! | `layout` | what the family of a model decides about them |
 //! | `joint`, `tokens`, `tdmpc2` | the config of each family, and what of a run it cannot say |
-//! | `backbone` | a frozen DINOv2: by the name under which it is published, or as a folder beside |
+//! | `backbone` | a frozen DINOv2 or ViT: by the name under which it is published, or as a folder beside |
 //! | `names` | names of tensors in the two generations of transformers |
 //! | `card` | the model card, and `swm.json`, which has what no other file contains |
 //!

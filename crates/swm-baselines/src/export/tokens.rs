@@ -1,4 +1,4 @@
-//! Models of the tokens of a frozen DINOv2 in the reference's words: DINO-WM, which it calls PreJEPA, and goal-conditioned policies.
+//! Models of the tokens of a frozen DINOv2 or ViT in the reference's words: DINO-WM, which it calls PreJEPA, and goal-conditioned policies.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,7 @@ const GCRL: &str = "stable_worldmodel.wm.gcrl.module";
 pub(super) fn dino_wm(model: &ModelConfig) -> Result<Layout, Unfit> {
     let settings: DinoWmConfig = parse(&model.settings)?;
     let DinoWmConfig { image, proprio, action, history, frameskip, ref predictor, .. } = settings;
-    let Named { config: encoder, folder, mask_token, mut notes } =
+    let Named { config: encoder, folder, dinov2, idle, mut notes } =
         named(&settings.encoder, "backbone.", "encoder")?;
     let [patches, dim] = settings.encoder.tokens(image);
     let dim = dim + proprio + action;
@@ -35,7 +35,8 @@ pub(super) fn dino_wm(model: &ModelConfig) -> Result<Layout, Unfit> {
         "_target_": "stable_worldmodel.wm.PreJEPA",
         "history_size": history,
         "num_pred": 1,
-        "interpolate_pos_encoding": false,
+        // A DINOv2 interpolates its positions in any case.
+        "interpolate_pos_encoding": !dinov2,
         "encoder": encoder,
         "predictor": {
             "_target_": format!("{PREJEPA}.CausalPredictor"), "num_patches": patches, "num_frames": history, "dim": dim,
@@ -47,7 +48,7 @@ pub(super) fn dino_wm(model: &ModelConfig) -> Result<Layout, Unfit> {
     let mask = causal(history, patches, patches).into_iter().map(|allowed| f32::from(u8::from(allowed)));
     let mask: Vec<f32> = mask.collect();
     let tokens = history * patches;
-    let mut added = vec![mask_token];
+    let mut added = idle;
     added.extend((0..predictor.depth).map(|layer| {
         let name = format!("predictor.transformer.layers.{layer}.0.bias");
         (name, vec![1, 1, tokens, tokens], Values::Floats(mask.clone()))
@@ -59,7 +60,7 @@ pub(super) fn dino_wm(model: &ModelConfig) -> Result<Layout, Unfit> {
     }
     Ok(Layout {
         config,
-        encoder: Some(Encoder { prefix: "backbone.", dinov2: true }),
+        encoder: Some(Encoder { prefix: "backbone.", dinov2 }),
         backbone: folder,
         added,
         facts: facts(image, history, frameskip, block, patches),
@@ -76,7 +77,7 @@ pub(super) fn goal(
 ) -> Result<Layout, Unfit> {
     let settings: GoalConfig = parse(&model.settings["model"])?;
     let GoalConfig { image, proprio, history, frameskip, ref predictor, .. } = settings;
-    let Named { config: encoder, folder, mask_token, notes } =
+    let Named { config: encoder, folder, dinov2, idle, notes } =
         named(&settings.encoder, "encoder.", "model.encoder")?;
     if predictor.compare {
         let reason = "its transformers see what sets a frame apart from the goal (`model.predictor.compare`), which the reference's \
@@ -122,7 +123,7 @@ pub(super) fn goal(
         config["extra_encoders"] =
             json!({ "_target_": "torch.nn.ModuleDict", "modules": { "proprio": embedder } });
     }
-    let mut added = vec![mask_token];
+    let mut added = idle;
     added.extend(masks(stored, "action_predictor.", "action_predictor.", history, patches));
     if has_value {
         added.extend(masks(stored, student, "value_predictor.backbone.", history, patches));
@@ -133,7 +134,7 @@ pub(super) fn goal(
     };
     Ok(Layout {
         config,
-        encoder: Some(Encoder { prefix: "encoder.", dinov2: true }),
+        encoder: Some(Encoder { prefix: "encoder.", dinov2 }),
         backbone: folder,
         left_out,
         renamed: vec![(student.to_owned(), "value_predictor.backbone.".to_owned())],

@@ -191,6 +191,54 @@ fn one_head_as_wide_as_a_token_is_imported_and_exported() {
     }
 }
 
+/// The reference's `create_backbone` makes ViTs, too, and its training of values can have one.
+#[test]
+fn a_frozen_vit_is_imported_and_exported() {
+    for (name, file, prefix) in
+        [("gcbc", "weights_epoch_3.pt", "encoder."), ("prejepa", "weights.pt", "backbone.")]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |part: &str| folder.path().join(part);
+        std::fs::create_dir_all(at("published")).unwrap();
+        std::fs::copy(golden(name).join("config.json"), at("published/config.json")).unwrap();
+        // A DINOv2 without its scales is a ViT but for an epsilon.
+        let tensors = weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
+        let tensors = tensors.into_iter().filter(|(_, stored)| !stored.is_whole);
+        let tensors = tensors.filter(|(tensor, _)| !tensor.contains(".layer_scale"));
+        let tensors: Vec<Saved> =
+            tensors.map(|(tensor, stored)| (tensor, stored.shape, Values::Floats(stored.values))).collect();
+        weights::save(&at("published/weights.pt"), &tensors).unwrap();
+        let place = if name == "gcbc" { "model.encoder.heads" } else { "encoder.heads" };
+        let request = Import {
+            from: at("published").display().to_string(),
+            env: Some(PLANE.id.to_owned()),
+            action_mean: Some(vec![0.0; 2]),
+            action_std: Some(vec![1.0; 2]),
+            proprio_mean: vector_of(name).map(|dim| vec![0.0; dim]),
+            proprio_std: vector_of(name).map(|dim| vec![1.0; dim]),
+            set: Map::from_iter([(place.to_owned(), json!(3))]),
+            out: at("run"),
+            ..Import::default()
+        };
+        request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        for version in [4, 5] {
+            let out = at(&format!("export-{version}"));
+            export(&at("run"), &out, Some(version));
+            let backbone = std::fs::read(out.join("backbone/config.json")).unwrap();
+            let backbone: Json = serde_json::from_slice(&backbone).unwrap();
+            let wanted = json!({ "model_type": "vit", "intermediate_size": 36, "num_attention_heads": 3 });
+            check_within(&wanted, &backbone, name);
+            let written = weights::contents(&out.join("weights.pt"), Of::Shapes).unwrap().tensors;
+            assert_eq!(written[&format!("{prefix}pooler.dense.weight")].shape, [18, 18], "{name}");
+            assert!(!written.contains_key(&format!("{prefix}embeddings.mask_token")), "{name}");
+            let again = at(&format!("again-{version}"));
+            let request = Import { from: out.display().to_string(), out: again.clone(), ..Import::default() };
+            request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(stored(&at("run")), stored(&again), "{name}");
+        }
+    }
+}
+
 /// Names, shapes and kinds of a published file, and those of an export: the reference loads all or none.
 #[test]
 fn files_have_the_tensors_and_settings_that_the_reference_wrote() {

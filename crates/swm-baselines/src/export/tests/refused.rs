@@ -60,14 +60,6 @@ fn networks_that_the_reference_lacks_are_named() {
             "its encoder is a DINOv2",
         ),
         (
-            "prejepa",
-            "weights.pt",
-            None,
-            "/model_config/settings/encoder/dinov2",
-            json!(false),
-            "a ViT that is no DINOv2",
-        ),
-        (
             "gcbc",
             "weights_epoch_3.pt",
             None,
