@@ -21,8 +21,6 @@
 mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;
-#[cfg(feature = "cli")]
-mod jobs;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;
@@ -36,6 +34,8 @@ pub use swm_envs_3d as envs_3d;
 #[cfg(feature = "mujoco")]
 pub use swm_envs_mujoco as envs_mujoco;
 pub use swm_fov as fov;
+#[cfg(feature = "cli")]
+pub use swm_jobs as jobs;
 pub use swm_media as media;
 #[cfg(feature = "onnx")]
 pub use swm_onnx as onnx;

@@ -39,6 +39,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-data-lance", &[HDF5, LANCE, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
     ("swm-tasks", &[HDF5, MATRICES], &[]),
+    ("swm-jobs", &[HDF5], &[]),
     ("swm-ui", &[HDF5], &[]),
     ("swm-nn", &[TENSORS], &["swm-data", "swm-solvers"]),
     ("swm-baselines", &[TENSORS, HDF5, MATRICES, VIDEOS], &[]),

@@ -22,6 +22,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-baselines", &["swm-core", "swm-nn", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data"]),
+    ("swm-jobs", &["swm-core", "swm-data", "swm-tasks"]),
     ("swm-ui", &["swm-core", "swm-media", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm", &["swm-*"]),
     ("swm-py", &["swm"]),

@@ -1,23 +1,16 @@
 //! `swm jobs`: what is done of a job, from its files; the scheduler is asked only who is at work.
 
-#[cfg(feature = "ui")]
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-#[cfg(feature = "ui")]
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
 use swm_tasks::request::cannot;
 
-use super::job_status::{Held, Status, text};
-use super::output::{counted, print};
+use super::output::{counted, key_values, print, table};
 use super::{Failure, Output, usage, work};
-use crate::jobs::JobFolder;
-use crate::jobs::engine::{Submission, engine};
-use crate::jobs::progress::Progress;
+use crate::jobs::{Held, JobFolder, Progress, Status, Submission, engine};
 use crate::text_file::read_text;
 
 /// Show the progress of the jobs of `swm submit`.
@@ -51,8 +44,8 @@ pub(super) struct Jobs {
     cancel: bool,
 }
 
-/// Schedulers are asked so often at most.
-const ASK_EVERY: Duration = Duration::from_secs(30);
+/// Shards that are listed.
+const MAX_LISTED: usize = 20;
 
 impl Jobs {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -71,21 +64,14 @@ impl Jobs {
         if let (true, [folder]) = (self.cancel, folders.as_slice()) {
             return cancel(folder, output);
         }
-        let mut asked: Option<(Instant, Vec<Held>)> = None;
+        let mut held: Vec<Held> = Vec::new();
         loop {
-            let is_old = asked.as_ref().is_none_or(|(time, _)| time.elapsed() >= ASK_EVERY);
-            if is_old {
-                let ask = |folder: &JobFolder| {
-                    let (held, note) = Held::of(folder);
-                    note.iter().for_each(|note| output.note(note));
-                    held
-                };
-                asked = Some((Instant::now(), folders.iter().map(ask).collect()));
+            if held.first().is_none_or(Held::is_old) {
+                held = folders.iter().map(|folder| ask(folder, |note| output.note(note))).collect();
             }
-            let held = asked.as_ref().map_or(&[][..], |(_, held)| held.as_slice());
             let all: Vec<Status> = folders
                 .iter()
-                .zip(held)
+                .zip(&held)
                 .map(|(folder, held)| Status::of(registry, folder, held))
                 .collect::<Result<_, _>>()?;
             let json: Vec<Json> = all.iter().map(Status::json).collect();
@@ -94,7 +80,7 @@ impl Jobs {
                 _ => Json::Array(json),
             };
             output.result(&json, || text(&all, self.job.is_some()))?;
-            let is_finished = all.iter().all(|status| status.finished.is_some());
+            let is_finished = all.iter().all(Status::is_finished);
             match self.watch {
                 Some(seconds) if !is_finished => std::thread::sleep(Duration::from_secs(seconds.max(1))),
                 _ => return Ok(()),
@@ -160,32 +146,28 @@ fn cancel(folder: &JobFolder, output: &Output) -> Result<(), Failure> {
     })
 }
 
-/// When engines were asked, what they held, and a note where one did not answer.
-#[cfg(feature = "ui")]
-type Asked = (Instant, Held, Option<String>);
-
-/// What engines held of jobs that are watched, by folder.
-#[cfg(feature = "ui")]
-#[derive(Default)]
-pub(super) struct Watched(Mutex<BTreeMap<PathBuf, Asked>>);
-
-#[cfg(feature = "ui")]
-impl Watched {
-    /// What `swm jobs DIR --json` prints, and as `note` what it tells.
-    ///
-    /// # Errors
-    ///
-    /// The folder holds no job, or one that cannot be read.
-    pub(super) fn status(&self, registry: &Registry, dir: &Path) -> Result<Json, Failure> {
-        let folder = work::open(registry, dir)?.ok_or_else(|| format!("{} holds no job", dir.display()))?;
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.get(dir).is_none_or(|(time, ..)| time.elapsed() >= ASK_EVERY) {
-            let (held, note) = Held::of(&folder);
-            all.insert(dir.to_owned(), (Instant::now(), held, note));
-        }
-        let Some((_, held, note)) = all.get(dir) else { return Err("the job is not watched".into()) };
-        let mut json = Status::of(registry, &folder, held)?.json();
-        json["note"] = note.clone().into();
-        Ok(json)
+/// Asks the engines of a job, and notes the one that does not answer.
+pub(super) fn ask(folder: &JobFolder, note: impl FnOnce(String)) -> Held {
+    let (held, error) = Held::of(folder);
+    if let Some(error) = error {
+        note(format!("{}: {}", folder.dir.display(), Failure::from(error)));
     }
+    held
+}
+
+/// One job as a page, several as a table.
+fn text(all: &[Status<'_>], is_one: bool) -> String {
+    let ([status], true) = (all, is_one) else {
+        let rows: Vec<Vec<String>> = all.iter().map(Status::row).collect();
+        return table(&["job", "command", "progress", "result"], &rows);
+    };
+    let (mut text, open) = (key_values(&status.summary()), status.open_shards());
+    let shown = &open[..open.len().min(MAX_LISTED)];
+    if !shown.is_empty() {
+        text += &format!("\n{}", table(&["shard", "state", "episodes", ""], shown));
+    }
+    if open.len() > shown.len() {
+        text += &format!("and {} more\n", open.len() - shown.len());
+    }
+    text
 }

@@ -2,22 +2,18 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::Args;
-use serde_json::{Value as Json, json};
 use swm_core::Registry;
 use swm_tasks::request::cannot;
 
 use super::output::counted;
 use super::{Failure, Output, usage, version, work};
 use crate::evaluation::file_bytes;
-use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
-use crate::jobs::files::{now, ranges};
-use crate::jobs::held::{held_shards, queued};
-use crate::jobs::job::Input;
-use crate::jobs::progress::Progress;
-use crate::jobs::{Job, JobFolder, Program, engine, free_bytes};
+use crate::jobs::{
+    ENGINES, Engine, Handover, Input, Job, JobFolder, Program, Progress, Submission, Submitted, engine,
+    free_bytes,
+};
 use crate::text_file::read_text;
 
 /// Divide a command into shards, and submit them as tasks of a scheduler: Slurm, HyperQueue, or another.
@@ -81,14 +77,12 @@ Schedulers and their settings, --on SCHEDULER:KEY=VALUE,…:
     )
 }
 
-/// Engines are asked so often at most, while somebody waits.
-const ASK_EVERY: Duration = Duration::from_secs(30);
 /// A result has this part of the free space, so that parts and result fit.
 const PARTS_AND_RESULT: u64 = 2;
 
 impl Submit {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let on = self.on.as_deref().map(engine).transpose().map_err(usage)?;
+        let on = self.on.as_deref().map(engine).transpose()?;
         let asked = if self.command.is_empty() { None } else { Some(self.job(registry, output)?) };
         if let (Some((engine, _)), Some(job)) = (&on, &asked)
             && !self.dry_run
@@ -133,22 +127,22 @@ impl Submit {
                  the commands, or run it here: {here}"
             ))
         })?;
-        let (engine, settings) = engine(&on).map_err(usage)?;
+        let (engine, settings) = engine(&on)?;
         if self.wait && engine.name == "script" {
             return Err(usage(
                 "--wait: nothing is started by --on script; `swm task JOB --all` runs the shards here",
             ));
         }
-        let sent = Sending { folder: &folder, engine, settings: &settings, on: &on }
-            .send(&submissions, self.dry_run)?;
+        let handover = Handover { folder: &folder, engine, settings: &settings, on: &on };
+        let sent = handover.send(&submissions, self.dry_run)?;
         if self.wait {
-            output.note(sent.text(&folder, engine));
-            wait(&folder, engine)?;
+            output.note(text(&sent, &folder, engine));
+            handover.wait()?;
         }
         let prints_script = !sent.is_submitted && !sent.script.is_empty();
         output.result(&sent.json(&folder, engine), || match prints_script {
             true => sent.script.clone(),
-            false => sent.text(&folder, engine),
+            false => text(&sent, &folder, engine),
         })
     }
 
@@ -186,7 +180,7 @@ impl Submit {
         let (mut episodes, mut inputs) = (0, BTreeSet::new());
         // What one part of a recording or an evaluation needs, all do.
         for shard in 1..=if is_train { shards } else { 1 } {
-            let needs = work::part(&folder, shard)?.needs(registry, &mut &*output)?;
+            let needs = folder.shard_request(shard)?.needs(registry, &mut &*output)?;
             episodes = needs.episodes;
             inputs.extend(needs.inputs);
         }
@@ -231,151 +225,20 @@ impl Submit {
     }
 }
 
-/// Handing shards over.
-struct Sending<'a> {
-    folder: &'a JobFolder,
-    engine: &'static Engine,
-    settings: &'a Settings,
-    on: &'a str,
-}
-
-/// What was handed over.
-struct Sent {
-    /// The shards.
-    shards: Vec<u64>,
-    /// Shards that are done.
-    done: usize,
-    /// Shards that engines hold already.
-    queued: usize,
-    /// The engine's name for it.
-    id: Option<String>,
-    /// Whether only the join was left.
-    is_finish: bool,
-    /// Whether the engine got something.
-    is_submitted: bool,
-    script: String,
-}
-
-impl Sending<'_> {
-    fn send(&self, before: &[Submission], is_dry: bool) -> Result<Sent, Failure> {
-        let Self { folder, engine, settings, on } = *self;
-        let shards = folder.job.shards;
-        let progress = Progress::of(folder)?;
-        let entries = engine.driver.entries(shards, settings).map_err(usage)?;
-        let tasks =
-            if is_dry && before.is_empty() { Vec::new() } else { queued(folder, before, Some(engine))? };
-        let held = held_shards(&tasks, before, entries, shards);
-        let is_free = |shard: &u64| !held.contains_key(shard);
-        let missing: Vec<u64> = progress.missing(folder).into_iter().filter(is_free).collect();
-        let waiting = held.keys().filter(|shard| !progress.done.contains(shard)).count();
-        let is_finish = progress.done.len() as u64 == shards
-            && progress.finished.is_none()
-            && tasks.iter().all(|task| task.entry.is_some());
-        let entry = |shard: &u64| (shard - 1) % entries + 1;
-        let indices: Vec<u64> = missing.iter().map(entry).collect::<BTreeSet<u64>>().into_iter().collect();
-        let after: BTreeSet<String> =
-            tasks.iter().filter(|task| task.entry.is_some()).map(|task| task.id.clone()).collect();
-        let after: Vec<String> = after.into_iter().collect();
-        let request = Request { folder, settings, entries, indices: &indices, after: &after };
-        let mut sent = Sent {
-            shards: missing.clone(),
-            done: progress.done.len(),
-            queued: waiting,
-            id: None,
-            is_finish,
-            is_submitted: false,
-            script: String::new(),
-        };
-        if indices.is_empty() && !is_finish {
-            return Ok(sent);
-        }
-        let only_finish = if is_finish { engine.driver.finish_script(&request, "") } else { Ok(None) };
-        sent.script = match (only_finish.map_err(usage)?, is_dry) {
-            (Some(script), _) => script,
-            (None, true) => engine.driver.dry_run(&request).map_err(usage)?,
-            (None, false) => engine.driver.script(&request).map_err(usage)?,
-        };
-        if is_dry {
-            return Ok(sent);
-        }
-        for &shard in &missing {
-            match std::fs::remove_file(folder.failed(shard)) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
-                _ => {}
-            }
-        }
-        sent.id = engine.driver.submit(&request, &sent.script)?;
-        sent.is_submitted = engine.name != "script";
-        if let Some(id) = &sent.id {
-            let (on, id, indices) = (on.to_owned(), id.clone(), ranges(&indices));
-            let line =
-                Submission { on, id: id.clone(), entries, indices, script: sent.script.clone(), time: now() };
-            line.record(folder)?;
-            engine.driver.submit_finish(&request, &id).map_err(|error| {
-                format!("the shards are submitted as job {id}, but not their join: {error}; when they are done: swm submit --job {}", folder.dir.display())
-            })?;
-        }
-        Ok(sent)
-    }
-}
-
-impl Sent {
-    fn text(&self, folder: &JobFolder, engine: &Engine) -> String {
-        let (dir, shards) = (folder.dir.display(), self.shards.len());
-        let Self { done, queued, .. } = self;
-        match &self.id {
-            Some(id) if shards > 0 => format!(
-                "submitted {} to {} as job {id} ({done} done, {queued} queued before); swm jobs {dir} shows progress",
-                counted(shards, "shard"),
-                engine.name
-            ),
-            _ if self.is_finish => {
-                format!("all shards are done; their join was submitted to {}", engine.name)
-            }
-            _ => format!(
-                "nothing to submit: of {} {done} are done and {queued} are queued",
-                counted(folder.job.shards, "shard")
-            ),
-        }
-    }
-
-    fn json(&self, folder: &JobFolder, engine: &Engine) -> Json {
-        json!({
-            "job": folder.dir,
-            "name": folder.job.name(),
-            "engine": engine.name,
-            "id": self.id,
-            "shards": folder.job.shards,
-            "submitted": self.shards,
-            "done": self.done,
-            "queued": self.queued,
-            "script": self.script,
-        })
-    }
-}
-
-/// Waits until the result is there, or nobody is at it any more.
-fn wait(folder: &JobFolder, engine: &'static Engine) -> Result<(), Failure> {
-    let mut pause = Duration::from_secs(1);
-    loop {
-        std::thread::sleep(pause);
-        pause = (pause * 2).min(ASK_EVERY);
-        if Progress::of(folder)?.finished.is_some() {
-            return Ok(());
-        }
-        if queued(folder, &[], Some(engine))?.is_empty() {
-            // It may have ended between the two looks.
-            let progress = Progress::of(folder)?;
-            if progress.finished.is_some() {
-                return Ok(());
-            }
-            let dir = folder.dir.display();
-            return Err(format!(
-                "{} has ended without a result, and these shards are not done: {}; swm jobs {dir} shows why",
-                engine.name,
-                ranges(&progress.missing(folder))
-            )
-            .into());
-        }
+/// What was handed over, in a line.
+fn text(sent: &Submitted, folder: &JobFolder, engine: &Engine) -> String {
+    let Submitted { shards, done, queued, id, is_finish, .. } = sent;
+    match id {
+        Some(id) if !shards.is_empty() => format!(
+            "submitted {} to {} as job {id} ({done} done, {queued} queued before); swm jobs {} shows progress",
+            counted(shards.len(), "shard"),
+            engine.name,
+            folder.dir.display()
+        ),
+        _ if *is_finish => format!("all shards are done; their join was submitted to {}", engine.name),
+        _ => format!(
+            "nothing to submit: of {} {done} are done and {queued} are queued",
+            counted(folder.job.shards, "shard")
+        ),
     }
 }

@@ -10,15 +10,13 @@ use swm_core::Registry;
 use swm_data::recording::WriterLock;
 use swm_tasks::request::cannot;
 
-use super::damage;
 use super::output::{Postponed, counted, print_to_stderr};
-use super::work;
-use super::{Failure, Output, interrupt, usage, version};
+use super::{Failure, Output, interrupt, usage, version, work};
 use crate::evaluation::{file_bytes, file_hash};
-use crate::jobs::JobFolder;
-use crate::jobs::files::{is_written, node, ranges, write_json};
-use crate::jobs::log::{self, Attempt, attempts};
-use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
+use crate::jobs::{
+    Attempt, Failed, Finished, JobFolder, Progress, attempts, is_written, open_log, shards_of, task,
+    write_json,
+};
 
 /// Run a shard of a job: what schedulers start.
 #[derive(Args)]
@@ -50,22 +48,6 @@ pub(super) struct Task {
     finish: bool,
 }
 
-/// Where schedulers say which task it is, and the number that is the first one's.
-const INDEX_VARIABLES: &[(&str, u64)] = &[
-    ("SLURM_ARRAY_TASK_ID", 1),
-    ("HQ_TASK_ID", 1),
-    ("JOB_COMPLETION_INDEX", 0),
-    ("AWS_BATCH_JOB_ARRAY_INDEX", 0),
-    ("PBS_ARRAY_INDEX", 1),
-    ("SGE_TASK_ID", 1),
-];
-/// Where schedulers say which job it is. Requeued, it is the same.
-const ENGINE_VARIABLES: &[(&str, &str)] =
-    &[("slurm", "SLURM_ARRAY_JOB_ID"), ("slurm", "SLURM_JOB_ID"), ("hq", "HQ_JOB_ID")];
-/// Who started a task without a scheduler.
-const NOBODY: &str = "hand";
-/// Starts by the same job without a new episode, after which it is given up.
-const MAX_IDLE_STARTS: usize = 3;
 /// Before a shard that met an error of the file system is tried once more.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
 /// A shard is started if so many times the longest one fits into the time that is left.
@@ -106,7 +88,7 @@ impl Task {
         let mut failed: Option<Failure> = None;
         let mut longest = 0.0_f64;
         for &shard in &shards {
-            let left = time_left(started);
+            let left = task::time_left(started);
             if left.is_some_and(|left| longest > 0.0 && longest * TIME_MARGIN > left) {
                 return Err(
                     Postponed("the time that is left is too short for another shard".to_owned()).into()
@@ -145,29 +127,10 @@ impl Task {
 
     /// The shard that is asked for.
     fn index(&self) -> Result<u64, Failure> {
-        if let Some(index) = self.index {
-            return Ok(index);
-        }
-        let found = INDEX_VARIABLES.iter().find_map(|(name, first)| {
-            let index: u64 = std::env::var(name).ok()?.parse().ok()?;
-            Some(index + 1 - first)
-        });
-        found.ok_or_else(|| usage("no scheduler says which shard this is; give --index I, --all or --finish"))
+        self.index
+            .or_else(task::entry)
+            .ok_or_else(|| usage("no scheduler says which shard this is; give --index I, --all or --finish"))
     }
-}
-
-/// Seconds until the scheduler ends the task, where it is known.
-fn time_left(started: Instant) -> Option<f64> {
-    let limit: f64 = std::env::var("SWM_TIME_LIMIT").ok()?.parse().ok()?;
-    Some(limit - started.elapsed().as_secs_f64())
-}
-
-/// The scheduler's job that this process belongs to.
-fn engine_job() -> String {
-    let found = ENGINE_VARIABLES.iter().find_map(|(engine, name)| {
-        Some(format!("{engine} {}", std::env::var(name).ok().filter(|id| !id.is_empty())?))
-    });
-    found.unwrap_or_else(|| NOBODY.to_owned())
 }
 
 /// A job at work.
@@ -192,37 +155,24 @@ impl Run<'_> {
             return Ok(());
         }
         let log_path = folder.log(shard);
-        let (earlier, held) = (attempts(&log_path), work::held(registry, folder, shard));
-        let attempt = Attempt {
-            number: earlier.last().map_or(0, |last| last.number) + 1,
-            node: node(),
-            engine: engine_job(),
-            held,
-        };
-        let is_idle = |earlier: &&Attempt| earlier.engine == attempt.engine && earlier.held == held;
-        let idle = earlier.iter().rev().take_while(is_idle).count();
+        let earlier = attempts(&log_path);
+        let attempt = Attempt::after(&earlier, folder.committed(registry, shard));
         let started = Instant::now();
-        let ran = if attempt.engine != NOBODY && idle >= MAX_IDLE_STARTS {
-            let engine = &attempt.engine;
-            Err(Failure::from(format!(
-                "it makes no progress: {engine} started it {idle} times without a new episode; give its tasks more time, or make \
-                 more shards"
-            )))
-        } else {
-            Redirected::to(&log_path).and_then(|_redirected| {
-                print_to_stderr(&format!("{attempt}\n"));
-                let output = Output::new(false, false);
-                let ran = again_after_io_error(|| work::run_shard(registry, folder, shard, &output));
-                let ran = ran.and_then(|()| work::check_shard(registry, folder, shard));
-                match &ran {
-                    Err(failure) if failure.is_cancelled() => interrupt::say(),
-                    Err(failure) => print_to_stderr(&format!("{failure}\n")),
-                    Ok(()) => {}
-                }
-                ran
-            })
+        let run = || {
+            attempt.check_progress(&earlier)?;
+            let _redirected = Redirected::to(&log_path)?;
+            print_to_stderr(&format!("{attempt}\n"));
+            let output = Output::new(false, false);
+            let ran = again_after_io_error(|| work::run_shard(registry, folder, shard, &output));
+            let ran = ran.and_then(|()| Ok(folder.check_shard(registry, shard)?));
+            match &ran {
+                Err(failure) if failure.is_cancelled() => interrupt::say(),
+                Err(failure) => print_to_stderr(&format!("{failure}\n")),
+                Ok(()) => {}
+            }
+            ran
         };
-        let ran = ran.and_then(|()| self.write_done(shard, &attempt, started.elapsed()));
+        let ran = run().and_then(|()| Ok(folder.write_done(shard, &attempt, started.elapsed())?));
         match ran {
             Err(failure) if failure.is_cancelled() => Err(failure),
             Err(failure) => {
@@ -242,33 +192,9 @@ impl Run<'_> {
         }
     }
 
-    fn write_done(&self, shard: u64, attempt: &Attempt, took: Duration) -> Result<(), Failure> {
-        let Self { folder, .. } = *self;
-        let range = folder.job.range(shard);
-        let path = work::shard_output(folder, shard);
-        let done = Done {
-            shard,
-            range: [range.start, range.end],
-            episodes: range.end - range.start,
-            bytes: file_bytes(&path)?,
-            sha256: file_hash(&path)?,
-            attempt: attempt.number,
-            node: attempt.node.clone(),
-            seconds: took.as_secs_f64(),
-        };
-        write_json(&folder.done(shard), &done)?;
-        match std::fs::remove_file(folder.failed(shard)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(cannot("remove", &folder.failed(shard))(error).into())
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Joins the shards, if all are done.
     fn finish(&self) -> Result<(), Failure> {
         let Self { registry, folder, output } = *self;
-        let dir = folder.dir.display();
         let _lock = WriterLock::take(&folder.dir.join("finish"))?;
         let result = folder.result();
         let path = folder.dir.join(&result);
@@ -277,32 +203,17 @@ impl Run<'_> {
             output.note(format!("{} was there already", path.display()));
             return Ok(());
         }
-        let missing = progress.missing(folder);
         if let Some(lost) = &progress.lost_result {
-            let what_now = if missing.is_empty() { ": the shards are joined again" } else { "" };
+            let what_now =
+                if progress.missing(folder).is_empty() { ": the shards are joined again" } else { "" };
             output.note(format!("{} was there before and is missing{what_now}", lost.display()));
         }
-        if !missing.is_empty() {
-            let failed: Vec<u64> = progress.failed.iter().copied().collect();
-            let failed = match failed.is_empty() {
-                true => String::new(),
-                false => {
-                    format!(" (failed: {}; `swm jobs --logs {dir} {}` shows why)", ranges(&failed), failed[0])
-                }
-            };
-            let lost = damage::lost(folder, &progress);
-            return Err(format!(
-                "{} of {} shards of {dir} are not done: {}{failed}{lost}; to run them: {}",
-                missing.len(),
-                folder.job.shards,
-                ranges(&missing),
-                folder.command_for_the_rest()
-            )
-            .into());
-        }
+        folder.check_complete(&progress)?;
         {
             let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;
-            let joined = damage::check_parts(folder, &progress)
+            let joined = folder
+                .check_parts(&progress)
+                .map_err(Failure::from)
                 .and_then(|()| work::join(registry, folder, &Output::new(false, false)));
             if let Err(failure) = &joined {
                 print_to_stderr(&format!("{failure}\n"));
@@ -344,7 +255,7 @@ impl Redirected {
     pub(super) fn to(path: &Path) -> Result<Self, Failure> {
         use std::os::fd::AsFd as _;
 
-        let file = log::open(path).map_err(cannot("write", path))?;
+        let file = open_log(path).map_err(cannot("write", path))?;
         std::io::stdout().flush()?;
         let before = [
             std::io::stdout().as_fd().try_clone_to_owned()?,
@@ -371,7 +282,7 @@ impl Drop for Redirected {
 impl Redirected {
     /// Here the log holds the attempts alone; what is printed goes where the scheduler puts it.
     pub(super) fn to(path: &Path) -> Result<Self, Failure> {
-        log::open(path).map_err(|error| cannot("write", path, error))?;
+        open_log(path).map_err(|error| cannot("write", path, error))?;
         Ok(Self {})
     }
 }

@@ -12,7 +12,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::{Failure, Output, usage};
-use crate::jobs::job::Tracking;
+use crate::jobs::Tracking;
 
 /// Where metrics go beside the run's folder.
 #[derive(Args, Clone, Default)]

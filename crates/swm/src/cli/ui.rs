@@ -1,9 +1,9 @@
 //! `swm ui`: the local web page.
 
-use std::fmt;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use clap::Args;
@@ -12,8 +12,9 @@ use swm_core::error::BoxError;
 use swm_core::{Registry, WorldError};
 use swm_ui::{Commands, Server};
 
-use super::jobs::Watched;
-use super::{Failure, Output, interrupt, usage};
+use super::jobs::ask;
+use super::{Failure, Output, interrupt, usage, work};
+use crate::jobs::{Held, Status};
 
 /// Steer and record environments, and look at datasets and results, on a page in the browser.
 #[derive(Args)]
@@ -87,19 +88,28 @@ impl Ui {
     }
 }
 
-/// What other commands do, for the page.
-#[derive(Default)]
-struct Own(Watched);
-
-impl fmt::Debug for Own {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Own")
-    }
-}
+/// What other commands do, for the page. It remembers what engines held of jobs, by folder, and a note where one did not answer.
+#[derive(Debug, Default)]
+struct Own(Mutex<BTreeMap<PathBuf, (Held, Option<String>)>>);
 
 impl Commands for Own {
+    /// What `swm jobs DIR --json` prints, and its note.
     fn job(&self, registry: &Registry, dir: &Path) -> Result<Json, BoxError> {
-        self.0.status(registry, dir).map_err(Failure::into_source)
+        let folder = work::open(registry, dir).map_err(Failure::from).map_err(Failure::into_source)?;
+        let folder = folder.ok_or_else(|| format!("{} holds no job", dir.display()))?;
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let ask = || {
+            let mut note = None;
+            (ask(&folder, |text| note = Some(text)), note)
+        };
+        let (held, note) = match all.remove(dir) {
+            Some(known) if !known.0.is_old() => known,
+            _ => ask(),
+        };
+        let mut json = Status::of(registry, &folder, &held)?.json();
+        json["note"] = note.clone().into();
+        all.insert(dir.to_owned(), (held, note));
+        Ok(json)
     }
 }
 

@@ -12,9 +12,7 @@ use swm_tasks::threads::within;
 
 use super::task::Redirected;
 use super::{Cli, Command, Failure, Output, collect, convert, eval, sweep, track, train, usage, verify};
-use crate::jobs::job::{Asked, Tracking, extension};
-use crate::jobs::{Job, JobError, JobFolder};
-use crate::text_file::read_text;
+use crate::jobs::{Asked, Job, JobError, JobFolder, Tracking, extension};
 
 /// The commands that can be divided.
 const DIVIDED: &[&str] = &["collect", "eval", "sweep", "train"];
@@ -110,23 +108,11 @@ pub(super) fn run_shard(
     shard: u64,
     output: &Output,
 ) -> Result<(), Failure> {
-    let request = part(folder, shard)?;
+    let request = folder.shard_request(shard)?;
     let work = || run_request(registry, &folder.job, &request, output);
     let nobody = Tracking::default();
     let tracking = folder.job.tracking.get(shard as usize - 1).unwrap_or(&nobody);
     track::around(tracking, &folder.written(shard), output, work)
-}
-
-/// The request of a shard.
-pub(super) fn part(folder: &JobFolder, shard: u64) -> Result<Divided, Failure> {
-    let request = &folder.job.request;
-    let out = match request {
-        Divided::Record(_) | Divided::Train(_) => folder.written(shard),
-        _ => folder.dir.clone(),
-    };
-    let shards = folder.job.shards;
-    let part = Shard::new(shard, shards).ok_or_else(|| usage(format!("no shard {shard} of {shards}")))?;
-    Ok(request.part(part, out))
 }
 
 /// Runs a request of a job as its command does.
@@ -155,41 +141,6 @@ pub(super) fn run_pilot(registry: &Registry, folder: &JobFolder, episodes: u64) 
     Ok(out)
 }
 
-/// What shard `shard` writes: a file, or the file of a training run that tells how far it is.
-pub(super) fn shard_output(folder: &JobFolder, shard: u64) -> PathBuf {
-    let written = folder.written(shard);
-    if folder.job.request.is_of_runs() { written.join("metrics.jsonl") } else { written }
-}
-
-/// How far a shard is: committed episodes, or the size of a training run's metrics.
-pub(super) fn held(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
-    let path = shard_output(folder, shard);
-    match &folder.job.request {
-        Divided::Record(_) if path.exists() => {
-            swm_data::open_in(registry, &path).map_or(0, |dataset| dataset.num_episodes() as u64)
-        }
-        Divided::Record(_) => 0,
-        Divided::Train(_) => fs::metadata(&path).map_or(0, |metadata| metadata.len()),
-        // The first line is the head.
-        _ => read_text(&path).map_or(0, |text| text.lines().count().max(1) as u64 - 1),
-    }
-}
-
-/// Checks that a shard holds what it should.
-///
-/// # Errors
-///
-/// Episodes are missing.
-pub(super) fn check_shard(registry: &Registry, folder: &JobFolder, shard: u64) -> Result<(), Failure> {
-    let range = folder.job.range(shard);
-    let (found, expected) = (held(registry, folder, shard), range.end - range.start);
-    if matches!(folder.job.request, Divided::Record(_)) && found != expected {
-        let path = shard_output(folder, shard);
-        return Err(format!("{} holds {found} episodes, not {expected}", path.display()).into());
-    }
-    Ok(())
-}
-
 /// Joins the shards to the result. What was interrupted goes on.
 pub(super) fn join(registry: &Registry, folder: &JobFolder, output: &Output) -> Result<(), Failure> {
     let (job, request) = (&folder.job, &folder.job.request);
@@ -200,7 +151,7 @@ pub(super) fn join(registry: &Registry, folder: &JobFolder, output: &Output) -> 
         return run_request(registry, job, &join, output);
     }
     let result = folder.dir.join(folder.result());
-    let all: Vec<PathBuf> = (1..=job.shards).map(|shard| shard_output(folder, shard)).collect();
+    let all: Vec<PathBuf> = (1..=job.shards).map(|shard| folder.shard_output(shard)).collect();
     match all.as_slice() {
         [one] if one.is_file() => {
             fs::copy(one, &result).map_err(cannot("write", &result))?;

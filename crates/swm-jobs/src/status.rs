@@ -1,4 +1,4 @@
-//! What is done of a job, and how it is told: for `swm jobs` and the page of `swm ui`.
+//! What is done of a job, for people and for programs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -8,38 +8,17 @@ use swm_core::Registry;
 use swm_data::recording::WriterLock;
 use swm_tasks::request::Divided;
 
-use super::Failure;
-use super::output::{key_values, table};
-use super::work;
-use crate::jobs::JobFolder;
-use crate::jobs::engine::{Queued, Submission};
-use crate::jobs::files::{ranges, read_json};
-use crate::jobs::held::{held_shards, queued};
-use crate::jobs::log::{attempts, last_episode};
-use crate::jobs::progress::{Done, Failed, Finished, Progress};
-
-/// Shards that are listed.
-const MAX_LISTED: usize = 20;
-
-/// What engines hold of a job.
-pub(super) struct Held(BTreeMap<u64, Queued>);
-
-impl Held {
-    /// An engine that does not answer is named in a note, and the files are shown alone.
-    pub(super) fn of(folder: &JobFolder) -> (Self, Option<String>) {
-        let tasks = Submission::all(folder).map_err(Failure::from).and_then(|before| {
-            let shards = folder.job.shards;
-            Ok(held_shards(&queued(folder, &before, None)?, &before, shards, shards))
-        });
-        match tasks {
-            Ok(held) => (Self(held), None),
-            Err(failure) => (Self(BTreeMap::new()), Some(format!("{}: {failure}", folder.dir.display()))),
-        }
-    }
-}
+use crate::engine::Queued;
+use crate::error::JobError;
+use crate::files::{ranges, read_json};
+use crate::held::Held;
+use crate::job::JobFolder;
+use crate::log::{attempts, last_episode};
+use crate::progress::{Done, Failed, Finished, Progress};
 
 /// What is known of a job.
-pub(super) struct Status<'a> {
+#[derive(Debug)]
+pub struct Status<'a> {
     folder: &'a JobFolder,
     done: BTreeMap<u64, Done>,
     failed: BTreeMap<u64, Failed>,
@@ -57,7 +36,7 @@ pub(super) struct Status<'a> {
     started: BTreeMap<u64, String>,
     /// What shards are called that nobody began, and those of `started`.
     words: [&'static str; 2],
-    pub(super) finished: Option<Finished>,
+    finished: Option<Finished>,
     /// What of the result is gone, where it was made.
     lost_result: Option<PathBuf>,
     /// The command that joins the shards, where all are done and nobody has.
@@ -65,7 +44,12 @@ pub(super) struct Status<'a> {
 }
 
 impl<'a> Status<'a> {
-    pub(super) fn of(registry: &Registry, folder: &'a JobFolder, held: &Held) -> Result<Self, Failure> {
+    /// Reads the files of a job. `held`: what engines hold of it.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be read.
+    pub fn of(registry: &Registry, folder: &'a JobFolder, held: &Held) -> Result<Self, JobError> {
         let progress = Progress::of(folder)?;
         let done = Done::all(folder, &progress)?;
         let mut failed = BTreeMap::new();
@@ -78,7 +62,7 @@ impl<'a> Status<'a> {
         let mut lost = progress.lost.clone();
         let begun = begun.filter(|(shard, episodes)| *episodes > 0 && !lost.contains(shard)).collect();
         let held: BTreeMap<u64, Queued> =
-            left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
+            left.iter().filter_map(|shard| Some((*shard, held.shards.get(shard)?.clone()))).collect();
         let mut missing: Vec<u64> = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
         let at_work = |&shard: &u64| Some((shard, WriterLock::holder_here(&folder.shard_lock(shard))?));
         let by_hand: BTreeMap<u64, String> = missing.iter().filter_map(at_work).collect();
@@ -111,6 +95,11 @@ impl<'a> Status<'a> {
         })
     }
 
+    /// Whether the result is there.
+    pub fn is_finished(&self) -> bool {
+        self.finished.is_some()
+    }
+
     fn episodes(&self) -> u64 {
         let done = self.done.values().map(|done| done.episodes);
         done.chain(self.begun.values().copied()).fold(0, u64::saturating_add)
@@ -124,7 +113,8 @@ impl<'a> Status<'a> {
         self.held.values().filter(|task| !task.is_running).count()
     }
 
-    pub(super) fn json(&self) -> Json {
+    /// All of it, with every shard.
+    pub fn json(&self) -> Json {
         let job = &self.folder.job;
         json!({
             "job": self.folder.dir,
@@ -230,7 +220,8 @@ impl<'a> Status<'a> {
         }
     }
 
-    fn page(&self) -> String {
+    /// Names and values.
+    pub fn summary(&self) -> Vec<(&'static str, String)> {
         let (job, dir) = (&self.folder.job, self.folder.dir.display().to_string());
         let mut rows = vec![("job", dir), ("command", format!("swm {}", job.command.join(" ")))];
         rows.push(("shards", self.line()));
@@ -248,30 +239,31 @@ impl<'a> Status<'a> {
             let missing = ranges(&self.missing);
             rows.push(("to do", format!("shards {missing}, by: {}", self.folder.command_for_the_rest())));
         }
-        let mut text = key_values(&rows);
-        let shown = |&shard: &u64| {
+        rows
+    }
+
+    /// The shards that are not done and of which something is known: number, state, episodes, and why it failed.
+    pub fn open_shards(&self) -> Vec<Vec<String>> {
+        let Self { failed, held, by_hand, started, lost, .. } = self;
+        let known = failed.keys().chain(held.keys()).chain(by_hand.keys()).chain(started.keys()).chain(lost);
+        let row = |&shard: &u64| {
             let episodes = self.begun.get(&shard).map_or(String::new(), ToString::to_string);
             vec![shard.to_string(), self.state(shard), episodes, self.message(shard).to_owned()]
         };
-        let mut open: Vec<u64> = self
-            .failed
-            .keys()
-            .chain(self.held.keys())
-            .chain(self.by_hand.keys())
-            .chain(self.started.keys())
-            .chain(&self.lost)
-            .copied()
-            .collect();
-        open.sort_unstable();
-        open.dedup();
-        let rows: Vec<Vec<String>> = open.iter().take(MAX_LISTED).map(shown).collect();
-        if !rows.is_empty() {
-            text += &format!("\n{}", table(&["shard", "state", "episodes", ""], &rows));
-        }
-        if open.len() > MAX_LISTED {
-            text += &format!("and {} more\n", open.len() - MAX_LISTED);
-        }
-        text
+        known.collect::<BTreeSet<_>>().into_iter().map(row).collect()
+    }
+
+    /// One of several jobs: its folder, command, progress and result.
+    pub fn row(&self) -> Vec<String> {
+        let (dir, command) = (&self.folder.dir, &self.folder.job.command);
+        let result = match &self.finished {
+            Some(finished) => finished.result.clone(),
+            None if self.lost_result.is_some() => "lost".to_owned(),
+            None if self.join_command.is_some() => "not joined yet".to_owned(),
+            None => "–".to_owned(),
+        };
+        let name = dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        vec![name, command[..2.min(command.len())].join(" "), self.line(), result]
     }
 }
 
@@ -291,34 +283,8 @@ fn episodes_of(registry: &Registry, folder: &JobFolder, shard: u64) -> u64 {
         last_episode(&folder.log(shard)).unwrap_or(range.start).clamp(range.start, range.end) - range.start;
     match folder.job.request {
         Divided::Train(_) => logged,
-        _ => work::held(registry, folder, shard).min(range.end - range.start).max(logged),
+        _ => folder.committed(registry, shard).min(range.end - range.start).max(logged),
     }
-}
-
-/// One job as a page, several as a table.
-pub(super) fn text(all: &[Status<'_>], is_one: bool) -> String {
-    if let ([status], true) = (all, is_one) {
-        return status.page();
-    }
-    let rows: Vec<Vec<String>> = all
-        .iter()
-        .map(|status| {
-            let dir = status.folder.dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let result = match &status.finished {
-                Some(finished) => finished.result.clone(),
-                None if status.lost_result.is_some() => "lost".to_owned(),
-                None if status.join_command.is_some() => "not joined yet".to_owned(),
-                None => "–".to_owned(),
-            };
-            vec![
-                dir,
-                status.folder.job.command[..2.min(status.folder.job.command.len())].join(" "),
-                status.line(),
-                result,
-            ]
-        })
-        .collect();
-    table(&["job", "command", "progress", "result"], &rows)
 }
 
 #[cfg(test)]

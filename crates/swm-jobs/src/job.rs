@@ -11,10 +11,10 @@ use swm_data::remote::is_remote;
 use swm_data::tools::parts;
 use swm_tasks::request::{Divided, Record, TaskError, cannot};
 
-use super::error::JobError;
-use super::files::{read_json, seconds, write_json};
-use super::program::{Program, copy_in};
-use crate::evaluation::file_hash;
+use crate::error::JobError;
+use crate::files::{read_json, seconds, write_json};
+use crate::program::{Program, copy_in};
+use swm_tasks::evaluation::file_hash;
 
 /// The version of [`Job`] that is written. Version 1 had no request, and version 2 none of trainings at first.
 const JOB_VERSION: u32 = 2;
@@ -27,32 +27,34 @@ const MAX_EPISODES: u64 = 1_000_000_000_000;
 /// What is asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Job {
+pub struct Job {
     version: u32,
     /// SHA-256 of what the results depend on; see [`Job::new`].
-    pub(crate) hash: String,
+    pub hash: String,
     /// What is divided into shards.
     #[serde(default = "nothing")]
-    pub(crate) request: Divided,
+    pub request: Divided,
     /// The command by which it was asked for, without what divides it: for people.
-    pub(crate) command: Vec<String>,
+    pub command: Vec<String>,
     /// In the log of a recording, seconds between lines, where they were given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) report_every: Option<u64>,
+    pub report_every: Option<u64>,
     /// What follows each training run; none where nothing follows any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) tracking: Vec<Tracking>,
+    pub tracking: Vec<Tracking>,
     /// Further arguments of each training run, for people.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) each: Vec<Vec<String>>,
+    pub each: Vec<Vec<String>>,
     /// The number of shards.
-    pub(crate) shards: u64,
+    pub shards: u64,
     /// Episodes of all shards; 0 for training runs.
-    pub(crate) episodes: u64,
-    pub(crate) program: Program,
-    pub(crate) inputs: Vec<Input>,
+    pub episodes: u64,
+    /// What runs the shards.
+    pub program: Program,
+    /// What they read.
+    pub inputs: Vec<Input>,
     /// The working folder of the command, to which its paths are relative.
-    pub(crate) folder: PathBuf,
+    pub folder: PathBuf,
 }
 
 /// No request, as in a job that was written by its words alone.
@@ -63,20 +65,21 @@ fn nothing() -> Divided {
 /// Trackers that follow a training run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Tracking {
+pub struct Tracking {
     /// Their names.
-    pub(crate) trackers: Vec<String>,
+    pub trackers: Vec<String>,
     /// What they group runs by.
-    pub(crate) project: Option<String>,
+    pub project: Option<String>,
 }
 
 /// What a command asks for.
-pub(crate) struct Asked {
-    pub(crate) request: Divided,
+pub struct Asked {
+    /// What is divided.
+    pub request: Divided,
     /// See [`Job::report_every`].
-    pub(crate) report_every: Option<u64>,
+    pub report_every: Option<u64>,
     /// See [`Job::tracking`].
-    pub(crate) tracking: Vec<Tracking>,
+    pub tracking: Vec<Tracking>,
 }
 
 impl Default for Asked {
@@ -88,12 +91,15 @@ impl Default for Asked {
 /// A file or folder that the command reads.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Input {
-    pub(crate) path: PathBuf,
-    pub(crate) bytes: u64,
+pub struct Input {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
     /// Seconds since 1970.
-    pub(crate) modified: u64,
-    pub(crate) sha256: String,
+    pub modified: u64,
+    /// Of the content.
+    pub sha256: String,
 }
 
 impl Input {
@@ -102,7 +108,7 @@ impl Input {
     /// # Errors
     ///
     /// It cannot be read.
-    pub(crate) fn of(path: &Path) -> Result<Self, JobError> {
+    pub fn of(path: &Path) -> Result<Self, JobError> {
         if is_remote(path) {
             // Its hash is that of its version, which costs little.
             return Ok(Self { bytes: 0, modified: 0, sha256: file_hash(path)?, path: path.to_owned() });
@@ -117,7 +123,7 @@ impl Input {
     /// # Errors
     ///
     /// It is missing or has changed.
-    pub(crate) fn check(&self, fully: bool) -> Result<(), JobError> {
+    pub fn check(&self, fully: bool) -> Result<(), JobError> {
         let has_stamp = !fully && !is_remote(&self.path) && !self.path.is_dir();
         let is_as_it_was = has_stamp && stamp(&self.path)? == (self.bytes, self.modified);
         if is_as_it_was || file_hash(&self.path)? == self.sha256 {
@@ -139,7 +145,7 @@ impl Job {
     /// # Errors
     ///
     /// The working folder is unknown.
-    pub(crate) fn new(
+    pub fn new(
         asked: Asked,
         command: Vec<String>,
         each: Vec<Vec<String>>,
@@ -175,7 +181,7 @@ impl Job {
     /// # Errors
     ///
     /// As of [`Job::new`].
-    pub(crate) fn with(self, episodes: u64, inputs: Vec<Input>) -> Result<Self, JobError> {
+    pub fn with(self, episodes: u64, inputs: Vec<Input>) -> Result<Self, JobError> {
         let mut job = Self { episodes, inputs, ..self };
         job.hash = job.hashed()?;
         Ok(job)
@@ -211,17 +217,17 @@ impl Job {
     }
 
     /// The episodes of a shard, counted from 1; none of training runs.
-    pub(crate) fn range(&self, shard: u64) -> Range<u64> {
+    pub fn range(&self, shard: u64) -> Range<u64> {
         parts::range(shard, self.shards, self.episodes)
     }
 
     /// The name that engines show, by which its tasks are found again.
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         format!("swm-{}", &self.hash[..12.min(self.hash.len())])
     }
 
     /// In what `asked` differs from this job.
-    pub(crate) fn difference(&self, asked: &Job) -> Option<String> {
+    pub fn difference(&self, asked: &Job) -> Option<String> {
         let line = |job: &Job| job.command.join(" ");
         let differs = |a: &Input, b: &Input| (&a.path, &a.sha256) != (&b.path, &b.sha256);
         let changed = self.inputs.iter().zip(&asked.inputs).find(|(a, b)| differs(a, b));
@@ -243,14 +249,16 @@ impl Job {
 
 /// The folder of a job.
 #[derive(Clone, Debug)]
-pub(crate) struct JobFolder {
-    pub(crate) dir: PathBuf,
-    pub(crate) job: Job,
+pub struct JobFolder {
+    /// The folder.
+    pub dir: PathBuf,
+    /// The description in it.
+    pub job: Job,
 }
 
 impl JobFolder {
     /// The command that runs what is missing: by the engine that it was submitted to, or else on this machine.
-    pub(crate) fn command_for_the_rest(&self) -> String {
+    pub fn command_for_the_rest(&self) -> String {
         let dir = self.dir.display();
         match self.is_with_an_engine() {
             true => format!("swm submit --job {dir}"),
@@ -264,7 +272,7 @@ impl JobFolder {
     /// # Errors
     ///
     /// The folder holds something else, or a job of a newer version; or `read` fails.
-    pub(crate) fn open(
+    pub fn open(
         dir: &Path,
         read: impl FnOnce(&[String], &[Vec<String>]) -> Result<Asked, TaskError>,
     ) -> Result<Option<Self>, JobError> {
@@ -292,7 +300,7 @@ impl JobFolder {
     /// # Errors
     ///
     /// The folder cannot be written.
-    pub(crate) fn create(dir: &Path, job: Job) -> Result<Self, JobError> {
+    pub fn create(dir: &Path, job: Job) -> Result<Self, JobError> {
         let created = Self::planned(dir, job)?;
         for folder in ["parts", "done", "logs"] {
             let folder = created.dir.join(folder);
@@ -312,7 +320,7 @@ impl JobFolder {
     /// # Errors
     ///
     /// The working folder is unknown.
-    pub(crate) fn planned(dir: &Path, job: Job) -> Result<Self, JobError> {
+    pub fn planned(dir: &Path, job: Job) -> Result<Self, JobError> {
         let dir = std::path::absolute(dir).map_err(cannot("write", dir))?;
         Ok(Self { dir, job })
     }
@@ -322,7 +330,7 @@ impl JobFolder {
     /// # Errors
     ///
     /// Another process holds it, who is named.
-    pub(crate) fn lock(dir: &Path) -> Result<WriterLock, JobError> {
+    pub fn lock(dir: &Path) -> Result<WriterLock, JobError> {
         fs::create_dir_all(dir).map_err(cannot("make the folder", dir))?;
         Ok(WriterLock::take(&dir.join("job"))?)
     }
@@ -332,18 +340,18 @@ impl JobFolder {
     /// # Errors
     ///
     /// One of them differs.
-    pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), JobError> {
+    pub fn check(&self, about: &str, fully: bool) -> Result<(), JobError> {
         self.job.program.check(&self.dir, about)?;
         self.job.inputs.iter().try_for_each(|input| input.check(fully))
     }
 
     /// `DIR/parts/0003-of-0064.h5`: what shard `shard` writes.
-    pub(crate) fn part(&self, shard: u64, extension: &str) -> PathBuf {
+    pub fn part(&self, shard: u64, extension: &str) -> PathBuf {
         self.dir.join("parts").join(format!("{shard:04}-of-{:04}.{extension}", self.job.shards))
     }
 
     /// What shard `shard` leaves behind: its part, or the folder of a training run.
-    pub(crate) fn written(&self, shard: u64) -> PathBuf {
+    pub fn written(&self, shard: u64) -> PathBuf {
         match &self.job.request {
             Divided::Train(_) => self.run(shard),
             Divided::Record(record) => self.part(shard, extension(record)),
@@ -352,7 +360,7 @@ impl JobFolder {
     }
 
     /// The result, in the folder of the job.
-    pub(crate) fn result(&self) -> String {
+    pub fn result(&self) -> String {
         match &self.job.request {
             Divided::Record(record) => format!("result.{}", extension(record)),
             Divided::Sweep(_) => "sweep.json".to_owned(),
@@ -362,32 +370,32 @@ impl JobFolder {
     }
 
     /// `DIR/runs/0003`: the folder of a training run.
-    pub(crate) fn run(&self, shard: u64) -> PathBuf {
+    pub fn run(&self, shard: u64) -> PathBuf {
         self.dir.join("runs").join(format!("{shard:04}"))
     }
 
     /// `DIR/done/0003.json`: that shard `shard` is done.
-    pub(crate) fn done(&self, shard: u64) -> PathBuf {
+    pub fn done(&self, shard: u64) -> PathBuf {
         self.dir.join("done").join(format!("{shard:04}.json"))
     }
 
     /// `DIR/done/0003.failed`: that shard `shard` ended with an error.
-    pub(crate) fn failed(&self, shard: u64) -> PathBuf {
+    pub fn failed(&self, shard: u64) -> PathBuf {
         self.dir.join("done").join(format!("{shard:04}.failed"))
     }
 
     /// `DIR/logs/0003.log`: what shard `shard` printed.
-    pub(crate) fn log(&self, shard: u64) -> PathBuf {
+    pub fn log(&self, shard: u64) -> PathBuf {
         self.dir.join("logs").join(format!("{shard:04}.log"))
     }
 
     /// `DIR/finished.json`: that the shards were joined to the result.
-    pub(crate) fn finished(&self) -> PathBuf {
+    pub fn finished(&self) -> PathBuf {
         self.dir.join("finished.json")
     }
 
     /// What continues an interrupted task.
-    pub(crate) fn way_on(&self) -> String {
+    pub fn way_on(&self) -> String {
         let command = self.command_for_the_rest();
         match self.is_with_an_engine() {
             true => format!("start the task again, or `{command}`"),
@@ -396,23 +404,23 @@ impl JobFolder {
     }
 
     /// Whether it was handed to an engine; else its shards are run by hand.
-    pub(crate) fn is_with_an_engine(&self) -> bool {
+    pub fn is_with_an_engine(&self) -> bool {
         self.submissions().is_file()
     }
 
     /// What a lock says of who runs a shard: beside `DIR/done/0003`.
-    pub(crate) fn shard_lock(&self, shard: u64) -> PathBuf {
+    pub fn shard_lock(&self, shard: u64) -> PathBuf {
         self.dir.join("done").join(format!("{shard:04}"))
     }
 
     /// `DIR/submissions.jsonl`: what was handed to engines.
-    pub(crate) fn submissions(&self) -> PathBuf {
+    pub fn submissions(&self) -> PathBuf {
         self.dir.join("submissions.jsonl")
     }
 }
 
 /// The extension of the parts of a recording: that of its format.
-pub(crate) fn extension(record: &Record) -> &str {
+pub fn extension(record: &Record) -> &str {
     match record.format.as_deref() {
         None | Some("hdf5") => "h5",
         Some(format) => format,

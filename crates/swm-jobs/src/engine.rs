@@ -8,51 +8,57 @@ use serde::{Deserialize, Serialize};
 use swm_core::error::nearest;
 use swm_tasks::request::cannot;
 
-use super::JobFolder;
-use super::engines::{hq, script, slurm};
-use super::error::JobError;
-use crate::text_file::read_text;
+use crate::engines::{hq, script, slurm};
+use crate::error::JobError;
+use crate::job::JobFolder;
+use swm_tasks::text_file::read_text;
 
 /// Every engine.
-pub(crate) const ENGINES: &[Engine] = &[slurm::ENGINE, hq::ENGINE, script::ENGINE];
+pub const ENGINES: &[Engine] = &[slurm::ENGINE, hq::ENGINE, script::ENGINE];
 
 /// An engine, as `--on NAME:KEY=VALUE,…` chooses it.
-pub(crate) struct Engine {
-    pub(crate) name: &'static str,
+#[derive(Clone, Copy, Debug)]
+pub struct Engine {
+    /// Its name.
+    pub name: &'static str,
     /// What it is, for help texts.
-    pub(crate) about: &'static str,
+    pub about: &'static str,
     /// Its keys and what they mean.
-    pub(crate) keys: &'static [(&'static str, &'static str)],
-    pub(crate) driver: &'static dyn Driver,
+    pub keys: &'static [(&'static str, &'static str)],
+    /// How it is reached.
+    pub driver: &'static dyn Driver,
 }
 
 /// What is to be submitted.
-pub(crate) struct Request<'a> {
-    pub(crate) folder: &'a JobFolder,
-    pub(crate) settings: &'a Settings,
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// The job.
+    pub folder: &'a JobFolder,
+    /// The settings of the engine.
+    pub settings: &'a Settings,
     /// The number of entries that the shards are spread over: entry t runs shards t, t + entries, …
-    pub(crate) entries: u64,
+    pub entries: u64,
     /// The entries to start, ascending; none: only the end is left.
-    pub(crate) indices: &'a [u64],
+    pub indices: &'a [u64],
     /// Jobs of the engine that still hold shards: the end waits for them, too.
-    pub(crate) after: &'a [String],
+    pub after: &'a [String],
 }
 
 /// A task that an engine holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Queued {
+pub struct Queued {
     /// The engine's job.
-    pub(crate) id: String,
+    pub id: String,
     /// The entry; `None`: the task that joins the shards.
-    pub(crate) entry: Option<u64>,
+    pub entry: Option<u64>,
     /// Whether it runs.
-    pub(crate) is_running: bool,
+    pub is_running: bool,
     /// The engine's words.
-    pub(crate) state: String,
+    pub state: String,
 }
 
 /// How an engine is talked to.
-pub(crate) trait Driver: Sync {
+pub trait Driver: Sync + std::fmt::Debug {
     /// How many entries the shards of a job can be spread over.
     ///
     /// # Errors
@@ -132,16 +138,19 @@ pub(crate) trait Driver: Sync {
 
 /// A line of `submissions.jsonl`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Submission {
+pub struct Submission {
     /// The engine with its settings, as `--on` has them.
-    pub(crate) on: String,
-    pub(crate) id: String,
-    pub(crate) entries: u64,
+    pub on: String,
+    /// The engine's name for it.
+    pub id: String,
+    /// The number of entries that the shards were spread over.
+    pub entries: u64,
     /// The entries that were started, as `1-3,7`.
-    pub(crate) indices: String,
-    pub(crate) script: String,
+    pub indices: String,
+    /// What the engine got.
+    pub script: String,
     /// Seconds since 1970.
-    pub(crate) time: u64,
+    pub time: u64,
 }
 
 impl Submission {
@@ -150,7 +159,7 @@ impl Submission {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub(crate) fn record(&self, folder: &JobFolder) -> Result<(), JobError> {
+    pub fn record(&self, folder: &JobFolder) -> Result<(), JobError> {
         let path = folder.submissions();
         let line = serde_json::to_string(self)? + "\n";
         let file = OpenOptions::new().create(true).append(true).open(&path);
@@ -163,7 +172,7 @@ impl Submission {
     /// # Errors
     ///
     /// The file cannot be read.
-    pub(crate) fn all(folder: &JobFolder) -> Result<Vec<Self>, JobError> {
+    pub fn all(folder: &JobFolder) -> Result<Vec<Self>, JobError> {
         let path = folder.submissions();
         match read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -175,10 +184,11 @@ impl Submission {
 
 /// The settings of an engine.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Settings(BTreeMap<String, String>);
+pub struct Settings(BTreeMap<String, String>);
 
 impl Settings {
-    pub(crate) fn get(&self, key: &str) -> Option<&str> {
+    /// The value of a key, if it is given.
+    pub fn get(&self, key: &str) -> Option<&str> {
         self.0.get(key).map(String::as_str)
     }
 
@@ -187,7 +197,7 @@ impl Settings {
     /// # Errors
     ///
     /// It is something else.
-    pub(crate) fn number(&self, key: &str) -> Result<Option<u64>, JobError> {
+    pub fn number(&self, key: &str) -> Result<Option<u64>, JobError> {
         let read = |text: &str| match text.parse() {
             Ok(number) if number > 0 => Ok(number),
             _ => Err(JobError::Setting(format!("--on: {key}={text} is no whole number above 0"))),
@@ -201,7 +211,7 @@ impl Settings {
 /// # Errors
 ///
 /// There is no such engine or key; the message names those that exist.
-pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), JobError> {
+pub fn engine(text: &str) -> Result<(&'static Engine, Settings), JobError> {
     let (name, rest) = text.split_once(':').unwrap_or((text, ""));
     let names = || ENGINES.iter().map(|engine| engine.name).collect::<Vec<_>>().join(", ");
     let engine = ENGINES.iter().find(|engine| engine.name == name);

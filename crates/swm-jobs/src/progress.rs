@@ -10,47 +10,54 @@ use serde::{Deserialize, Serialize};
 use swm_data::files::is_plain_name;
 use swm_tasks::request::cannot;
 
-use super::JobFolder;
-use super::error::JobError;
-use super::files::{is_written, read_json, write_json};
+use crate::error::JobError;
+use crate::files::{is_written, read_json, write_json};
+use crate::job::JobFolder;
 
 /// `done/0003.json`: a shard is done.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Done {
+pub struct Done {
     /// Its number, counted from 1.
-    pub(crate) shard: u64,
+    pub shard: u64,
     /// Its first episode, and the one after its last.
-    pub(crate) range: [u64; 2],
-    pub(crate) episodes: u64,
-    pub(crate) bytes: u64,
+    pub range: [u64; 2],
+    /// How many.
+    pub episodes: u64,
     /// Of what it wrote.
-    pub(crate) sha256: String,
-    pub(crate) attempt: u64,
-    pub(crate) node: String,
+    pub bytes: u64,
+    /// Of what it wrote.
+    pub sha256: String,
+    /// The number of the last attempt.
+    pub attempt: u64,
+    /// Where it ran.
+    pub node: String,
     /// Of the last attempt.
-    pub(crate) seconds: f64,
+    pub seconds: f64,
 }
 
 /// `done/0003.failed`: a shard ended with an error.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Failed {
+pub struct Failed {
     /// The exit status: 1 failed, 2 the request is wrong.
-    pub(crate) status: u8,
-    pub(crate) message: String,
-    pub(crate) attempt: u64,
-    pub(crate) node: String,
+    pub status: u8,
+    /// Why.
+    pub message: String,
+    /// The number of the attempt.
+    pub attempt: u64,
+    /// Where it ran.
+    pub node: String,
 }
 
 impl Failed {
     /// Writes it. On a full disk that fails, but a file without content needs no space. The error that counts is the shard's.
-    pub(crate) fn write(&self, path: &Path) {
+    pub fn write(&self, path: &Path) {
         if write_json(path, self).is_err() {
             let _ = fs::File::create(path);
         }
     }
 
     /// What an empty file stands for.
-    pub(crate) fn without_space() -> Self {
+    pub fn without_space() -> Self {
         let message = "error: it failed, and there was no space to write why".to_owned();
         Self { status: 1, message, attempt: 0, node: String::new() }
     }
@@ -58,12 +65,15 @@ impl Failed {
 
 /// `finished.json`: the shards are joined.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Finished {
+pub struct Finished {
     /// The result, relative to the folder.
-    pub(crate) result: String,
-    pub(crate) bytes: u64,
-    pub(crate) sha256: String,
-    pub(crate) episodes: u64,
+    pub result: String,
+    /// Its size.
+    pub bytes: u64,
+    /// Of its content.
+    pub sha256: String,
+    /// How many.
+    pub episodes: u64,
 }
 
 impl Finished {
@@ -72,7 +82,7 @@ impl Finished {
     /// # Errors
     ///
     /// The file cannot be read.
-    pub(crate) fn of(folder: &JobFolder) -> Result<Option<Self>, JobError> {
+    pub fn of(folder: &JobFolder) -> Result<Option<Self>, JobError> {
         let path = folder.finished();
         let finished: Option<Self> = read_json(&path)?;
         match &finished {
@@ -84,7 +94,7 @@ impl Finished {
     }
 
     /// What of the result is not there any more: its file, or the first folder of a training run.
-    pub(crate) fn lost(&self, folder: &JobFolder) -> Option<PathBuf> {
+    pub fn lost(&self, folder: &JobFolder) -> Option<PathBuf> {
         let result = folder.dir.join(&self.result);
         // Training runs are not joined: they are the result.
         let runs = (1..=folder.job.shards).map(|shard| folder.written(shard));
@@ -93,7 +103,7 @@ impl Finished {
     }
 
     /// The size of the result's file, if it is not what it was.
-    pub(crate) fn changed_bytes(&self, folder: &JobFolder) -> Option<u64> {
+    pub fn changed_bytes(&self, folder: &JobFolder) -> Option<u64> {
         let there = fs::metadata(folder.dir.join(&self.result)).ok()?;
         (there.is_file() && there.len() != self.bytes).then_some(there.len())
     }
@@ -101,15 +111,17 @@ impl Finished {
 
 /// What `done/` lists, without the shards whose parts are gone.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Progress {
-    pub(crate) done: BTreeSet<u64>,
+pub struct Progress {
+    /// Shards that are done.
+    pub done: BTreeSet<u64>,
     /// Shards that were done, and what they wrote is not there any more: they are to be run again.
-    pub(crate) lost: BTreeSet<u64>,
-    pub(crate) failed: BTreeSet<u64>,
+    pub lost: BTreeSet<u64>,
+    /// Shards that ended with an error.
+    pub failed: BTreeSet<u64>,
     /// What was joined, if the result is there.
-    pub(crate) finished: Option<Finished>,
+    pub finished: Option<Finished>,
     /// What of the result is not there any more, where the shards were joined: it is to be made again.
-    pub(crate) lost_result: Option<PathBuf>,
+    pub lost_result: Option<PathBuf>,
 }
 
 impl Progress {
@@ -118,7 +130,7 @@ impl Progress {
     /// # Errors
     ///
     /// The folder cannot be read.
-    pub(crate) fn of(folder: &JobFolder) -> Result<Self, JobError> {
+    pub fn of(folder: &JobFolder) -> Result<Self, JobError> {
         let dir = folder.dir.join("done");
         let finished = Finished::of(folder)?;
         let lost_result = finished.as_ref().and_then(|finished| finished.lost(folder));
@@ -159,13 +171,13 @@ impl Progress {
     }
 
     /// The command that makes the result, where all shards are done and nobody has joined them.
-    pub(crate) fn join_command(&self, folder: &JobFolder) -> Option<String> {
+    pub fn join_command(&self, folder: &JobFolder) -> Option<String> {
         let awaits_join = self.finished.is_none() && self.done.len() as u64 == folder.job.shards;
         awaits_join.then(|| format!("swm task {} --finish", folder.dir.display()))
     }
 
     /// The shards that are not done.
-    pub(crate) fn missing(&self, folder: &JobFolder) -> Vec<u64> {
+    pub fn missing(&self, folder: &JobFolder) -> Vec<u64> {
         (1..=folder.job.shards).filter(|shard| !self.done.contains(shard)).collect()
     }
 }
@@ -187,14 +199,14 @@ impl Done {
     /// # Errors
     ///
     /// A file cannot be read.
-    pub(crate) fn all(folder: &JobFolder, progress: &Progress) -> Result<BTreeMap<u64, Self>, JobError> {
+    pub fn all(folder: &JobFolder, progress: &Progress) -> Result<BTreeMap<u64, Self>, JobError> {
         let read = |&shard: &u64| Ok(read_json(&folder.done(shard))?.map(|done| (shard, done)));
         progress.done.iter().filter_map(|shard| read(shard).transpose()).collect()
     }
 }
 
 /// The shards of entry `entry` (counted from 1) of `entries`: every `entries`-th.
-pub(crate) fn shards_of(entry: u64, entries: u64, shards: u64) -> impl Iterator<Item = u64> {
+pub fn shards_of(entry: u64, entries: u64, shards: u64) -> impl Iterator<Item = u64> {
     (entry..=shards).step_by(usize::try_from(entries.max(1)).unwrap_or(usize::MAX))
 }
 

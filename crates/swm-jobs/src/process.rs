@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::error::JobError;
+use crate::error::JobError;
 
 /// Seconds that a program of an engine may take; `SWM_ENGINE_TIMEOUT` is another number.
 const LIMIT: u64 = 60;
@@ -17,15 +17,15 @@ const GRACE: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_millis(2);
 
 /// What a program said.
-pub(super) struct Said {
-    pub(super) is_ok: bool,
-    pub(super) out: String,
-    pub(super) err: String,
+pub(crate) struct Said {
+    pub(crate) is_ok: bool,
+    pub(crate) out: String,
+    pub(crate) err: String,
 }
 
 impl Said {
     /// What a person has to read: the errors, or else the output.
-    pub(super) fn words(&self) -> &str {
+    pub(crate) fn words(&self) -> &str {
         if self.err.trim().is_empty() { self.out.trim() } else { self.err.trim() }
     }
 }
@@ -35,7 +35,7 @@ impl Said {
 /// # Errors
 ///
 /// It is not there, cannot be started, or does not end in time. That it fails is no error.
-pub(super) fn run(program: &'static str, args: &[&str], input: &str) -> Result<Said, JobError> {
+pub(crate) fn run(program: &'static str, args: &[&str], input: &str) -> Result<Said, JobError> {
     let limit =
         std::env::var("SWM_ENGINE_TIMEOUT").ok().and_then(|limit| limit.parse().ok()).unwrap_or(LIMIT);
     let mut command = Command::new(program);
@@ -90,14 +90,14 @@ fn listen(from: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
 }
 
 /// Bytes that are free where `dir` lies, if the system says it.
-pub(crate) fn free_bytes(dir: &Path) -> Option<u64> {
+pub fn free_bytes(dir: &Path) -> Option<u64> {
     let said = run("df", &["-Pk", dir.to_str()?], "").ok()?;
     let blocks: u64 = said.out.lines().last()?.split_whitespace().nth(3)?.parse().ok()?;
     said.is_ok.then_some(blocks * 1024)
 }
 
 /// A word of a shell command.
-pub(super) fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=:,@%".contains(c);
     match !text.is_empty() && text.chars().all(is_plain) {
         true => text.to_owned(),

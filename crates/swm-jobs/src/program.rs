@@ -8,8 +8,8 @@ use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
-use super::error::JobError;
-use crate::evaluation::file_hash;
+use crate::error::JobError;
+use swm_tasks::evaluation::file_hash;
 
 /// How others start this command, where it is a package in an interpreter and the running file is the interpreter.
 #[derive(Clone, Debug)]
@@ -40,30 +40,30 @@ pub fn set_launcher(launcher: Launcher) {
 /// The program that runs the shards.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Program {
+pub struct Program {
     /// What `swm --version` prints: commit, renderer, physics, features.
-    pub(crate) about: String,
+    pub about: String,
     /// Where it was when the job was submitted; of a package, its interpreter.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Whether the folder has a copy, which tasks start: another build cannot change it.
-    pub(crate) is_copied: bool,
+    pub is_copied: bool,
     /// Of the file; of a package, of its library.
-    pub(crate) sha256: String,
+    pub sha256: String,
     /// The package that the interpreter `path` runs; `None`: `path` is the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) package: Option<Package>,
+    pub package: Option<Package>,
 }
 
 /// A package that an interpreter runs. Tasks use it where it is installed, and check that it is the same.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Package {
+pub struct Package {
     /// What to install: `NAME==VERSION`.
-    pub(crate) install: String,
+    pub install: String,
     /// Arguments of the interpreter before those of the command.
-    pub(crate) arguments: Vec<String>,
+    pub arguments: Vec<String>,
     /// Its library, when the job was submitted.
-    pub(crate) library: PathBuf,
+    pub library: PathBuf,
 }
 
 impl Program {
@@ -72,7 +72,7 @@ impl Program {
     /// # Errors
     ///
     /// Its file cannot be read, or the interpreter that runs it is unknown.
-    pub(crate) fn this(about: &str, copies: bool) -> Result<Self, JobError> {
+    pub fn this(about: &str, copies: bool) -> Result<Self, JobError> {
         let about = about.to_owned();
         let Some(launcher) = LAUNCHER.get() else {
             let path = std::env::current_exe()?;
@@ -92,7 +92,7 @@ impl Program {
     }
 
     /// The beginning of the command lines of tasks, for a job in `dir`.
-    pub(crate) fn words(&self, dir: &Path) -> Vec<OsString> {
+    pub fn words(&self, dir: &Path) -> Vec<OsString> {
         let program = if self.is_copied { copy_in(dir) } else { self.path.clone() };
         let arguments = self.package.iter().flat_map(|package| package.arguments.iter().map(OsString::from));
         std::iter::once(program.into_os_string()).chain(arguments).collect()
@@ -103,7 +103,7 @@ impl Program {
     /// # Errors
     ///
     /// It is another one.
-    pub(crate) fn check(&self, dir: &Path, about: &str) -> Result<(), JobError> {
+    pub fn check(&self, dir: &Path, about: &str) -> Result<(), JobError> {
         match (&self.package, LAUNCHER.get()) {
             (Some(package), Some(launcher)) => self.check_package(package, launcher, dir)?,
             (None, None) => {

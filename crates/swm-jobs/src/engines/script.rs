@@ -2,18 +2,19 @@
 
 use std::fmt::Write as _;
 
-use super::super::JobFolder;
-use super::super::engine::{Driver, Engine, Queued, Request, Settings};
-use super::super::error::JobError;
 use super::task;
+use crate::engine::{Driver, Engine, Queued, Request, Settings};
+use crate::error::JobError;
+use crate::job::JobFolder;
 
-pub(in super::super) const ENGINE: Engine = Engine {
+pub(crate) const ENGINE: Engine = Engine {
     name: "script",
     about: "prints a command per shard and starts nothing",
     keys: &[],
     driver: &Script,
 };
 
+#[derive(Debug)]
 struct Script;
 
 impl Driver for Script {

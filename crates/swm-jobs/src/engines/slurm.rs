@@ -3,14 +3,14 @@
 
 use std::fmt::Write as _;
 
-use super::super::JobFolder;
-use super::super::engine::{Driver, Engine, Queued, Request, Settings};
-use super::super::error::JobError;
-use super::super::files::ranges;
-use super::super::process::{Said, run};
 use super::task;
+use crate::engine::{Driver, Engine, Queued, Request, Settings};
+use crate::error::JobError;
+use crate::files::ranges;
+use crate::job::JobFolder;
+use crate::process::{Said, run};
 
-pub(in super::super) const ENGINE: Engine = Engine {
+pub(crate) const ENGINE: Engine = Engine {
     name: "slurm",
     about: "a Slurm job array",
     keys: &[
@@ -50,6 +50,7 @@ const FINISH_OPTIONS: &[&str] = &["partition", "account", "qos", "time", "mem"];
 /// Time limits that are none.
 const UNLIMITED: [&str; 2] = ["UNLIMITED", "INFINITE"];
 
+#[derive(Debug)]
 struct Slurm;
 
 impl Driver for Slurm {
@@ -78,7 +79,7 @@ impl Driver for Slurm {
         let Request { folder, settings, entries, indices, .. } = request;
         let at_once = settings.number("tasks")?.unwrap_or(TASKS);
         let mut text = head(folder, &folder.job.name(), settings, |_| true)?;
-        let _ = writeln!(text, "#SBATCH --array={}%{at_once}", ranges(indices));
+        let _ = writeln!(text, "#SBATCH --array={}%{at_once}", ranges(*indices));
         let _ = writeln!(text, "#SBATCH --requeue");
         let _ = writeln!(text, "#SBATCH --signal=B:TERM@{EARLY}");
         if let Some(seconds) = settings.get("time").and_then(time_limit) {

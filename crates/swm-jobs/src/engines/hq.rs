@@ -6,13 +6,13 @@ use std::fs;
 use serde_json::Value as Json;
 use swm_tasks::request::cannot;
 
-use super::super::JobFolder;
-use super::super::engine::{Driver, Engine, Queued, Request, Settings};
-use super::super::error::JobError;
-use super::super::process::{quoted, run};
 use super::task;
+use crate::engine::{Driver, Engine, Queued, Request, Settings};
+use crate::error::JobError;
+use crate::job::JobFolder;
+use crate::process::{quoted, run};
 
-pub(in super::super) const ENGINE: Engine = Engine {
+pub(crate) const ENGINE: Engine = Engine {
     name: "hq",
     about: "HyperQueue, on a server and workers that run already",
     keys: &[
@@ -29,6 +29,7 @@ const CRASH_LIMIT: u64 = 20;
 /// The task that joins the shards; those of the shards count from 1.
 const FINISH: u64 = 0;
 
+#[derive(Debug)]
 struct HyperQueue;
 
 impl Driver for HyperQueue {
@@ -173,10 +174,10 @@ mod tests {
 
     #[test]
     fn resources_are_tables() {
-        let (_, settings) = super::super::super::engine("hq:cpus=4,gpus=1,time=1h").unwrap();
+        let (_, settings) = crate::engine::engine("hq:cpus=4,gpus=1,time=1h").unwrap();
         let text = resources(&settings).unwrap();
         assert!(text.contains("cpus = \"4\", \"gpus/nvidia\" = 1") && text.contains("time_request = \"1h\""));
-        let (_, settings) = super::super::super::engine("hq:crash_limit=0").unwrap();
+        let (_, settings) = crate::engine::engine("hq:crash_limit=0").unwrap();
         assert!(settings.number("crash_limit").is_err());
     }
 }

@@ -9,15 +9,15 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use swm_tasks::request::cannot;
 
-use super::error::JobError;
-use crate::text_file::{read_text, replace_text};
+use crate::error::JobError;
+use swm_tasks::text_file::{read_text, replace_text};
 
 /// Writes a file as a whole: readers see the old one or the new one.
 ///
 /// # Errors
 ///
 /// The file cannot be written.
-pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), JobError> {
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), JobError> {
     let text = serde_json::to_string_pretty(value)? + "\n";
     Ok(replace_text(path, &text).map_err(cannot("write", path))?)
 }
@@ -39,12 +39,12 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, J
 }
 
 /// Whether a file that [`write_json`] writes is there, and not emptied by a loss of power.
-pub(crate) fn is_written(path: &Path) -> bool {
+pub fn is_written(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| there.is_file() && there.len() > 0)
 }
 
 /// Ascending numbers as `1-3,7`.
-pub(crate) fn ranges(numbers: &[u64]) -> String {
+pub fn ranges<'a>(numbers: impl IntoIterator<Item = &'a u64>) -> String {
     let mut runs: Vec<(u64, u64)> = Vec::new();
     for &number in numbers {
         match runs.last_mut() {
@@ -71,7 +71,7 @@ pub(crate) fn seconds(time: SystemTime) -> u64 {
 }
 
 /// The name of this machine, as the system gives it.
-pub(crate) fn node() -> String {
+pub fn node() -> String {
     let named = std::env::var("SLURMD_NODENAME").ok();
     let named = named.or_else(|| fs::read_to_string("/proc/sys/kernel/hostname").ok());
     named.or_else(|| std::env::var("HOSTNAME").ok()).map_or_else(String::new, |name| name.trim().to_owned())
@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn neighbors_are_one_range() {
-        assert_eq!(ranges(&[]), "");
+        assert_eq!(ranges([]), "");
         assert_eq!(ranges(&[3]), "3");
         assert_eq!(ranges(&[1, 2, 3, 7, 9, 10]), "1-3,7,9-10");
     }

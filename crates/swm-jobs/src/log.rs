@@ -11,15 +11,15 @@ const PROGRESS_BYTES: u64 = 4 << 10;
 
 /// A start of a shard's task.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Attempt {
+pub struct Attempt {
     /// Counted from 1.
-    pub(crate) number: u64,
+    pub number: u64,
     /// The node.
-    pub(crate) node: String,
+    pub node: String,
     /// The engine's job, if there is one.
-    pub(crate) engine: String,
+    pub engine: String,
     /// Episodes that were committed before it.
-    pub(crate) held: u64,
+    pub held: u64,
 }
 
 impl std::fmt::Display for Attempt {
@@ -40,7 +40,11 @@ impl Attempt {
 }
 
 /// Opens a log to append to it, on a new line: an attempt that was killed may have ended in the middle of one.
-pub(crate) fn open(log: &Path) -> std::io::Result<File> {
+///
+/// # Errors
+///
+/// It cannot be read or written.
+pub fn open(log: &Path) -> std::io::Result<File> {
     let mut file = swm_data::files::append_own(log)?;
     if file.metadata()?.len() > 0 {
         let mut last = [0];
@@ -54,7 +58,7 @@ pub(crate) fn open(log: &Path) -> std::io::Result<File> {
 }
 
 /// All attempts, the oldest first. A log that is not there has none; one with a line per episode may be long.
-pub(crate) fn attempts(log: &Path) -> Vec<Attempt> {
+pub fn attempts(log: &Path) -> Vec<Attempt> {
     let Ok(file) = File::open(log) else { return Vec::new() };
     let lines = BufReader::new(file).split(b'\n').map_while(Result::ok);
     let begun = lines.filter(|line| line.starts_with(ATTEMPT.as_bytes()));
@@ -62,7 +66,7 @@ pub(crate) fn attempts(log: &Path) -> Vec<Attempt> {
 }
 
 /// The number after the last episode that `swm collect` said it wrote.
-pub(crate) fn last_episode(log: &Path) -> Option<u64> {
+pub fn last_episode(log: &Path) -> Option<u64> {
     let text = tail(log, PROGRESS_BYTES);
     let number =
         |line: &str| line.strip_prefix("episode ")?.split_once(" written to ")?.0.parse::<u64>().ok();

@@ -1,11 +1,11 @@
 //! The engines, one in each file.
 
-pub(super) mod hq;
-pub(super) mod script;
-pub(super) mod slurm;
+pub(crate) mod hq;
+pub(crate) mod script;
+pub(crate) mod slurm;
 
-use super::JobFolder;
-use super::process::quoted;
+use crate::job::JobFolder;
+use crate::process::quoted;
 
 /// The beginning of the commands of tasks: `JOB/swm task JOB`, or `PYTHON -m PACKAGE task JOB`.
 fn task(folder: &JobFolder) -> String {
