@@ -62,7 +62,7 @@ fn solver_tables_are_current() {
 fn the_table_of_traps_is_current() {
     let path = root().join("docs/traps.md");
     let text = std::fs::read_to_string(&path).unwrap();
-    write_or_compare(&path, &text, &with_table(&text, "traps", &swm::cli::traps_markdown()));
+    write_or_compare(&path, &text, &with_table(&text, "traps", &swm::tasks::traps::markdown()));
 }
 
 #[test]

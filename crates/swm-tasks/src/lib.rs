@@ -26,6 +26,7 @@
 //! * [`bundle`]: a result in a folder that others can verify; [`board`]: such folders as a page; [`zoo`]: trained models that are shipped;
 //! * [`distractors`]: what changes the images that policies see;
 //! * [`plan`], [`replay`], [`report`], [`report_page`], [`video`]: what happened, shown;
+//! * [`traps`]: what versions of other software do that users do not expect;
 //! * [`text_file`]: texts that a user names; [`memory`] and [`threads`] of the machine.
 //!
 //! This crate has no table of environments: callers hand in a [`Registry`](swm_core::Registry). It prints nothing.
@@ -45,5 +46,6 @@ pub mod request;
 mod svg;
 pub mod text_file;
 pub mod threads;
+pub mod traps;
 pub mod video;
 pub mod zoo;

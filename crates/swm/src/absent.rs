@@ -46,7 +46,6 @@ macro_rules! build_with {
 }
 
 /// A feature that a build may lack.
-#[cfg(feature = "cli")]
 pub(crate) struct Feature {
     pub(crate) is_built: bool,
     /// `feature onnx`.
@@ -57,7 +56,6 @@ pub(crate) struct Feature {
     pub(crate) command: &'static str,
 }
 
-#[cfg(feature = "cli")]
 macro_rules! feature {
     ($name:literal, $brings:literal) => {
         Feature {
@@ -70,7 +68,6 @@ macro_rules! feature {
 }
 
 /// The features that bring commands, environments, policies or formats.
-#[cfg(feature = "cli")]
 pub(crate) const FEATURES: &[Feature] = &[
     feature!("baselines", "`swm train`, and policies and models that it trained"),
     feature!("lance", "writing Lance tables, and reading their videos and checksums"),

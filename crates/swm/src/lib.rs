@@ -21,6 +21,7 @@
 mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod doctor;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;

@@ -54,8 +54,6 @@ mod task;
 mod threads;
 mod track;
 mod train;
-mod traps;
-mod traps_table;
 #[cfg(feature = "ui")]
 mod ui;
 mod verify;
@@ -74,7 +72,6 @@ use swm_core::Registry;
 pub use crate::jobs::{Launcher, set_launcher};
 pub(crate) use output::{Failure, Output, usage};
 use threads::ThreadsArg;
-pub use traps::markdown as traps_markdown;
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
 #[derive(Parser)]

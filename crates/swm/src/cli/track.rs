@@ -10,6 +10,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use swm_tasks::traps::pythons;
 
 use super::{Failure, Output, usage};
 use crate::jobs::Tracking;
@@ -82,7 +83,7 @@ pub(super) fn around(
     if others.is_empty() {
         return work();
     }
-    let mut follower = Follower::start(&pythons(), run, &others, tracking.project.as_deref())?;
+    let mut follower = Follower::start(pythons(), run, &others, tracking.project.as_deref())?;
     let done = work();
     if let Err(reason) = follower.finish() {
         output.note(format!(
@@ -95,11 +96,6 @@ pub(super) fn around(
     done
 }
 
-/// The Python that runs the command in the wheel, else those of the search path.
-fn pythons() -> Vec<String> {
-    std::env::var("SWM_PYTHON").ok().into_iter().chain(["python3", "python"].map(str::to_owned)).collect()
-}
-
 /// A program that follows a run, until its standard input is closed: also where this process is killed.
 struct Follower {
     child: Child,
@@ -109,7 +105,7 @@ struct Follower {
 impl Follower {
     /// Starts the first of some interpreters that has the package.
     fn start(
-        pythons: &[String],
+        pythons: impl IntoIterator<Item = String>,
         run: &Path,
         trackers: &[&str],
         project: Option<&str>,
@@ -200,7 +196,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("none").display().to_string();
         Follower::start(
-            &[missing, python(folder.path(), script)],
+            [missing, python(folder.path(), script)],
             Path::new("runs/a"),
             &["trackio"],
             Some("p"),

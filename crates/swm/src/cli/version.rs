@@ -3,21 +3,17 @@
 use std::fmt::Write as _;
 use std::sync::LazyLock;
 
-/// `0.1.0`, with the commit where the build was told.
-pub(super) fn program() -> String {
-    let code = crate::evaluation::Code::this();
-    let commit = code.commit.map(|commit| format!(" ({commit})")).unwrap_or_default();
-    format!("{}{commit}, {}", code.version, code.target)
-}
+use crate::doctor;
 
 /// Several lines: the program, its renderer, its physics, its features.
 pub(super) fn long() -> &'static str {
     // Results depend on these, and all crates of the workspace have one version.
     const OURS: &str = env!("CARGO_PKG_VERSION");
     static TEXT: LazyLock<String> = LazyLock::new(|| {
-        let mut text = format!("{}\nrenderer: swm-render {OURS}\nphysics: swm-envs-2d {OURS}", program());
+        let mut text =
+            format!("{}\nrenderer: swm-render {OURS}\nphysics: swm-envs-2d {OURS}", doctor::program_line());
         #[cfg(feature = "mujoco")]
-        let _ = write!(text, ", {}", super::doctor::mujoco_version());
+        let _ = write!(text, ", {}", doctor::mujoco_version());
         let _ = write!(text, "\nfeatures: {}", features().join(" "));
         text
     });

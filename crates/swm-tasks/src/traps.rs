@@ -1,35 +1,50 @@
-//! Known traps among installed Python packages, for `swm doctor`: what surprised on valid input, by version. The page
-//! `docs/traps.md` has the same table.
+//! Known traps among Python packages: what surprised on valid input, by version. The table is `traps.toml`, and `docs/traps.md` shows it.
 
 use std::fmt::Write as _;
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 
-use super::traps_table::TRAPS;
+use serde::Deserialize;
 
 /// What a version of some software does that users do not expect.
-pub(super) struct Trap {
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trap {
     /// The software and its versions, as people write them.
-    pub(super) software: &'static str,
-    pub(super) does: &'static str,
+    pub software: String,
+    /// What it does.
+    pub does: String,
     /// Who meets it here.
-    pub(super) who: &'static str,
+    pub who: String,
     /// What to do.
-    pub(super) fix: &'static str,
+    pub fix: String,
     /// The script in `findings/` that shows it; none where it takes data of others.
-    pub(super) script: Option<&'static str>,
+    pub script: Option<String>,
     /// Packages that have it when all are installed; none: it cannot be seen from packages.
-    pub(super) when: &'static [Need],
+    #[serde(default)]
+    pub when: Vec<Need>,
 }
 
 /// A package and which versions of it: `>=3.12`, `<2`, `==3.16` (and `3.16.1`), several by commas.
-pub(super) struct Need(pub(super) &'static str, pub(super) &'static str);
+#[derive(Debug, Deserialize)]
+pub struct Need(pub String, pub String);
+
+/// All known traps.
+pub static TRAPS: LazyLock<Vec<Trap>> = LazyLock::new(|| {
+    #[derive(Deserialize)]
+    struct Table {
+        trap: Vec<Trap>,
+    }
+    let table: Table = toml::from_str(include_str!("traps.toml")).expect("the table is constant");
+    table.trap
+});
 
 /// The table of `docs/traps.md`, in Markdown.
 #[must_use]
 pub fn markdown() -> String {
     let mut table = "| software, version | what it does | who meets it here | what to do | script |\n|---|---|---|---|---|\n".to_owned();
-    for Trap { software, does, who, fix, script, .. } in TRAPS {
-        let script = script.map(|name| format!("[`{name}`](../findings/{name}.sh)"));
+    for Trap { software, does, who, fix, script, .. } in TRAPS.iter() {
+        let script = script.as_ref().map(|name| format!("[`{name}`](../findings/{name}.sh)"));
         let script = script.as_deref().unwrap_or("–");
         let _ = writeln!(table, "| {software} | {does} | {who} | {fix} | {script} |");
     }
@@ -37,23 +52,26 @@ pub fn markdown() -> String {
 }
 
 /// A trap that is installed: the packages with their versions, and the row of the table.
-pub(super) struct Found {
-    pub(super) packages: String,
-    pub(super) trap: &'static Trap,
+#[derive(Debug)]
+pub struct Found {
+    /// The packages.
+    pub packages: String,
+    /// The row.
+    pub trap: &'static Trap,
 }
 
 /// Packages of a Python, as (name, version).
 type Packages = Vec<(String, String)>;
 
 /// The traps among the packages of the first Python that starts; `None` where none does.
-pub(super) fn installed() -> Option<(String, Vec<Found>)> {
+pub fn installed() -> Option<(String, Vec<Found>)> {
     let (python, packages) =
-        candidates().find_map(|python| packages_of(&python).map(|found| (python, found)))?;
+        pythons().find_map(|python| packages_of(&python).map(|found| (python, found)))?;
     Some((python, among(&packages)))
 }
 
 /// The Python that runs the command in the wheel, else those of the search path.
-fn candidates() -> impl Iterator<Item = String> {
+pub fn pythons() -> impl Iterator<Item = String> {
     std::env::var("SWM_PYTHON").ok().into_iter().chain(["python3".to_owned(), "python".to_owned()])
 }
 
@@ -81,8 +99,8 @@ fn normalized(name: &str) -> String {
 
 fn among(packages: &Packages) -> Vec<Found> {
     let version_of = |need: &Need| {
-        let (_, version) = packages.iter().find(|(name, _)| *name == normalized(need.0))?;
-        fits(version, need.1).then(|| format!("{} {version}", need.0))
+        let (_, version) = packages.iter().find(|(name, _)| *name == normalized(&need.0))?;
+        fits(version, &need.1).then(|| format!("{} {version}", need.0))
     };
     let found = |trap: &'static Trap| {
         let named: Option<Vec<_>> = trap.when.iter().map(version_of).collect();
@@ -143,7 +161,7 @@ mod tests {
     #[test]
     fn rows_are_whole_and_their_scripts_are_there() {
         let folder = root().join("findings");
-        for trap in TRAPS {
+        for trap in TRAPS.iter() {
             let Trap { software, does, who, fix, script, when } = trap;
             let texts = [software, does, who, fix];
             assert!(texts.iter().all(|text| !text.is_empty() && !text.contains(['|', '\n'])), "{software}");
@@ -160,7 +178,7 @@ mod tests {
         for entry in std::fs::read_dir(folder).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             let stem = name.trim_end_matches(".sh");
-            let is_row = TRAPS.iter().any(|trap| trap.script == Some(stem));
+            let is_row = TRAPS.iter().any(|trap| trap.script.as_deref() == Some(stem));
             assert!(
                 is_row || ["python", "README.md"].contains(&stem),
                 "no row of the table has findings/{name}"
