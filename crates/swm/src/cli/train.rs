@@ -368,8 +368,3 @@ impl Drop for Steps {
         self.bar.finish_and_clear();
     }
 }
-
-#[cfg(test)]
-#[cfg(feature = "baselines")]
-#[path = "train_tests.rs"]
-mod tests;

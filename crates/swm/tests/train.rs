@@ -1,51 +1,58 @@
 //! Trainings by the command: what is refused, and on what is learned.
 
+#![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
+
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
-use swm_baselines::train::RunFolder;
-use swm_tasks::request::Request as _;
+use serde_json::{Map, Value as Json, json};
+use swm::baselines::train::RunFolder;
+use swm::core::Registry;
+use swm::tasks::request::{self, Request as _};
 
-use super::*;
+/// Runs the program; what it prints where it fails, with its exit status.
+fn program(
+    words: impl IntoIterator<Item = impl AsRef<std::ffi::OsStr>>,
+) -> Result<(), (Option<i32>, String)> {
+    let ran = Command::new(env!("CARGO_BIN_EXE_swm")).arg("-q").args(words).output().unwrap();
+    let text = || String::from_utf8_lossy(&ran.stderr).into_owned();
+    if ran.status.success() { Ok(()) } else { Err((ran.status.code(), text())) }
+}
+
+/// Runs a line of the program without blanks in its words.
+fn line(words: &str) -> Result<(), (Option<i32>, String)> {
+    program(words.split_whitespace())
+}
 
 #[test]
 fn what_is_wrong_is_worded_as_options() {
-    let registry = crate::registry();
-    let refused = |words: &str| {
-        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
-        let failure = train.run(&registry, &Output::new(false, true)).unwrap_err();
-        assert_eq!(failure.exit_code(), 2, "{words}");
-        failure.to_string()
-    };
     for (words, reason) in [
-        ("swm", "baseline: must be given"),
-        ("swm lewm --dataset no.h5", "--out: name the folder of the new run; give --resume to continue one"),
-        ("swm tdmpc2 --out no/run", "give --env swm/CartpoleDMControl-v0, or --dataset"),
-        ("swm sac --env swm/PushT-v1 --batch 4 --out no/run", "give --set batch=4, or leave out --batch"),
-        ("swm lewm --out no/run --dataset-split val", "--dataset: name the dataset that lewm learns from"),
+        ("train", "baseline: must be given"),
         (
-            "swm sac --env swm/PushT-v1 --dataset-split val --out no/run",
+            "train lewm --dataset no.h5",
+            "--out: name the folder of the new run; give --resume to continue one",
+        ),
+        ("train tdmpc2 --out no/run", "give --env swm/CartpoleDMControl-v0, or --dataset"),
+        ("train sac --env swm/PushT-v1 --batch 4 --out no/run", "give --set batch=4, or leave out --batch"),
+        ("train lewm --out no/run --dataset-split val", "--dataset: name the dataset that lewm learns from"),
+        (
+            "train sac --env swm/PushT-v1 --dataset-split val --out no/run",
             "--dataset-split: is about a dataset, and none is named; give --dataset, or leave out --dataset-split",
         ),
         (
-            "swm sac --env swm/TwoRoom-v2 --observe pixels --out no/run",
+            "train sac --env swm/TwoRoom-v2 --observe pixels --out no/run",
             "sac learns from vectors alone; leave `pixels` out",
         ),
     ] {
-        let message = refused(words);
-        assert!(message.contains(reason), "{words}: {message}");
+        let (status, message) = line(words).unwrap_err();
+        assert!(status == Some(2) && message.contains(reason), "{words}: {message}");
     }
+    let registry = swm::registry();
     let env = registry.env("swm/PushT-v1").unwrap();
     let message = registry.policy_entry(env, "keypoint-wm").unwrap_err().to_string();
     assert!(message.contains("it is a model; to plan with a trained one, use `mpc:RUN`"), "{message}");
-}
-
-#[derive(clap::Parser)]
-struct TrainAlone {
-    #[command(flatten)]
-    train: Train,
 }
 
 /// Runs of the command in a folder of their own, which is removed at the end.
@@ -56,7 +63,7 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        Self { registry: crate::registry(), folder: tempfile::tempdir().unwrap() }
+        Self { registry: swm::registry(), folder: tempfile::tempdir().unwrap() }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -67,17 +74,16 @@ impl Bench {
         let words =
             format!("swm -q collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 {how} --out");
         let words = words.split_whitespace().map(OsString::from);
-        let _ = crate::cli::run(&self.registry, words.chain([self.path(file).into()]));
+        let _ = swm::cli::run(&self.registry, words.chain([self.path(file).into()]));
     }
 
     fn train(&self, words: &str, data: &str, run: &str) -> Result<(), String> {
         let batch = if words.contains("--batch") || words.starts_with("tdmpc2") { "" } else { "--batch 2" };
-        let words = format!("swm {words} --steps 1 {batch}");
+        let words = format!("train {words} --steps 1 {batch}");
         let [data, run] = [data, run].map(|name| OsString::from(self.path(name)));
         let paths = [OsString::from("--dataset"), data, "--out".into(), run];
         let words = words.split_whitespace().map(OsString::from).chain(paths);
-        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
-        train.run(&self.registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
+        program(words).map_err(|(_, message)| message)
     }
 }
 
@@ -108,9 +114,7 @@ fn a_resumed_run_is_measured_on() {
     bench.train("lewm --preset small --quality-every 1 --split 0.5", "a.h5", "run").unwrap();
     let run = bench.path("run");
     let resume = |words: &str| {
-        let words = format!("swm --resume {} {words}", run.display());
-        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
-        train.run(&bench.registry, &Output::new(false, true)).unwrap();
+        line(&format!("train --resume {} {words}", run.display())).unwrap();
         let metrics = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap();
         metrics.lines().filter(|line| line.contains(r#""part":"quality""#)).count()
     };
@@ -152,25 +156,23 @@ fn a_run_is_not_resumed_on_other_images() {
     let agent = "tdmpc2 --preset small --observe pixels --set image.size=64 --set batch=4 --set horizon=2";
     bench.train(agent, "white.h5", "agent").unwrap();
     for run in ["run", "agent"] {
-        let resume = |data: Option<&str>, steps: u64| {
+        let resume = |data: &str, steps: u64| {
             let run = bench.path(run);
-            let mut words = vec!["swm".to_owned(), "--resume".to_owned(), run.display().to_string()];
-            words.extend(["--steps".to_owned(), steps.to_string()]);
-            words.extend(
-                data.iter().flat_map(|data| ["--dataset".to_owned(), bench.path(data).display().to_string()]),
-            );
-            let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
-            train.run(&bench.registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
+            line(&format!(
+                "train --resume {} --steps {steps} --dataset {}",
+                run.display(),
+                bench.path(data).display()
+            ))
         };
-        let message = resume(Some("black.h5"), 2).unwrap_err();
+        let (_, message) = resume("black.h5", 2).unwrap_err();
         assert!(message.contains("black.h5 is not the dataset that it was begun with"), "{message}");
-        resume(Some("again.h5"), 2).unwrap();
+        resume("again.h5", 2).unwrap();
         // A run of an earlier version does not say what its images are, and is not changed to.
         let config = bench.path(run).join("config.json");
         let mut old: Json = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
         assert!(old["data"].as_object_mut().unwrap().remove("sample").is_some());
         std::fs::write(&config, serde_json::to_vec(&old).unwrap()).unwrap();
-        resume(Some("again.h5"), 3).unwrap();
+        resume("again.h5", 3).unwrap();
         let now: Json = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
         assert_eq!(now["data"], old["data"]);
     }
@@ -178,23 +180,16 @@ fn a_run_is_not_resumed_on_other_images() {
 
 #[test]
 fn a_run_is_resumed_by_its_folder() {
-    let registry = crate::registry();
-    let asked = |words: &str| {
-        let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words.split_whitespace());
-        train.request()
-    };
-    for words in ["swm --resume runs/a", "swm --resume --out runs/a", "swm --resume runs/a -o runs/a"] {
-        assert_eq!(asked(words).ok().unwrap().folder(), Path::new("runs/a"), "{words}");
+    for (words, reason) in [
+        ("--resume no/run", "no/run"),
+        ("--resume --out no/run", "no/run"),
+        ("--resume no/run -o no/run", "no/run"),
+        ("--resume", "swm train --resume RUN"),
+        ("--resume a --out b", "--out: a run is resumed in its own folder"),
+    ] {
+        let (_, message) = line(&format!("train {words}")).unwrap_err();
+        assert!(message.contains(reason), "{words}: {message}");
     }
-    let message = asked("swm --resume").unwrap_err().to_string();
-    assert!(message.contains("swm train --resume RUN"), "{message}");
-    let message = asked("swm --resume a --out b").ok().unwrap().check(&registry).unwrap_err().to_string();
-    assert!(message.contains("out: a run is resumed in its own folder"), "{message}");
-    let bench = Bench::new();
-    let resume = format!("swm --resume {}", bench.path("none").display());
-    let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(resume.split_whitespace());
-    let message = train.run(&bench.registry, &Output::new(false, true)).unwrap_err().to_string();
-    assert!(message.contains("none"), "{message}");
 }
 
 #[test]
@@ -206,7 +201,7 @@ fn weights_do_not_depend_on_threads_nor_on_the_name_of_the_option() {
         let words =
             format!("swm -q train lewm --preset small --steps 1 --batch 2 --threads {threads} {option}");
         let paths = [bench.path("a.h5").into(), OsString::from("--out"), run.clone().into()];
-        let _ = crate::cli::run(&bench.registry, words.split_whitespace().map(OsString::from).chain(paths));
+        let _ = swm::cli::run(&bench.registry, words.split_whitespace().map(OsString::from).chain(paths));
         std::fs::read(RunFolder::open(&run).unwrap().weights(1)).unwrap()
     };
     assert!(weights("--dataset", "1") == weights("--data", "3"));
@@ -274,11 +269,11 @@ fn a_run_is_the_same_from_the_request_the_command_and_a_job() {
     let bench = Bench::new();
     bench.collect("--image-size 64x64", "a.h5");
     let data = bench.path("a.h5").display().to_string();
-    let table = include_str!("../../../../tests/requests/train.json").replace("DATA", &data);
+    let table = include_str!("../../../tests/requests/train.json").replace("DATA", &data);
     let table: Vec<Map<String, Json>> = serde_json::from_str(&table).unwrap();
     let ran = |line: &[String]| {
         let words = ["swm", "-q"].into_iter().map(OsString::from).chain(line.iter().map(OsString::from));
-        assert!(crate::cli::run(&bench.registry, words) == ExitCode::SUCCESS, "{line:?}");
+        assert!(swm::cli::run(&bench.registry, words) == ExitCode::SUCCESS, "{line:?}");
     };
     for (index, asked) in table.iter().enumerate() {
         let [value, command, job] =
@@ -313,7 +308,7 @@ fn a_job_whose_model_would_see_no_images_is_not_submitted() {
     bench.train("lewm --preset small", "a.h5", "run").unwrap();
     let run = |words: String| {
         let words = format!("swm -q {words}");
-        let _ = crate::cli::run(&bench.registry, words.split(' ').map(OsString::from));
+        let _ = swm::cli::run(&bench.registry, words.split(' ').map(OsString::from));
     };
     let at = |name: &str| bench.path(name).display().to_string();
     for (size, is_submitted) in [("none", false), ("64x64", true)] {
@@ -356,7 +351,7 @@ fn files_of_a_run_with_other_values_are_refused_or_used() {
     let run = |words: String| {
         let words = words.split_whitespace().map(OsString::from);
         // An error is an answer; a panic fails this test, and too much memory ends it.
-        let _ = crate::cli::run(&bench.registry, words);
+        let _ = swm::cli::run(&bench.registry, words);
     };
     for (name, policy) in [("gcbc", "gcbc"), ("lewm", "mpc"), ("tdmpc2", "tdmpc2")] {
         let path = bench.path(name);
@@ -418,7 +413,7 @@ fn of_two_exports_or_imports_into_one_folder_at_once_one_is_made() {
     let path = |name: &str| bench.path(name).display().to_string();
     let run = |line: &str| {
         let words = format!("swm -q {line}");
-        crate::cli::run(&bench.registry, words.split_whitespace().map(OsString::from)) == ExitCode::SUCCESS
+        swm::cli::run(&bench.registry, words.split_whitespace().map(OsString::from)) == ExitCode::SUCCESS
     };
     let data = path("a.h5");
     let [runs, exported, imported] =
