@@ -19,12 +19,13 @@ const FILES: [(&str, &str); 5] = [
     ("tests/conformance.rs", include_str!("../../templates/environment/tests/conformance.rs")),
 ];
 /// The crates of this workspace that the template builds: a line in its manifest is enough to use one.
-const CRATES: [&str; 10] = [
+const CRATES: [&str; 11] = [
     "swm",
     "swm-core",
     "swm-data",
     "swm-envs-2d",
     "swm-fov",
+    "swm-jobs",
     "swm-lance",
     "swm-media",
     "swm-render",
