@@ -14,6 +14,7 @@ use swm_tasks::request::{Divided, Record, TaskError, cannot};
 use crate::error::JobError;
 use crate::files::{read_json, seconds, write_json};
 use crate::program::{Program, copy_in};
+use crate::tracking::Tracking;
 use swm_tasks::evaluation::file_hash;
 
 /// The version of [`Job`] that is written. Version 1 had no request, and version 2 none of trainings at first.
@@ -60,16 +61,6 @@ pub struct Job {
 /// No request, as in a job that was written by its words alone.
 fn nothing() -> Divided {
     Divided::Train(Vec::new())
-}
-
-/// Trackers that follow a training run.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Tracking {
-    /// Their names.
-    pub trackers: Vec<String>,
-    /// What they group runs by.
-    pub project: Option<String>,
 }
 
 /// What a command asks for.

@@ -35,12 +35,12 @@ impl EnvArgs {
     }
 
     pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {
-        let mut settings = Map::new();
-        for option in &self.env_options {
-            let (name, value) = assignment(option, "--env-option")?;
-            settings.insert(name.to_owned(), json_value(value));
-        }
-        Ok(EnvConfig { image, settings })
+        Ok(EnvConfig { image, settings: assignments(&self.env_options, "--env-option", json_value)? })
+    }
+
+    /// The environment's id and settings, as requests have them.
+    pub(super) fn named(&self, registry: &Registry) -> Result<(String, Map<String, Json>), Failure> {
+        Ok((self.entry(registry)?.id.to_owned(), self.config(None)?.settings))
     }
 }
 
@@ -55,12 +55,13 @@ pub(super) struct OptionalEnvArgs {
 }
 
 impl OptionalEnvArgs {
-    /// The id of the environment that was named, empty where none was, and its settings.
+    /// As [`EnvArgs::named`], with an empty id where no environment was named.
     pub(super) fn named(&self, registry: &Registry) -> Result<(String, Map<String, Json>), Failure> {
-        let env_options = self.env_options.clone();
-        let env = EnvArgs { env: self.env.clone().unwrap_or_default(), env_options };
-        let id = if env.env.is_empty() { String::new() } else { env.entry(registry)?.id.to_owned() };
-        Ok((id, env.config(None)?.settings))
+        let (env, env_options) = (self.env.clone().unwrap_or_default(), self.env_options.clone());
+        match env.as_str() {
+            "" => Ok((env, assignments(&env_options, "--env-option", json_value)?)),
+            _ => EnvArgs { env, env_options }.named(registry),
+        }
     }
 }
 
@@ -141,6 +142,16 @@ pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'
         Some((name, value)) if !name.trim().is_empty() => Ok((name.trim(), value.trim())),
         _ => Err(usage(format!("{option} {text}: write NAME=VALUE"))),
     }
+}
+
+/// The values of an option that is given as `NAME=VALUE`, by name.
+pub(super) fn assignments(
+    given: &[String],
+    option: &str,
+    value: impl Fn(&str) -> Json,
+) -> Result<Map<String, Json>, Failure> {
+    let one = |text: &String| assignment(text, option).map(|(name, text)| (name.to_owned(), value(text)));
+    given.iter().map(one).collect()
 }
 
 /// JSON if it is JSON, else text.

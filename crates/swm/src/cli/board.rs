@@ -7,7 +7,7 @@ use swm_core::Registry;
 use swm_tasks::request::{BoardMade, MakeBoard, Request as _};
 
 use super::output::table;
-use super::rates::p_value;
+use super::rates::{difference, rate};
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
 use super::{Failure, Output, interrupt};
@@ -43,7 +43,7 @@ pub(super) struct BoardCommand {
     #[arg(long, default_value_t = MakeBoard::default().num_envs, value_name = "N")]
     num_envs: usize,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl BoardCommand {
@@ -68,15 +68,13 @@ fn text(made: &BoardMade) -> String {
             .rows
             .iter()
             .map(|row| {
-                let [low, high] = row.summary.ci95;
-                let rate = format!("{:.1} % ({low:.1} to {high:.1})", row.summary.success_rate);
-                let (difference, p) = row.test.as_ref().map_or_else(Default::default, |test| {
-                    let [low, high] = test.interval95;
-                    (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
-                });
+                let test = row.test.as_ref();
+                let [difference, p] = test
+                    .map(|test| difference(test.difference, test.interval95, test.p_value))
+                    .unwrap_or_default();
                 let again =
                     row.rerun.as_ref().map_or("", |rerun| if rerun.equal { "equal" } else { "differs" });
-                vec![row.name.clone(), rate, difference, p, again.to_owned()]
+                vec![row.name.clone(), rate(&row.summary), difference, p, again.to_owned()]
             })
             .collect();
         let hash = group.manifest_hash.get(..12).unwrap_or_default();
@@ -90,10 +88,8 @@ fn text(made: &BoardMade) -> String {
             .reported
             .iter()
             .map(|row| {
-                let [low, high] = row.summary.ci95;
-                let rate = format!("{:.1} % ({low:.1} to {high:.1})", row.summary.success_rate);
                 let reported = format!("{:.1} %", row.reported);
-                vec![row.name.clone(), reported, rate, row.source.clone().unwrap_or_default()]
+                vec![row.name.clone(), reported, rate(&row.summary), row.source.clone().unwrap_or_default()]
             })
             .collect();
         text += &format!("{}\n", table(&["bundle", "reported", "reproduced (95 %)", "source"], &rows));

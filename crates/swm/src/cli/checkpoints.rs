@@ -12,14 +12,6 @@ pub(super) struct Checkpoints {
     run: PathBuf,
 }
 
-#[cfg(not(feature = "baselines"))]
-impl Checkpoints {
-    pub(super) fn run(self, _output: &super::Output) -> Result<(), super::Failure> {
-        let Self { run: _ } = self;
-        Err(super::without_baselines())
-    }
-}
-
 #[cfg(feature = "baselines")]
 mod work {
     use serde_json::json;

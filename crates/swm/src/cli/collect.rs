@@ -66,7 +66,7 @@ pub(super) struct Collect {
     #[arg(long, default_value_t = DEFAULT.max_steps)]
     max_steps: u64,
     #[command(flatten)]
-    pub(super) world: WorldArgs,
+    world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Columns to leave out, separated by commas, such as `goal` (an image that is the same at every step of an episode).
@@ -138,9 +138,10 @@ impl Collect {
 
     /// What is asked for.
     pub(super) fn request(&self, registry: &Registry, output: &Output) -> Result<Record, Failure> {
+        let (env, env_option) = self.env.named(registry)?;
         Ok(Record {
-            env: self.env.entry(registry)?.id.to_owned(),
-            env_option: self.env.config(None)?.settings,
+            env,
+            env_option,
             policy: self.policy.clone(),
             episodes: self.episodes,
             total: self.total,

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::evaluate::Transfer;
 
 use super::output::table;
-use super::rates::{at_reset, p_value};
+use super::rates::{at_reset, difference, percent};
 use super::{Failure, Output, usage};
 use crate::evaluation::{Compared, Receipt, Side, compare, read_receipt};
 
@@ -49,16 +49,12 @@ impl Compare {
             .map(|(side, results)| {
                 // As `--policy` takes it; `side.policy` names models by their hash.
                 let policy = format!("{}{}", results.runs()[0].candidate.policy, seeds(results));
-                let [low, high] = side.ci95;
-                let (difference, p) = match &side.test {
-                    Some(test) => {
-                        let [low, high] = test.interval95;
-                        (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
-                    }
-                    None => (String::new(), String::new()),
-                };
+                let test = side.test.as_ref();
+                let [difference, p] = test
+                    .map(|test| difference(test.difference, test.interval95, test.p_value))
+                    .unwrap_or_default();
                 let std = side.std.map_or(String::new(), |std| format!("{std:.1}"));
-                let rate = format!("{:.1} % ({low:.1} to {high:.1})", side.success_rate);
+                let rate = percent(side.success_rate, side.ci95);
                 vec![side.name.clone(), policy, side.runs.to_string(), rate, std, difference, p]
             })
             .collect();

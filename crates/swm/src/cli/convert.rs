@@ -4,13 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_core::error::BoxError;
-use swm_core::{Cancel, Registry};
+use swm_core::Registry;
 use swm_data::LastRow;
 use swm_data::adapt::Fit;
-use swm_tasks::request::{
-    self, CopyOptions, DatasetCopy, ImageChoice, Message, Parts, Progress, Report, Request as _, Stage,
-};
+use swm_tasks::request::{self, CopyOptions, DatasetCopy, ImageChoice, Parts, Request as _};
 
 use super::args::ImageArg;
 use super::opening::OpenArgs;
@@ -65,7 +62,7 @@ pub(super) struct TargetArgs {
     #[arg(long)]
     overwrite: bool,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl TargetArgs {
@@ -83,43 +80,18 @@ impl TargetArgs {
         })
     }
 
-    /// The reports of a copy.
-    fn report<'a>(&self, output: &'a Output) -> Copying<'a> {
-        let is_continued = if self.overwrite { " without --overwrite" } else { "" };
-        let how = format!("{}{is_continued}", interrupt::REPEAT);
-        Copying { output, cancel: Cancel::new(), how }
+    fn report<'a>(&self, output: &'a Output) -> Reporter<'a> {
+        report(output, if self.overwrite { " without --overwrite" } else { "" })
     }
 }
 
-/// Notes of copies, a bar for each, and what is safe when it is interrupted.
-struct Copying<'a> {
-    output: &'a Output,
-    cancel: Cancel,
-    how: String,
-}
-
-impl Report for Copying<'_> {
-    fn note(&mut self, note: &Message) {
-        Report::note(&mut self.output, note);
-    }
-
-    fn info(&mut self, info: &Message) {
-        Report::info(&mut Reporter::new(self.output, self.cancel.clone()), info);
-    }
-
-    fn cancel(&self) -> Cancel {
-        self.cancel.clone()
-    }
-
-    fn begin(&mut self, stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
-        // Copied episodes survive a kill, so nothing has to be ended by hand.
-        let out = stage.name.to_owned();
-        let safe = move || format!("copied episodes are safe in {out}");
-        self.cancel = interrupt::watch_resumable(safe, self.how.clone());
-        let progress = Reporter::new(self.output, self.cancel.clone()).begin(stage)?;
-        progress.now(stage.name);
-        Ok(progress)
-    }
+/// The reports of copies: a bar for each, and what is safe when it is interrupted. Copied episodes survive a kill, so nothing has to be
+/// ended by hand. `changed`: in what the command that continues it differs.
+fn report<'a>(output: &'a Output, changed: &'static str) -> Reporter<'a> {
+    Reporter::of_stages(output, move |out| {
+        let safe = format!("copied episodes are safe in {out}");
+        interrupt::watch_resumable(move || safe.clone(), format!("{}{changed}", interrupt::REPEAT))
+    })
 }
 
 /// A copy as JSON.
@@ -173,7 +145,7 @@ pub(super) struct Convert {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) to: TargetArgs,
+    to: TargetArgs,
 }
 
 impl Convert {
@@ -214,7 +186,7 @@ pub(super) struct Merge {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) to: TargetArgs,
+    to: TargetArgs,
 }
 
 impl Merge {
@@ -238,7 +210,7 @@ pub(super) fn join(
     registry: &Registry,
     output: &Output,
 ) -> Result<(), Failure> {
-    let report = &mut Copying { output, cancel: Cancel::new(), how: interrupt::REPEAT.to_owned() };
+    let report = &mut report(output, "");
     let copy = match <[PathBuf; 1]>::try_from(sources) {
         Ok([source]) => {
             request::Convert { source, target: out, ..request::Convert::default() }.run(registry, report)?
@@ -284,7 +256,7 @@ pub(super) struct Split {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) to: TargetArgs,
+    to: TargetArgs,
 }
 
 impl Split {

@@ -67,7 +67,7 @@ pub(super) struct Eval {
     #[arg(long)]
     budget: Option<u64>,
     #[command(flatten)]
-    pub(super) world: WorldArgs,
+    world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
     #[command(flatten)]

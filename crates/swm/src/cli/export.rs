@@ -32,37 +32,21 @@ pub(super) struct Export {
     out: PathBuf,
 }
 
-#[cfg(not(feature = "baselines"))]
-impl Export {
-    pub(super) fn run(
-        self,
-        _registry: &swm_core::Registry,
-        _output: &super::Output,
-    ) -> Result<(), super::Failure> {
-        let Self { run: _, checkpoint: _, transformers: _, out: _ } = self;
-        Err(super::without_baselines())
-    }
-}
-
 #[cfg(feature = "baselines")]
 mod work {
     use swm_baselines::export::{Export as Request, Exported};
     use swm_core::Registry;
-    use swm_tasks::request::{Request as _, TaskError};
+    use swm_tasks::request::Request as _;
 
     use super::Export;
     use crate::cli::output::key_values;
-    use crate::cli::words::Options;
-    use crate::cli::{Failure, Output, usage};
+    use crate::cli::{Failure, Output};
 
     impl Export {
         pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
             let Self { run, checkpoint, transformers, out } = self;
             let request = Request { run, checkpoint, transformers, out };
-            let written = request.run(registry, &mut &*output).map_err(|error| match error {
-                TaskError::Request(message) => usage(message.in_words(&Options)),
-                error => error.into(),
-            })?;
+            let written = request.run(registry, &mut &*output)?;
             output.result(&written, || text(&written))
         }
     }

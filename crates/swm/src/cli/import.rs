@@ -72,86 +72,32 @@ pub(super) struct Import {
     opening: DataArgs,
 }
 
-#[cfg(not(feature = "baselines"))]
-impl Import {
-    pub(super) fn run(
-        self,
-        _registry: &swm_core::Registry,
-        _output: &super::Output,
-    ) -> Result<(), super::Failure> {
-        let Self {
-            from: _,
-            kind: _,
-            file: _,
-            encoder: _,
-            env: _,
-            env_options: _,
-            dataset: _,
-            stats: _,
-            action_mean: _,
-            action_std: _,
-            proprio_mean: _,
-            proprio_std: _,
-            image: _,
-            set: _,
-            out: _,
-            check: _,
-            opening: _,
-        } = self;
-        Err(super::without_baselines())
-    }
-}
-
 #[cfg(feature = "baselines")]
 mod work {
-    use serde_json::{Map, Value as Json};
     use swm_baselines::import::{Description, Import as Request};
     use swm_core::Registry;
-    use swm_tasks::request::{List, Request as _, TaskError, Words};
+    use swm_tasks::request::Request as _;
 
     use super::Import;
-    use crate::cli::args::{assignment, json_value};
+    use crate::cli::args::{assignments, json_value};
     use crate::cli::output::key_values;
-    use crate::cli::words::Options;
-    use crate::cli::{Failure, Output, usage};
+    use crate::cli::words::Renamed;
+    use crate::cli::{Failure, Output};
 
-    /// Settings of an import as options.
-    struct ImportOptions;
-
-    impl Words for ImportOptions {
-        fn setting(&self, name: &str, value: Option<&Json>) -> String {
-            let (name, value) = match (name, value) {
-                ("check_only", _) => ("check", None),
-                ("kind", value) => ("as", value),
-                ("file", value) => ("weights", value),
-                ("env", Some(env)) => return format!("--env {}", swm_tasks::request::value_text(env)),
-                ("env", None) => return "--env".to_owned(),
-                ("from", None) => return "its folder or file".to_owned(),
-                ("from", Some(from)) => return swm_tasks::request::value_text(from),
-                other => other,
-            };
-            Options.setting(name, value)
-        }
-
-        fn list(&self, list: &List) -> String {
-            Options.list(list)
-        }
-    }
-
-    /// `NAME=VALUE` of options.
-    fn assignments(options: &[String], option: &'static str) -> Result<Map<String, Json>, Failure> {
-        let of = |text: &String| {
-            let (name, value) = assignment(text, option)?;
-            Ok((name.to_owned(), json_value(value)))
-        };
-        options.iter().map(of).collect()
-    }
+    /// What has options of other names.
+    const WORDS: Renamed = Renamed(&[
+        ("check_only", "--check"),
+        ("kind", "--as"),
+        ("file", "--weights"),
+        ("env", "--env"),
+        ("from", "its folder or file"),
+    ]);
 
     impl Import {
         pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
             let request = Request {
-                env_option: assignments(&self.env_options, "--env-option")?,
-                set: assignments(&self.set, "--set")?,
+                env_option: assignments(&self.env_options, "--env-option", json_value)?,
+                set: assignments(&self.set, "--set", json_value)?,
                 from: self.from,
                 kind: self.kind,
                 file: self.file,
@@ -168,10 +114,7 @@ mod work {
                 out: self.out.unwrap_or_default(),
                 check_only: self.check,
             };
-            let found = request.run(registry, &mut &*output).map_err(|error| match error {
-                TaskError::Request(message) => usage(message.in_words(&ImportOptions)),
-                error => error.into(),
-            })?;
+            let found = request.run(registry, &mut &*output).map_err(|error| WORDS.failure(error))?;
             output.result(&found, || text(&found))
         }
     }

@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
 use swm_core::{FieldKind, Metadata, Registry};
+use swm_tasks::request::open_dataset_with;
 
 use super::opening::OpenArgs;
 use super::output::{counted, table};
-use super::{Failure, Output, inputs};
+use super::{Failure, Output};
 
 /// Show format, episodes, columns and metadata of a dataset.
 #[derive(Args)]
@@ -25,7 +26,7 @@ pub(super) struct Inspect {
 
 impl Inspect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
+        let dataset = open_dataset_with(registry, &self.file, &self.opening.options()?)?;
         let lengths = &dataset.info().lengths;
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();

@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
 
-use super::train::assignments;
+use super::args::assignments;
 use super::{Failure, usage};
 
 /// How the images of a training are rendered.

@@ -152,9 +152,10 @@ impl ManifestCommand {
 impl Make {
     /// Makes the manifest and writes it.
     fn write(&self, registry: &Registry, output: &Output) -> Result<Manifest, Failure> {
+        let (env, env_option) = self.env.named(registry)?;
         let request = MakeManifest {
-            env: self.env.entry(registry)?.id.to_owned(),
-            env_option: self.env.config(None)?.settings,
+            env,
+            env_option,
             tier: self.tier.into(),
             out: self.out.clone(),
             episodes: self.episodes,

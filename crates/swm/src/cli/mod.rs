@@ -19,9 +19,7 @@ mod envs;
 mod eval;
 mod export;
 mod fetch;
-mod images;
 mod import;
-mod inputs;
 mod inspect;
 mod interrupt;
 mod jobs;
@@ -68,10 +66,10 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
+use swm_tasks::threads::within;
 
 pub use crate::jobs::{Launcher, set_launcher};
 pub(crate) use output::{Failure, Output, usage};
-use threads::ThreadsArg;
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
 #[derive(Parser)]
@@ -167,8 +165,9 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     }
     // The version names the physics, which may not be installed: known at run time only.
     let parsed = Cli::command().long_version(version::long()).try_get_matches_from(args);
-    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
-        Ok(cli) => cli,
+    let parsed = parsed.and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, threads::of(&matches))));
+    let (cli, threads) = match parsed {
+        Ok(parsed) => parsed,
         Err(error) => {
             let error = conflicts::explained(error);
             output::print_of_clap(&error);
@@ -178,7 +177,9 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     let output = Output::new(cli.json, cli.quiet);
     #[cfg(feature = "remote")]
     fetch::watch(&output);
-    match run_command(registry, cli.command, &output) {
+    match within(threads, || run_command(registry, cli.command, &output))
+        .unwrap_or_else(|error| Err(error.into()))
+    {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_cancelled() => {
             interrupt::say();
@@ -193,46 +194,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     }
 }
 
-/// Why a command of models is refused in a build without them.
-#[cfg(not(feature = "baselines"))]
-fn without_baselines() -> Failure {
-    let (feature, command) = crate::absent::BASELINES;
-    usage(format!("this program was built without the feature `{feature}`, which brings it: {command}"))
-}
-
-impl Command {
-    /// The threads that a command was given. Others divide no work, or choose the threads themselves.
-    fn threads(&self) -> ThreadsArg {
-        match self {
-            Self::Collect(command) => command.world.threads,
-            Self::Preview(command) => command.threads,
-            Self::Stats(command) => command.threads,
-            Self::Verify(command) => command.threads,
-            Self::Convert(command) => command.to.threads,
-            Self::Merge(command) => command.to.threads,
-            Self::Split(command) => command.to.threads,
-            Self::Replay(command) => command.threads,
-            Self::Eval(command) => command.world.threads,
-            Self::VerifyResult(command) => command.threads,
-            Self::Sweep(command) => command.world.threads,
-            Self::Robustness(command) => command.threads,
-            Self::Report(command) => command.threads,
-            Self::Board(command) => command.threads,
-            Self::Quality(command) => command.threads,
-            Self::Train(command) => command.threads,
-            Self::Plan(command) => command.threads,
-            Self::Reproduce(command) => command.threads,
-            Self::Render(command) => command.threads,
-            _ => ThreadsArg::default(),
-        }
-    }
-}
-
 fn run_command(registry: &Registry, command: Command, output: &Output) -> Result<(), Failure> {
-    command.threads().within(|| dispatch(registry, command, output))
-}
-
-fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<(), Failure> {
     match command {
         Command::Envs(command) => command.run(registry, output),
         Command::Fovs(command) => command.run(registry, output),
@@ -260,11 +222,22 @@ fn dispatch(registry: &Registry, command: Command, output: &Output) -> Result<()
         Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
         Command::Train(command) => command.run(registry, output),
+        #[cfg(feature = "baselines")]
         Command::Checkpoints(command) => command.run(output),
+        #[cfg(feature = "baselines")]
         Command::Import(command) => command.run(registry, output),
+        #[cfg(feature = "baselines")]
         Command::Export(command) => command.run(registry, output),
+        #[cfg(not(feature = "baselines"))]
+        Command::Checkpoints(_) | Command::Import(_) | Command::Export(_) | Command::Reproduce(_) => {
+            let (feature, build) = crate::absent::BASELINES;
+            Err(usage(format!(
+                "this program was built without the feature `{feature}`, which brings it: {build}"
+            )))
+        }
         Command::Fetch(command) => command.run(output),
         Command::Zoo(command) => command.run(output),
+        #[cfg(feature = "baselines")]
         Command::Reproduce(command) => command.run(registry, output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(registry, output),

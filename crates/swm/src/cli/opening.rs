@@ -8,7 +8,7 @@ use clap::Args;
 use swm_data::{Flip, OpenOptions};
 
 use super::Failure;
-use super::args::{assignment, json_value};
+use super::args::{assignment, assignments, json_value};
 #[cfg(feature = "baselines")]
 use super::usage;
 
@@ -63,11 +63,8 @@ pub(super) struct OpenArgs {
 
 impl ColumnArgs {
     pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
-        let mut map = BTreeMap::new();
-        for pair in &self.map {
-            let (new, old) = assignment(pair, "--map")?;
-            map.insert(new.to_owned(), old.to_owned());
-        }
+        let pair = |pair| assignment(pair, "--map").map(|(new, old)| (new.to_owned(), old.to_owned()));
+        let map: BTreeMap<_, _> = self.map.iter().map(|text| pair(text)).collect::<Result<_, _>>()?;
         let options = OpenOptions::default().map(map).camera(self.camera.clone()).flip(self.flip);
         Ok(options.shift(self.shift).storage(self.storage.clone()))
     }
@@ -96,11 +93,7 @@ impl DataArgs {
 
 impl OpenArgs {
     pub(super) fn options(&self) -> Result<OpenOptions, Failure> {
-        let mut env_options = serde_json::Map::new();
-        for option in &self.env_options {
-            let (name, value) = assignment(option, "--env-option")?;
-            env_options.insert(name.to_owned(), json_value(value));
-        }
+        let env_options = assignments(&self.env_options, "--env-option", json_value)?;
         Ok(self.data.options()?.env(self.env.clone()).env_options(env_options))
     }
 }

@@ -73,7 +73,7 @@ pub(super) struct Plan {
     #[arg(long)]
     image_size: Option<ImageArg>,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// How often each action is applied per step.
     #[arg(long, default_value_t = DEFAULT.frame_skip, value_name = "F")]
     frame_skip: u32,

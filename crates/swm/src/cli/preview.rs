@@ -6,16 +6,16 @@ use clap::Args;
 use serde_json::json;
 use swm_core::env::PIXELS;
 use swm_core::{Dtype, FieldKind, ImageSize, Metadata, Registry, SliceMut};
-use swm_data::{Dataset, Steps};
+use swm_data::{Dataset, RenderOptions, Rendered, Steps};
 use swm_media::{Clip, Format, contact_sheet, framed, png};
-use swm_tasks::request::create_parent;
+use swm_tasks::request::{create_parent, holds_images, open_dataset_with};
 
 use super::args::ImageArg;
 use super::opening::OpenArgs;
 use super::output::counted;
 use super::replay::selection;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, images, inputs, usage};
+use super::{Failure, Output, usage};
 
 /// The column of goal images.
 const GOAL: &str = "goal";
@@ -55,7 +55,7 @@ pub(super) struct Preview {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// The file to write: .png, .mp4 or .gif. One that exists is replaced.
     #[arg(long, short)]
     out: PathBuf,
@@ -64,19 +64,22 @@ pub(super) struct Preview {
 impl Preview {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = Format::from_path(&self.out).map_err(usage)?;
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
-        let missing =
-            dataset.schema().index(&self.column).is_none() && !images::holds_images(dataset.as_ref());
+        let mut dataset = open_dataset_with(registry, &self.file, &self.opening.options()?)?;
+        let missing = dataset.schema().index(&self.column).is_none() && !holds_images(dataset.as_ref());
         let size = match self.image_size {
             Some(size) => size.0,
             None if missing && dataset.metadata().and_then(Metadata::known_env).is_some() => {
-                output.note(images::note(&self.file, RENDERED, images::BY_DEFAULT));
+                let (file, ImageSize { height, width }) = (self.file.display(), RENDERED);
+                output.note(format!(
+                    "note: {file} holds no images; they are rendered at {height}x{width} (--image-size changes that)"
+                ));
                 Some(RENDERED)
             }
             None => None,
         };
         if let Some(size) = size {
-            dataset = images::rendered(dataset, registry, size)?;
+            let options = RenderOptions::default().image(size);
+            dataset = Box::new(Rendered::new(dataset, registry, &options).map_err(usage)?);
         }
         if size.is_none() && missing {
             return Err(usage(format!(

@@ -74,15 +74,16 @@ pub(super) struct QualityCommand {
     #[command(flatten)]
     opening: DataArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl QualityCommand {
     /// What is asked for.
     fn request(&self, registry: &Registry) -> Result<Measure, Failure> {
+        let (env, env_option) = self.env.named(registry)?;
         Ok(Measure {
-            env: self.env.entry(registry)?.id.to_owned(),
-            env_option: self.env.config(None)?.settings,
+            env,
+            env_option,
             model: self.model.clone(),
             dataset: self.dataset.clone(),
             opening: self.opening.options()?,

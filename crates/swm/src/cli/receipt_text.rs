@@ -5,7 +5,7 @@ use std::path::Path;
 use swm_core::evaluate::Summary;
 
 use super::output::{counted, table};
-use super::rates::{at_reset, p_value, rate};
+use super::rates::{at_reset, difference, rate};
 use super::regret::regret_line;
 use crate::evaluation::{Receipt, Reference, Role};
 
@@ -23,13 +23,14 @@ pub(super) fn receipt_text(receipt: &Receipt, path: Option<&Path>) -> String {
     ]];
     let is_itself = |other: &Reference| other.role == Role::Oracle && other.candidate == receipt.candidate;
     for other in receipt.references.iter().filter(|other| !is_itself(other)) {
-        let [low, high] = other.test.interval95;
+        let test = &other.test;
+        let [difference, p] = difference(test.difference, test.interval95, test.p_value);
         rows.push(vec![
             other.role.name().to_owned(),
             rate(&other.summary),
             steps(&other.summary),
-            format!("{:+.1} ({low:+.1} to {high:+.1})", other.test.difference),
-            p_value(other.test.p_value),
+            difference,
+            p,
         ]);
     }
     let mut text = format!(

@@ -42,7 +42,7 @@ pub(super) struct Render {
     #[command(flatten)]
     scenario: ScenarioArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// The file to write: .png, .gif or .mp4. One that exists is replaced.
     #[arg(long, short)]
     out: PathBuf,
@@ -51,9 +51,10 @@ pub(super) struct Render {
 impl Render {
     /// What is asked for.
     fn request(&self, registry: &Registry, output: &Output) -> Result<request::Render, Failure> {
+        let (env, env_option) = self.env.named(registry)?;
         Ok(request::Render {
-            env: self.env.entry(registry)?.id.to_owned(),
-            env_option: self.env.config(None)?.settings,
+            env,
+            env_option,
             policy: self.policy.clone(),
             seed: self.seed,
             steps: self.steps,

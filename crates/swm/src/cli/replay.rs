@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use swm_core::{EnvConfig, Registry};
+use swm_tasks::request::open_dataset_with;
 
-use super::args::{assignment, json_value};
+use super::args::{assignments, json_value};
 use super::opening::DataArgs;
 use super::output::{compact, counted, table};
 use super::scenario::factor_values;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, inputs, usage};
+use super::{Failure, Output, usage};
 use crate::replay::{ReplayReport, recorded_env, replay};
 
 /// Re-run recorded actions from recorded starts and compare every state column.
@@ -44,12 +45,12 @@ pub(super) struct Replay {
     #[command(flatten)]
     opening: DataArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl Replay {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
+        let mut dataset = open_dataset_with(registry, &self.file, &self.opening.options()?)?;
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
@@ -59,10 +60,7 @@ impl Replay {
             None => recorded_env(registry, &dataset, &self.file).map_err(usage)?,
         };
         let mut settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
-        for option in &self.env_options {
-            let (name, value) = assignment(option, "--env-option")?;
-            settings.insert(name.to_owned(), json_value(value));
-        }
+        settings.extend(assignments(&self.env_options, "--env-option", json_value)?);
         let factors = entry.make(&EnvConfig { image: None, settings })?.spec().factors.clone();
         let overrides = factor_values(&self.set, entry, &factors, output)?;
         let bar = output.bar(episodes.len() as u64, "episodes");

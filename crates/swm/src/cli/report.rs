@@ -42,7 +42,7 @@ pub(super) struct ReportCommand {
     #[arg(long)]
     overwrite: bool,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl ReportCommand {

@@ -10,16 +10,25 @@ use swm_tasks::request::{Message, Progress, Report, Stage};
 use super::Output;
 use super::words::Options;
 
+type Watch<'a> = Box<dyn Fn(&str) -> Cancel + 'a>;
+
 /// Reports to the error output.
 pub(super) struct Reporter<'a> {
     output: &'a Output,
     cancel: Cancel,
+    /// What ends a stage of this name, in place of `cancel`.
+    watch: Option<Watch<'a>>,
 }
 
 impl<'a> Reporter<'a> {
     /// Reports of a request that `cancel` ends.
     pub(super) fn new(output: &'a Output, cancel: Cancel) -> Self {
-        Self { output, cancel }
+        Self { output, cancel, watch: None }
+    }
+
+    /// Reports of a request each of whose stages is ended by what `watch` makes of its name, which its bar shows.
+    pub(super) fn of_stages(output: &'a Output, watch: impl Fn(&str) -> Cancel + 'a) -> Self {
+        Self { output, cancel: Cancel::new(), watch: Some(Box::new(watch)) }
     }
 }
 
@@ -40,6 +49,10 @@ impl Report for Reporter<'_> {
         let bar = self.output.bar(stage.total, stage.unit);
         let label = stage.role.map_or(String::new(), |role| role.name().to_owned());
         bar.set_message(label.clone());
+        if let Some(watch) = &self.watch {
+            self.cancel = watch(stage.name);
+            bar.set_message(stage.name.to_owned());
+        }
         Ok(Box::new(Bar { bar, label, successes: AtomicU64::new(0) }))
     }
 }

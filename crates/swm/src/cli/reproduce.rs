@@ -50,7 +50,7 @@ pub(super) struct ReproduceCommand {
     #[arg(long, default_value_t = swm_tasks::request::NUM_ENVS)]
     num_envs: usize,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// The folder for the run, the manifests, the receipts and the table.
     #[arg(long, short, value_name = "FOLDER")]
     out: Option<PathBuf>,
@@ -62,63 +62,21 @@ pub(super) struct ReproduceCommand {
     check: bool,
 }
 
-#[cfg(not(feature = "baselines"))]
-impl ReproduceCommand {
-    pub(super) fn run(
-        self,
-        _registry: &swm_core::Registry,
-        _output: &super::Output,
-    ) -> Result<(), super::Failure> {
-        let Self {
-            name: _,
-            recipe: _,
-            folder: _,
-            fetch: _,
-            checkpoint: _,
-            dataset: _,
-            figure: _,
-            pairs: _,
-            device: _,
-            num_envs: _,
-            threads: _,
-            out: _,
-            again: _,
-            check: _,
-        } = self;
-        Err(super::without_baselines())
-    }
-}
-
 #[cfg(feature = "baselines")]
 mod work {
-    use serde_json::{Value as Json, json};
+    use serde_json::json;
     use swm_baselines::reproduce::{Need, Reproduce, Reproduced, recipes};
     use swm_core::Registry;
-    use swm_tasks::request::{List, Request as _, TaskError, Words, value_text};
+    use swm_tasks::request::Request as _;
 
     use super::ReproduceCommand;
     use crate::cli::output::{key_values, table};
     use crate::cli::reporter::Reporter;
-    use crate::cli::words::Options;
-    use crate::cli::{Failure, Output, interrupt, usage};
+    use crate::cli::words::Renamed;
+    use crate::cli::{Failure, Output, interrupt};
 
-    /// Settings as options.
-    struct ReproduceOptions;
-
-    impl Words for ReproduceOptions {
-        fn setting(&self, name: &str, value: Option<&Json>) -> String {
-            match (name, value) {
-                ("name", Some(name)) => value_text(name),
-                ("name", None) => "the name of a result".to_owned(),
-                ("check_only", _) => Options.setting("check", None),
-                other => Options.setting(other.0, other.1),
-            }
-        }
-
-        fn list(&self, list: &List) -> String {
-            Options.list(list)
-        }
-    }
+    /// What has no option, or one of another name.
+    const WORDS: Renamed = Renamed(&[("name", "the name of a result"), ("check_only", "--check")]);
 
     impl ReproduceCommand {
         pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -142,11 +100,8 @@ mod work {
                 check_only: self.check,
             };
             let cancel = interrupt::watch(|| "the same command continues it".to_owned());
-            let done =
-                request.run(registry, &mut Reporter::new(output, cancel)).map_err(|error| match error {
-                    TaskError::Request(message) => usage(message.in_words(&ReproduceOptions)),
-                    error => error.into(),
-                })?;
+            let done = request.run(registry, &mut Reporter::new(output, cancel));
+            let done = done.map_err(|error| WORDS.failure(error))?;
             output.result(&done, || text(&done))
         }
     }

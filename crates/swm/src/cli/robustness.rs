@@ -39,7 +39,7 @@ pub(super) struct RobustnessCommand {
     #[arg(long, default_value_t = NUM_ENVS, value_name = "K")]
     num_envs: usize,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// A folder for the table and its sweeps.
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,

@@ -8,11 +8,12 @@ use swm_core::checkpoint::CHECKPOINT;
 use swm_core::error::{did_you_mean, nearest};
 use swm_data::recording::EP_IDX;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
+use swm_tasks::request::open_dataset_with;
 
 use super::opening::OpenArgs;
 use super::output::{counted, table};
 use super::threads::ThreadsArg;
-use super::{Failure, Output, inputs, usage};
+use super::{Failure, Output, usage};
 
 /// Columns of numbers that count or name something, or are bytes: their mean says nothing. The later ones are of other programs.
 const NO_QUANTITIES: [&str; 9] = [
@@ -54,12 +55,12 @@ pub(super) struct Stats {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = inputs::open_with(registry, &self.file, &self.opening.options()?)?;
+        let mut dataset = open_dataset_with(registry, &self.file, &self.opening.options()?)?;
         let (named, is_named) = (self.quantiles.clone(), self.columns.is_some());
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {

@@ -11,7 +11,7 @@ use swm_tasks::request::{Fix, ManifestSource, Message, Request as _, Sweep, Swep
 
 use super::args::{PartArgs, WorldArgs, part_done};
 use super::output::table;
-use super::rates::{at_reset, p_value, rate};
+use super::rates::{at_reset, difference, rate};
 use super::reporter::Reporter;
 use super::{Failure, Output, interrupt};
 
@@ -52,7 +52,7 @@ pub(super) struct SweepCommand {
     #[arg(long)]
     points: Option<usize>,
     #[command(flatten)]
-    pub(super) world: WorldArgs,
+    world: WorldArgs,
     /// A folder for sweep.json, sweep.csv and sweep.svg.
     #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -142,10 +142,10 @@ fn text(sweep: &evaluation::Sweep, out: Option<&Path>) -> String {
         .cells
         .iter()
         .map(|cell| {
-            let (difference, p) = cell.test.as_ref().map_or((String::new(), String::new()), |test| {
-                let [low, high] = test.interval95;
-                (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
-            });
+            let test = cell.test.as_ref();
+            let [difference, p] = test
+                .map(|test| difference(test.difference, test.interval95, test.p_value))
+                .unwrap_or_default();
             let result = cell.summary.as_ref().map_or("–".to_owned(), rate);
             vec![
                 cell.name.clone(),

@@ -1,11 +1,8 @@
 //! `--threads`: on how many threads a command computes.
 
-use clap::Args;
-use swm_tasks::threads::within;
+use clap::{ArgMatches, Args};
 
-use super::Failure;
-
-/// On how many threads a command computes.
+/// On how many threads a command computes. [`of`] reads it for all that the command divides.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub(super) struct ThreadsArg {
     /// Threads; results do not depend on it. Default: one per core.
@@ -18,13 +15,10 @@ impl ThreadsArg {
     pub(super) fn count(self) -> Option<usize> {
         self.count
     }
+}
 
-    /// Does `work` with so many threads for all that it divides.
-    ///
-    /// # Errors
-    ///
-    /// A number that there cannot be, or those of `work`.
-    pub(super) fn within(self, work: impl FnOnce() -> Result<(), Failure> + Send) -> Result<(), Failure> {
-        within(self.count, work)?
-    }
+/// The threads that a command line gives its command. Some commands divide no work, or choose the threads themselves.
+pub(super) fn of(line: &ArgMatches) -> Option<usize> {
+    let (_, command) = line.subcommand()?;
+    command.try_get_one("threads").ok().flatten().copied()
 }

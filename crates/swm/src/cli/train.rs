@@ -6,21 +6,20 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::{HumanDuration, ProgressBar};
-use serde_json::{Map, Value as Json, json};
+use serde_json::{Value as Json, json};
 use swm_core::error::BoxError;
 use swm_core::{Cancel, Registry};
-use swm_tasks::request::{
-    self, Figures, Message, Progress, Report, Request as _, Stage, TaskError, TrainerEntry, Words,
-};
+use swm_tasks::request::{self, Figures, Message, Progress, Report, Request as _, Stage, TrainerEntry};
 
-use super::args::{assignment, json_value};
+use super::args::{assignments, json_value};
 use super::looks::LookArgs;
 use super::opening::ColumnArgs;
 use super::output::{key_values, table};
 use super::threads::ThreadsArg;
-use super::track::{TrackArgs, around};
-use super::words::Options;
+use super::track::TrackArgs;
+use super::words::{Options, Renamed};
 use super::{Failure, Output, interrupt, usage};
+use crate::jobs::tracking::around;
 
 /// The defaults of a request, for help and for what is not given.
 static DEFAULT: LazyLock<request::Train> = LazyLock::new(request::Train::default);
@@ -119,7 +118,7 @@ pub(super) struct Train {
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     #[command(flatten)]
     pub(super) track: TrackArgs,
     #[command(flatten)]
@@ -235,54 +234,25 @@ impl Train {
             return list(registry, output);
         }
         let request = self.request()?;
-        request.check(registry).map_err(worded)?;
-        around(&self.track.tracking(), request.folder(), output, || run(&request, registry, output))
+        request.check(registry).map_err(|error| WORDS.failure(error))?;
+        around(
+            &self.track.tracking(),
+            request.folder(),
+            |note| output.note(note),
+            || run(&request, registry, output),
+        )
     }
 }
 
 /// Runs the request of a training.
 pub(super) fn run(request: &request::Train, registry: &Registry, output: &Output) -> Result<(), Failure> {
     let mut watching = Watching { output, run: request.folder(), cancel: Cancel::new() };
-    let trained = request.run(registry, &mut watching).map_err(worded)?;
+    let trained = request.run(registry, &mut watching).map_err(|error| WORDS.failure(error))?;
     output.result(&trained, || key_values(&trained.summary))
 }
 
-/// The values of an option that is given as `NAME=VALUE`, by name.
-pub(super) fn assignments(
-    given: &[String],
-    option: &str,
-    value: impl Fn(&str) -> Json,
-) -> Result<Map<String, Json>, Failure> {
-    let one = |text: &String| assignment(text, option).map(|(name, text)| (name.to_owned(), value(text)));
-    given.iter().map(one).collect()
-}
-
-/// An error in the words of this command.
-fn worded(error: TaskError) -> Failure {
-    match error {
-        TaskError::Request(message) => usage(message.in_words(&OfTraining)),
-        error => error.into(),
-    }
-}
-
-/// Settings as options. The environment is one of them, unlike in other commands.
-struct OfTraining;
-
-impl Words for OfTraining {
-    fn setting(&self, name: &str, value: Option<&Json>) -> String {
-        match (name, value) {
-            // It has no option: its place is the first.
-            ("baseline", None) => name.to_owned(),
-            ("env", None) => "--env".to_owned(),
-            ("env", Some(env)) => format!("--env {}", request::value_text(env)),
-            _ => Options.setting(name, value),
-        }
-    }
-
-    fn list(&self, list: &request::List) -> String {
-        Options.list(list)
-    }
-}
+/// What has no option, or one of another name.
+const WORDS: Renamed = Renamed(&[("baseline", "baseline"), ("env", "--env")]);
 
 /// What there is to train.
 fn list(registry: &Registry, output: &Output) -> Result<(), Failure> {

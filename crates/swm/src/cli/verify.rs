@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::{Cancel, Registry};
 use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
-use swm_tasks::request::{self, Request as _};
+use swm_tasks::request::{self, Request as _, open_dataset, open_dataset_with};
 
 use super::opening::OpenArgs;
 use super::output::{Told, compact, counted, table};
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, inputs, usage};
+use super::{Failure, Output, usage};
 
 /// Read all of a dataset and report what is wrong with it.
 #[derive(Args)]
@@ -42,7 +42,7 @@ pub(super) struct Verify {
     #[command(flatten)]
     opening: OpenArgs,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
 }
 
 impl Verify {
@@ -142,8 +142,8 @@ impl Diff {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let [mut first, mut second] = [
-            inputs::open_with(registry, &self.first, &self.opening.options()?)?,
-            inputs::open(registry, &self.second)?,
+            open_dataset_with(registry, &self.first, &self.opening.options()?)?,
+            open_dataset(registry, &self.second)?,
         ];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {

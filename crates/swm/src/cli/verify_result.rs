@@ -31,7 +31,7 @@ pub(super) struct VerifyResult {
     #[arg(long, default_value_t = RunOptions::default().num_envs, value_name = "N")]
     num_envs: usize,
     #[command(flatten)]
-    pub(super) threads: ThreadsArg,
+    threads: ThreadsArg,
     /// Run the oracle again, too: it can take as long as the policy itself.
     #[arg(long, alias = "ceiling")]
     oracle: bool,

@@ -11,7 +11,8 @@ use swm_tasks::request::{Divided, Shard, TaskError, cannot};
 use swm_tasks::threads::within;
 
 use super::task::Redirected;
-use super::{Cli, Command, Failure, Output, collect, convert, eval, sweep, track, train, usage, verify};
+use super::{Cli, Command, Failure, Output, collect, convert, eval, sweep, train, usage, verify};
+use crate::jobs::tracking::around;
 use crate::jobs::{Asked, Job, JobError, JobFolder, Tracking, extension};
 
 /// The commands that can be divided.
@@ -112,7 +113,7 @@ pub(super) fn run_shard(
     let work = || run_request(registry, &folder.job, &request, output);
     let nobody = Tracking::default();
     let tracking = folder.job.tracking.get(shard as usize - 1).unwrap_or(&nobody);
-    track::around(tracking, &folder.written(shard), output, work)
+    around(tracking, &folder.written(shard), |note| output.note(note), work)
 }
 
 /// Runs a request of a job as its command does.

@@ -5,6 +5,7 @@ use serde_json::json;
 use swm_tasks::zoo::{self, ZooModel};
 
 use super::output::{key_values, table};
+use super::rates::percent;
 use super::{Failure, Output, usage};
 
 /// List trained models that are installed, or show one.
@@ -92,11 +93,7 @@ fn list(output: &Output) -> Result<(), Failure> {
 }
 
 fn rate(model: &ZooModel) -> String {
-    let [low, high] = model.ci95;
-    format!(
-        "{:.1} % ({low:.1} to {high:.1}) of {} pairs, {} tier",
-        model.success_rate, model.pairs, model.tier
-    )
+    format!("{} of {} pairs, {} tier", percent(model.success_rate, model.ci95), model.pairs, model.tier)
 }
 
 fn megabytes(bytes: u64) -> String {
