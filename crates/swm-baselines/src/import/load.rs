@@ -83,8 +83,9 @@ pub(super) fn load(
         let text = "no file says which environment it was trained in";
         wants.push(Message::new(text).fix(give("env", "")).into());
     }
-    if source.weights.is_none() {
-        wants.push(Message::new("there is a config, and no file of weights").into());
+    if let (None, Some(config)) = (&source.weights, &source.config) {
+        let text = format!("{}: no file of weights is beside it; put the published one there", config.name);
+        wants.insert(0, Message::new(text).into());
     }
     let frameskip = place.frameskip(&recipe)?;
     description.frameskip = frameskip;
@@ -159,7 +160,10 @@ fn recipe(
     if let (Some(model), Some(kind)) = (model, kind)
         && !model.is_of(kind)
     {
-        return Err(Message::about("kind", kind, "is another model than its config.json names").into());
+        let class =
+            given.config.as_ref().and_then(|config| config.text("_target_").ok()?).unwrap_or_default();
+        let reason = format!("is another model than its config.json names, {class}");
+        return Err(Message::about("kind", kind, reason).fix(Fix::Leave("kind")).into());
     }
     match (model, kind) {
         (_, Some("lewm")) | (Some(Model::Lewm), None) => joint::recipe(&given, "lewm"),

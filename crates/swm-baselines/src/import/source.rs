@@ -114,6 +114,20 @@ fn only_weights(folder: &Path) -> Result<Option<PathBuf>, TaskError> {
         ([], [one]) => Ok(Some(one.clone())),
         (_, []) => Ok(None),
         _ => {
+            let index = all.iter().find_map(|path| {
+                let (start, _) = path.file_name()?.to_str()?.split_once("-00001-of-")?;
+                Some(format!("{start}.safetensors.index.json"))
+            });
+            if let Some(index) = index.filter(|index| plain.is_empty() && folder.join(index).is_file()) {
+                let text = format!(
+                    "{} holds its weights in {} parts ({index}), and one file is read; join them, in Python: `from safetensors.torch \
+                     import load_file, save_file`, then `save_file({{k: v for part in PARTS for k, v in load_file(part).items()}}, \
+                     \"weights.safetensors\")` into a folder with its config.json",
+                    folder.display(),
+                    all.len()
+                );
+                return Err(Message::new(text).into());
+            }
             let several: Vec<&PathBuf> = if plain.is_empty() { all.iter().collect() } else { plain };
             let names: Vec<String> = several
                 .iter()

@@ -103,6 +103,38 @@ fn settings_of_the_reference_that_change_nothing_are_taken() {
     assert_eq!(prejepa, Ok("dino-wm".to_owned()));
 }
 
+#[test]
+fn folders_that_are_not_whole_are_refused_with_what_they_lack() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(golden().join("pldm/config.json"), folder.path().join("config.json")).unwrap();
+    let refused = |change: &dyn Fn(&mut Import)| {
+        let mut request = request(folder.path(), None);
+        request.out = folder.path().join("run");
+        change(&mut request);
+        request.run(&registry(), &mut ()).unwrap_err().to_string()
+    };
+    // Before what else is missing.
+    let bare = refused(&|request| (request.action_mean, request.action_std) = (None, None));
+    assert!(
+        bare.contains("config.json: no file of weights is beside it; put the published one there"),
+        "{bare}"
+    );
+    let other = refused(&|request| request.kind = Some("lewm".to_owned()));
+    assert!(other.contains("its config.json names, stable_worldmodel.wm.pldm.pldm.PLDM"), "{other}");
+    for part in [
+        "model-00001-of-00002.safetensors",
+        "model-00002-of-00002.safetensors",
+        "model.safetensors.index.json",
+    ] {
+        std::fs::write(folder.path().join(part), "{}").unwrap();
+    }
+    let parts = refused(&|_| ());
+    assert!(
+        parts.contains("in 2 parts (model.safetensors.index.json)") && parts.contains("save_file("),
+        "{parts}"
+    );
+}
+
 /// The configs of the four published repositories, whose weights are not here.
 #[test]
 fn published_configs_are_models_of_303_tensors() {
