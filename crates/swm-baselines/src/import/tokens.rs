@@ -141,6 +141,15 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
             return Err(message.fix(Fix::set("kind", "gciql")).into());
         }
     };
+    let pools_by_attention = ["value_predictor.student", "critic_predictor.student"].iter().any(|part| {
+        let place = |layer| format!("{part}.transformer.layers.{layer}.0.frame_tokens");
+        (0..64).any(|layer: usize| shapes.has_below(&place(layer)))
+    });
+    if name != "hilp" && pools_by_attention {
+        let text = "its values take a frame's tokens together by attention (`frame_tokens`), and this program's by their mean; \
+                    `load_pretrained` in Python has both";
+        return Err(Message::new(text).into());
+    }
     let actor = config.as_ref().and_then(|config| config.get("action_predictor"));
     if let Some(actor) = &actor {
         actor.check_module(&["Predictor"], &PREDICTOR)?;

@@ -8,7 +8,7 @@ use swm_tasks::request::Request as _;
 use super::super::{Description, Import, Loaded};
 use super::{PLANE, golden, registry, request};
 use crate::train::{TrainedModel, Which};
-use crate::weights::{self, Of};
+use crate::weights::{self, Of, Saved, Values};
 use crate::{BaselineError, Device};
 
 #[test]
@@ -133,6 +133,23 @@ fn folders_that_are_not_whole_are_refused_with_what_they_lack() {
         parts.contains("in 2 parts (model.safetensors.index.json)") && parts.contains("save_file("),
         "{parts}"
     );
+}
+
+#[test]
+fn values_that_pool_by_attention_are_refused_by_name() {
+    let (from, folder) = (golden().join("gcivl_policy"), tempfile::tempdir().unwrap());
+    std::fs::copy(from.join("config.json"), folder.path().join("config.json")).unwrap();
+    let tensors = weights::contents(&from.join("weights_epoch_3.pt"), Of::Values).unwrap().tensors;
+    let floats = tensors.into_iter().filter(|(_, stored)| !stored.is_whole);
+    let mut tensors: Vec<Saved> =
+        floats.map(|(name, stored)| (name, stored.shape, Values::Floats(stored.values))).collect();
+    let added = "value_predictor.backbone.transformer.layers.2.0.frame_tokens".to_owned();
+    tensors.push((added, vec![1, 2, 3], Values::Floats(vec![0.5; 6])));
+    weights::save(&folder.path().join("weights.pt"), &tensors).unwrap();
+    let mut request = Import { check_only: true, ..request(folder.path(), Some("gcivl")) };
+    request.out = folder.path().join("run");
+    let message = request.run(&registry(), &mut ()).unwrap_err().to_string();
+    assert!(message.contains("by attention (`frame_tokens`)"), "{message}");
 }
 
 /// The configs of the four published repositories, whose weights are not here.
