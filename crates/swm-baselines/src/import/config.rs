@@ -57,6 +57,17 @@ pub(super) enum Model {
 }
 
 impl Model {
+    /// What it is called here.
+    pub(super) fn names(self) -> &'static str {
+        match self {
+            Self::Lewm => "lewm",
+            Self::Pldm => "pldm",
+            Self::DinoWm => "dino-wm",
+            Self::Goal => "gcbc, gciql, gcivl or hilp",
+            Self::Tdmpc2 => "tdmpc2",
+        }
+    }
+
     /// Whether models of this kind are of this class.
     pub(super) fn is_of(self, kind: &str) -> bool {
         match self {

@@ -160,10 +160,8 @@ fn recipe(
     if let (Some(model), Some(kind)) = (model, kind)
         && !model.is_of(kind)
     {
-        let class =
-            given.config.as_ref().and_then(|config| config.text("_target_").ok()?).unwrap_or_default();
-        let reason = format!("is another model than its config.json names, {class}");
-        return Err(Message::about("kind", kind, reason).fix(Fix::Leave("kind")).into());
+        let reason = format!("is another model than its config.json names, which is {}", model.names());
+        return Err(Message::about("kind", kind, reason).into());
     }
     match (model, kind) {
         (_, Some("lewm")) | (Some(Model::Lewm), None) => joint::recipe(&given, "lewm"),

@@ -24,7 +24,8 @@ pub(super) fn recipe<'a>(
     if keys.len() > 1 {
         let keys = keys.join(", ");
         return Err(Message::new(format!(
-            "it observes several vectors, {keys}; this program's TD-MPC2 observes one"
+            "it observes several vectors, {keys}; this program's TD-MPC2 observes one; `load_pretrained` in Python \
+             has all"
         ))
         .into());
     }
