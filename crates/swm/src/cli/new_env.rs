@@ -33,8 +33,16 @@ const CRATES: [&str; 11] = [
     "swm-tasks",
 ];
 /// The others, of which cargo would warn that nothing uses them.
-const FURTHER: [&str; 7] =
-    ["swm-baselines", "swm-data-lance", "swm-envs-3d", "swm-envs-mujoco", "swm-mujoco", "swm-onnx", "swm-ui"];
+const FURTHER: [&str; 8] = [
+    "swm-baselines",
+    "swm-data-lance",
+    "swm-envs-3d",
+    "swm-envs-mujoco",
+    "swm-mujoco",
+    "swm-nn",
+    "swm-onnx",
+    "swm-ui",
+];
 
 /// Names that cargo refuses, or that would hide a crate that the template uses.
 const TAKEN: [&str; 12] = [
