@@ -65,8 +65,8 @@ impl Bench {
                 let rate = format!("{:.0}", m.steps_per_second);
                 vec![image, m.threads.to_string(), m.num_envs.to_string(), rate]
             };
-            let rows: Vec<_> = list.iter().map(row).collect();
-            table(&["images", "threads", "environments", "steps per second"], &rows)
+            let rows = list.iter().map(row);
+            table(&["images", "threads", "environments", "steps per second"], rows)
         })
     }
 

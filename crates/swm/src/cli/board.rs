@@ -64,35 +64,25 @@ impl BoardCommand {
 fn text(made: &BoardMade) -> String {
     let mut text = String::new();
     for group in &made.board.groups {
-        let rows: Vec<Vec<String>> = group
-            .rows
-            .iter()
-            .map(|row| {
-                let test = row.test.as_ref();
-                let [difference, p] = test
-                    .map(|test| difference(test.difference, test.interval95, test.p_value))
-                    .unwrap_or_default();
-                let again =
-                    row.rerun.as_ref().map_or("", |rerun| if rerun.equal { "equal" } else { "differs" });
-                vec![row.name.clone(), rate(&row.summary), difference, p, again.to_owned()]
-            })
-            .collect();
+        let rows = group.rows.iter().map(|row| {
+            let test = row.test.as_ref();
+            let [difference, p] = test
+                .map(|test| difference(test.difference, test.interval95, test.p_value))
+                .unwrap_or_default();
+            let again = row.rerun.as_ref().map_or("", |rerun| if rerun.equal { "equal" } else { "differs" });
+            vec![row.name.clone(), rate(&row.summary), difference, p, again.to_owned()]
+        });
         let hash = group.manifest_hash.get(..12).unwrap_or_default();
         text += &format!("{}, {} tier, manifest {hash}, {} pairs\n\n", group.env, group.tier, group.pairs);
-        text += &table(&["bundle", "success (95 %)", "first − this", "paired test", "run again"], &rows);
+        text += &table(&["bundle", "success (95 %)", "first − this", "paired test", "run again"], rows);
         text += "\n";
     }
     if !made.board.reported.is_empty() {
-        let rows: Vec<Vec<String>> = made
-            .board
-            .reported
-            .iter()
-            .map(|row| {
-                let reported = format!("{:.1} %", row.reported);
-                vec![row.name.clone(), reported, rate(&row.summary), row.source.clone().unwrap_or_default()]
-            })
-            .collect();
-        text += &format!("{}\n", table(&["bundle", "reported", "reproduced (95 %)", "source"], &rows));
+        let rows = made.board.reported.iter().map(|row| {
+            let reported = format!("{:.1} %", row.reported);
+            vec![row.name.clone(), reported, rate(&row.summary), row.source.clone().unwrap_or_default()]
+        });
+        text += &format!("{}\n", table(&["bundle", "reported", "reproduced (95 %)", "source"], rows));
     }
     text + &format!("wrote {}\n", made.page.display())
 }

@@ -47,13 +47,13 @@ mod work {
                         run.weights(one.step).display().to_string(),
                     ]
                 };
-                let rows: Vec<Vec<String>> = all.iter().map(row).collect();
+                let rows = all.iter().map(row);
                 format!(
                     "{}, preset {}, on {}\n\n{}",
                     config.model_config.baseline,
                     config.model_config.preset,
                     config.data.path.display(),
-                    table(&["step", "logged loss", "validation", "", "weights"], &rows)
+                    table(&["step", "logged loss", "validation", "", "weights"], rows)
                 )
             })
         }
@@ -77,9 +77,9 @@ mod work {
                     run.weights(one.step).display().to_string(),
                 ]
             };
-            let rows: Vec<Vec<String>> = all.iter().map(row).collect();
+            let rows = all.iter().map(row);
             let agent = &config.agent;
-            let shown = table(&["step", "episodes", "mean return", "", "weights"], &rows);
+            let shown = table(&["step", "episodes", "mean return", "", "weights"], rows);
             format!("{}, preset {}, {}\n\n{shown}", agent.agent, agent.preset, config.place())
         })
     }

@@ -43,21 +43,17 @@ impl Compare {
         if self.stream {
             return self.transfer(&sides, output);
         }
-        let rows: Vec<Vec<String>> = compared
-            .iter()
-            .zip(&sides)
-            .map(|(side, results)| {
-                // As `--policy` takes it; `side.policy` names models by their hash.
-                let policy = format!("{}{}", results.runs()[0].candidate.policy, seeds(results));
-                let test = side.test.as_ref();
-                let [difference, p] = test
-                    .map(|test| difference(test.difference, test.interval95, test.p_value))
-                    .unwrap_or_default();
-                let std = side.std.map_or(String::new(), |std| format!("{std:.1}"));
-                let rate = percent(side.success_rate, side.ci95);
-                vec![side.name.clone(), policy, side.runs.to_string(), rate, std, difference, p]
-            })
-            .collect();
+        let rows = compared.iter().zip(&sides).map(|(side, results)| {
+            // As `--policy` takes it; `side.policy` names models by their hash.
+            let policy = format!("{}{}", results.runs()[0].candidate.policy, seeds(results));
+            let test = side.test.as_ref();
+            let [difference, p] = test
+                .map(|test| difference(test.difference, test.interval95, test.p_value))
+                .unwrap_or_default();
+            let std = side.std.map_or(String::new(), |std| format!("{std:.1}"));
+            let rate = percent(side.success_rate, side.ci95);
+            vec![side.name.clone(), policy, side.runs.to_string(), rate, std, difference, p]
+        });
         if sides.len() == 1 {
             output.note("note: this is one result; name a second one to compare it with");
         }
@@ -70,7 +66,7 @@ impl Compare {
                 first.manifest.env,
                 first.manifest.tier.name(),
                 at_reset(first.summary.solved_at_start),
-                table(&head, &rows),
+                table(&head, rows),
                 differing(&compared)
             )
         })
@@ -108,7 +104,7 @@ impl Compare {
             let points = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:+.1}"));
             format!(
                 "{}\naverage at the end {:.1} %, backward transfer {}, forward transfer {} (percentage points)\n",
-                table(&head, &rows),
+                table(&head, rows),
                 transfer.average,
                 points(transfer.backward),
                 points(transfer.forward)

@@ -47,9 +47,8 @@ const MORE: &str = "\nAction, time step and success: in a wider window, by `swm 
 /// The list without what each environment shows itself.
 fn short_list(header: &[&str], rows: &[Vec<String>]) -> String {
     const KEPT: [usize; 3] = [0, 1, 4];
-    let rows: Vec<Vec<String>> =
-        rows.iter().map(|row| KEPT.map(|column| row[column].clone()).to_vec()).collect();
-    table(&KEPT.map(|column| header[column]), &rows)
+    let rows = rows.iter().map(|row| KEPT.map(|column| row[column].clone()).to_vec());
+    table(&KEPT.map(|column| header[column]), rows)
 }
 
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -101,7 +100,7 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
         let is_narrow = terminal_columns().is_some_and(|columns| columns < WIDE);
         let mut text = match is_narrow {
             true => short_list(&header, &rows) + MORE,
-            false => table(&header, &rows),
+            false => table(&header, rows),
         };
         text += "\n";
         text + IMAGES + &several_tasks(registry) + &failed
@@ -129,9 +128,8 @@ fn tasks(registry: &Registry, output: &Output) -> Result<(), Failure> {
         })
         .collect();
     output.result(&list, || {
-        let rows: Vec<_> =
-            all().map(|(entry, task)| [vec![entry.id.to_owned()], task_row(entry, task)].concat()).collect();
-        let table = table(&["environment", "task (--env-option task=NAME)", "what is rewarded"], &rows);
+        let rows = all().map(|(entry, task)| [vec![entry.id.to_owned()], task_row(entry, task)].concat());
+        let table = table(&["environment", "task (--env-option task=NAME)", "what is rewarded"], rows);
         format!("{table}{DEFAULT_TASK}")
     })
 }
@@ -181,11 +179,11 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             entry.id,
             entry.summary,
             key_values(&about),
-            table(&["setting (--env-option)", "default", "what it does"], &settings),
+            table(&["setting (--env-option)", "default", "what it does"], settings),
         );
         if entry.tasks.len() > 1 {
-            let rows: Vec<_> = entry.tasks.iter().map(|task| task_row(entry, task)).collect();
-            text += &table(&["task (--env-option task=NAME)", "what is rewarded"], &rows);
+            let rows = entry.tasks.iter().map(|task| task_row(entry, task));
+            text += &table(&["task (--env-option task=NAME)", "what is rewarded"], rows);
             text += DEFAULT_TASK;
             text += "\n";
         }
@@ -201,14 +199,13 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             }
         }
         if full {
-            return text + &table(&["policy", "default", "what it does"], &rows) + &others;
+            return text + &table(&["policy", "default", "what it does"], rows) + &others;
         }
-        let rows: Vec<_> = rows.iter().map(|row| vec![row[0].clone(), row[2].clone()]).collect();
-        text += &table(&["policy (--policy NAME:KEY=VALUE,…)", "what it does"], &rows);
+        let rows = rows.iter().map(|row| vec![row[0].clone(), row[2].clone()]);
+        text += &table(&["policy (--policy NAME:KEY=VALUE,…)", "what it does"], rows);
         let shared = shared_settings(&policies);
         if !shared.is_empty() {
-            text +=
-                &format!("\n{}", table(&["setting of many planners", "default", "what it does"], &shared));
+            text += &format!("\n{}", table(&["setting of many planners", "default", "what it does"], shared));
         }
         text + &others + &format!("\n`swm envs {} --full` lists the settings of each policy.\n", entry.id)
     })
@@ -282,8 +279,8 @@ impl Fovs {
         let spec = env.spec();
         let list: Vec<_> = spec.factors.iter().map(factor_json).collect();
         output.result(&list, || {
-            let rows: Vec<_> = spec.factors.iter().map(factor_row).collect();
-            let table = table(&["factor", "kind", "shape", "low", "high", "default", "what it does"], &rows);
+            let rows = spec.factors.iter().map(factor_row);
+            let table = table(&["factor", "kind", "shape", "low", "high", "default", "what it does"], rows);
             format!("{table}* default factors: sampled without --vary, and by `--vary +NAME`\n")
         })
     }

@@ -74,7 +74,7 @@ impl Inspect {
                 dataset.info().format,
                 counted(lengths.len(), "episode"),
                 counted(steps, "row"),
-                table(&["column", "dtype", "shape", "per"], &rows),
+                table(&["column", "dtype", "shape", "per"], rows),
             );
             for (new, old) in dataset.info().mapping.iter().filter(|(new, old)| new != old) {
                 text += &format!("{new} ← {old}\n");

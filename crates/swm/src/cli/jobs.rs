@@ -158,16 +158,16 @@ pub(super) fn ask(folder: &JobFolder, note: impl FnOnce(String)) -> Held {
 /// One job as a page, several as a table.
 fn text(all: &[Status<'_>], is_one: bool) -> String {
     let ([status], true) = (all, is_one) else {
-        let rows: Vec<Vec<String>> = all.iter().map(Status::row).collect();
-        return table(&["job", "command", "progress", "result"], &rows);
+        return table(&["job", "command", "progress", "result"], all.iter().map(Status::row));
     };
-    let (mut text, open) = (key_values(&status.summary()), status.open_shards());
-    let shown = &open[..open.len().min(MAX_LISTED)];
-    if !shown.is_empty() {
-        text += &format!("\n{}", table(&["shard", "state", "episodes", ""], shown));
+    let (mut text, mut open) = (key_values(&status.summary()), status.open_shards());
+    let more = open.len().saturating_sub(MAX_LISTED);
+    open.truncate(MAX_LISTED);
+    if !open.is_empty() {
+        text += &format!("\n{}", table(&["shard", "state", "episodes", ""], open));
     }
-    if open.len() > shown.len() {
-        text += &format!("and {} more\n", open.len() - shown.len());
+    if more > 0 {
+        text += &format!("and {more} more\n");
     }
     text
 }

@@ -247,6 +247,5 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         rows.push(["distractors".to_owned(), manifest.distractors.join(" ")]);
     }
     rows.push(["hash".to_owned(), hash]);
-    let rows: Vec<Vec<String>> = rows.into_iter().map(Vec::from).collect();
-    output.result(&json, || format!("{}{}\n", table(&["manifest", ""], &rows), path.display()))
+    output.result(&json, || format!("{}{}\n", table(&["manifest", ""], rows), path.display()))
 }

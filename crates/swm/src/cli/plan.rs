@@ -159,7 +159,7 @@ fn text(summary: &PlanSummary, policy: &str, page: Option<&Path>) -> String {
             outcome(index).to_owned(),
         ]
     };
-    let rows: Vec<_> = summary.plans.iter().enumerate().take(LISTED).map(row).collect();
+    let rows = summary.plans.iter().enumerate().take(LISTED).map(row);
     let head =
         ["episode", "plan", "at step", "first best", "last best", "cost of plan", "seconds", "episode ends"];
     let more = match summary.plans.len().saturating_sub(LISTED) {
@@ -177,7 +177,7 @@ fn text(summary: &PlanSummary, policy: &str, page: Option<&Path>) -> String {
         "{}\n{}\n\n{}{more}\n{count} {}, {:.3} s each{successes}\n{page}",
         summary.env,
         policy,
-        table(&head, &rows),
+        table(&head, rows),
         if count == 1 { "plan" } else { "plans" },
         time / count.max(1) as f64,
     )

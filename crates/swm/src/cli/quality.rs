@@ -109,32 +109,24 @@ impl QualityCommand {
 fn text(env: &str, model: &str, found: &Quality) -> String {
     let mut text = format!("{env}, model `{model}`\n\n");
     text += &diagnosis(found);
-    let probes: Vec<Vec<String>> = found
-        .probes
-        .iter()
-        .map(|probed| {
-            let none = || ["–", "–"].map(str::to_owned);
-            let [line, line_correlation] = probed.linear.as_ref().map_or_else(none, told);
-            let [network, network_correlation] = told(&probed.network);
-            vec![probed.column.clone(), line, line_correlation, network, network_correlation]
-        })
-        .collect();
-    if !probes.is_empty() {
+    let probes = found.probes.iter().map(|probed| {
+        let none = || ["–", "–"].map(str::to_owned);
+        let [line, line_correlation] = probed.linear.as_ref().map_or_else(none, told);
+        let [network, network_correlation] = told(&probed.network);
+        vec![probed.column.clone(), line, line_correlation, network, network_correlation]
+    });
+    if !found.probes.is_empty() {
         let head =
             ["probed column", "linear: unexplained", "correlation", "network: unexplained", "correlation"];
         text += "\n";
-        text += &table(&head, &probes);
+        text += &table(&head, probes);
     }
-    let rows: Vec<Vec<String>> = found
-        .violations
-        .iter()
-        .map(|violation| {
-            let [possible, impossible] = violation.surprise.map(compact);
-            let accuracy = violation.accuracy.map_or("–".to_owned(), |accuracy| format!("{accuracy:.2}"));
-            vec![violation.name.clone(), accuracy, possible, impossible]
-        })
-        .collect();
-    text + "\n" + &table(&["violation", "accuracy", "surprise if possible", "if impossible"], &rows)
+    let rows = found.violations.iter().map(|violation| {
+        let [possible, impossible] = violation.surprise.map(compact);
+        let accuracy = violation.accuracy.map_or("–".to_owned(), |accuracy| format!("{accuracy:.2}"));
+        vec![violation.name.clone(), accuracy, possible, impossible]
+    });
+    text + "\n" + &table(&["violation", "accuracy", "surprise if possible", "if impossible"], rows)
 }
 
 /// The gate, then errors of prediction: what is asked before a plan is made.
@@ -149,16 +141,16 @@ fn diagnosis(found: &Quality) -> String {
         let share = share.map_or("–".to_owned(), |share| format!("{share:.3}"));
         vec![(step * found.stride).to_string(), compact(*error), share]
     });
-    let gate: Vec<Vec<String>> = found.gate.iter().map(check).collect();
+    let gate = found.gate.iter().map(check);
     let (passed, all) = (found.gate.iter().filter(|check| check.passes).count(), found.gate.len());
     let verdict = match all {
         0 => String::new(),
         _ => format!(
             "{}\n{passed} of {all} requirements of the gate are met\n\n",
-            table(&["measure", "result", "gate"], &gate)
+            table(&["measure", "result", "gate"], gate)
         ),
     };
-    verdict + &table(&["steps ahead", "squared error", "of the variance"], &errors.collect::<Vec<_>>())
+    verdict + &table(&["steps ahead", "squared error", "of the variance"], errors)
 }
 
 /// Unexplained share of the variance, and mean correlation.

@@ -39,7 +39,7 @@ pub(super) fn receipt_text(receipt: &Receipt, path: Option<&Path>) -> String {
         receipt.manifest.tier.name(),
         receipt.summary.episodes,
         at_reset(receipt.summary.solved_at_start),
-        table(&["policy", "success (95 %)", "steps", "difference (95 %)", "McNemar"], &rows),
+        table(&["policy", "success (95 %)", "steps", "difference (95 %)", "McNemar"], rows),
     );
     for (phase, summary) in receipt.phases.iter().enumerate() {
         text += &format!("phase {phase}: {}, {}\n", rate(summary), counted(summary.episodes, "episode"));

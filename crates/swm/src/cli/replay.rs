@@ -77,11 +77,8 @@ impl Replay {
 }
 
 fn text(report: &ReplayReport) -> String {
-    let rows: Vec<_> = report
-        .columns
-        .iter()
-        .map(|(name, d)| vec![name.clone(), compact(d.max_abs), compact(d.final_abs)])
-        .collect();
+    let rows =
+        report.columns.iter().map(|(name, d)| vec![name.clone(), compact(d.max_abs), compact(d.final_abs)]);
     let checkpoints = match (report.checkpoints, report.checkpoints_differ) {
         (0, _) => String::new(),
         (all, 0) => format!(", all {all} checkpoints equal"),
@@ -90,7 +87,7 @@ fn text(report: &ReplayReport) -> String {
     let verdict = if report.ok { "agree" } else { "differ" };
     format!(
         "{}\n{}, {}: dataset and simulator {verdict} (tolerance {:e}){checkpoints}",
-        table(&["column", "largest difference", "at the end"], &rows),
+        table(&["column", "largest difference", "at the end"], rows),
         counted(report.episodes, "episode"),
         counted(report.rows, "row"),
         report.tolerance,

@@ -108,27 +108,24 @@ mod work {
 
     fn list(output: &Output) -> Result<(), Failure> {
         let all = recipes();
-        let rows: Vec<Vec<String>> = all
-            .iter()
-            .map(|recipe| {
-                let figures: Vec<String> = recipe
-                    .figures
-                    .iter()
-                    .map(|figure| {
-                        let std = figure.std.map_or(String::new(), |std| format!(" ± {std:.2}"));
-                        format!("{} {:.2}{std}", figure.name, figure.reported)
-                    })
-                    .collect();
-                vec![
-                    recipe.name.clone(),
-                    recipe.env.clone(),
-                    recipe.checkpoint.repository.clone(),
-                    figures.join(", "),
-                ]
-            })
-            .collect();
+        let rows = all.iter().map(|recipe| {
+            let figures: Vec<String> = recipe
+                .figures
+                .iter()
+                .map(|figure| {
+                    let std = figure.std.map_or(String::new(), |std| format!(" ± {std:.2}"));
+                    format!("{} {:.2}{std}", figure.name, figure.reported)
+                })
+                .collect();
+            vec![
+                recipe.name.clone(),
+                recipe.env.clone(),
+                recipe.checkpoint.repository.clone(),
+                figures.join(", "),
+            ]
+        });
         output.result(&json!(all), || {
-            table(&["name", "environment", "checkpoint", "reported success in percent"], &rows)
+            table(&["name", "environment", "checkpoint", "reported success in percent"], rows)
         })
     }
 
@@ -137,28 +134,24 @@ mod work {
         if done.run.is_none() {
             return format!("{}, below {}\n\n{}", done.recipe, done.folder.display(), key_values(&needs));
         }
-        let rows: Vec<Vec<String>> = done
-            .rows
-            .iter()
-            .map(|row| {
-                let [low, high] = row.ours.ci95;
-                let with_std = |rate: f64, std: Option<f64>| {
-                    std.map_or_else(|| format!("{rate:.1}"), |std| format!("{rate:.1} ± {std:.1}"))
-                };
-                let receipts: Vec<String> =
-                    row.repetitions.iter().map(|one| one.receipt.display().to_string()).collect();
-                vec![
-                    row.figure.clone(),
-                    row.ours.episodes.to_string(),
-                    format!("{} ({low:.1} to {high:.1})", with_std(row.ours.success_rate, row.std)),
-                    with_std(row.reported, row.reported_std),
-                    format!("{:+.1}", row.difference),
-                    receipts.join(" "),
-                ]
-            })
-            .collect();
+        let rows = done.rows.iter().map(|row| {
+            let [low, high] = row.ours.ci95;
+            let with_std = |rate: f64, std: Option<f64>| {
+                std.map_or_else(|| format!("{rate:.1}"), |std| format!("{rate:.1} ± {std:.1}"))
+            };
+            let receipts: Vec<String> =
+                row.repetitions.iter().map(|one| one.receipt.display().to_string()).collect();
+            vec![
+                row.figure.clone(),
+                row.ours.episodes.to_string(),
+                format!("{} ({low:.1} to {high:.1})", with_std(row.ours.success_rate, row.std)),
+                with_std(row.reported, row.reported_std),
+                format!("{:+.1}", row.difference),
+                receipts.join(" "),
+            ]
+        });
         let head = ["figure", "pairs", "ours in percent (95 %)", "reported", "difference", "receipts"];
-        let mut text = format!("{}: {}\n\n{}\n", done.recipe, done.env, table(&head, &rows));
+        let mut text = format!("{}: {}\n\n{}\n", done.recipe, done.env, table(&head, rows));
         for row in &done.rows {
             text += &format!("{}: {}; reported in {}\n", row.figure, row.protocol, row.source);
         }

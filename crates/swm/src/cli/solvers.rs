@@ -20,9 +20,9 @@ impl Solvers {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Some(name) = self.solver else {
             let list: Vec<Json> = registry.all::<SolverEntry>().map(describe).collect();
-            let row = |solver: &SolverEntry| vec![solver.name.to_owned(), solver.summary.to_owned()];
-            let rows: Vec<_> = registry.all::<SolverEntry>().map(row).collect();
-            return output.result(&list, || table(&["solver", "what it does"], &rows));
+            let row = |solver: &SolverEntry| [solver.name, solver.summary].map(str::to_owned);
+            let rows = registry.all::<SolverEntry>().map(row);
+            return output.result(&list, || table(&["solver", "what it does"], rows));
         };
         let solver = registry.find::<SolverEntry>(&name)?;
         output.result(&describe(solver), || one(solver))
@@ -31,8 +31,8 @@ impl Solvers {
 
 fn one(solver: &SolverEntry) -> String {
     let settings = |title: &str, list: &[Setting]| {
-        let row = |s: &Setting| vec![s.name.to_owned(), s.default.to_owned(), s.doc.to_owned()];
-        table(&[title, "default", "what it does"], &list.iter().map(row).collect::<Vec<_>>())
+        let row = |s: &Setting| [s.name, s.default, s.doc].map(str::to_owned);
+        table(&[title, "default", "what it does"], list.iter().map(row))
     };
     let head = format!(
         "{}: {}\n\n{}\n{}",

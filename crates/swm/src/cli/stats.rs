@@ -108,7 +108,7 @@ impl Stats {
                     left.join(", ")
                 ),
             };
-            format!("{episodes}, {steps}\n\n{}{left}", table(&header, &rows))
+            format!("{episodes}, {steps}\n\n{}{left}", table(&header, rows))
         })
     }
 }

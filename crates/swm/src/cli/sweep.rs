@@ -138,25 +138,20 @@ fn reasons(sweep: &evaluation::Sweep) -> Vec<(&str, Vec<String>)> {
 }
 
 fn text(sweep: &evaluation::Sweep, out: Option<&Path>) -> String {
-    let rows: Vec<Vec<String>> = sweep
-        .cells
-        .iter()
-        .map(|cell| {
-            let test = cell.test.as_ref();
-            let [difference, p] = test
-                .map(|test| difference(test.difference, test.interval95, test.p_value))
-                .unwrap_or_default();
-            let result = cell.summary.as_ref().map_or("–".to_owned(), rate);
-            vec![
-                cell.name.clone(),
-                cell.value.clone(),
-                result,
-                difference,
-                p,
-                cell.note.as_deref().map_or("", short).to_owned(),
-            ]
-        })
-        .collect();
+    let rows = sweep.cells.iter().map(|cell| {
+        let test = cell.test.as_ref();
+        let [difference, p] =
+            test.map(|test| difference(test.difference, test.interval95, test.p_value)).unwrap_or_default();
+        let result = cell.summary.as_ref().map_or("–".to_owned(), rate);
+        vec![
+            cell.name.clone(),
+            cell.value.clone(),
+            result,
+            difference,
+            p,
+            cell.note.as_deref().map_or("", short).to_owned(),
+        ]
+    });
     let pairs = sweep.cells[0].successes.len();
     let reasons: String =
         reasons(sweep).iter().map(|(reason, cells)| format!("{}: {reason}\n", cells.join(", "))).collect();
@@ -170,6 +165,6 @@ fn text(sweep: &evaluation::Sweep, out: Option<&Path>) -> String {
             .as_ref()
             .map_or(String::new(), |unchanged| at_reset(unchanged.solved_at_start)),
         sweep.candidate.policy,
-        table(&["changed", "values", "success (95 %)", "difference (95 %)", "McNemar", ""], &rows)
+        table(&["changed", "values", "success (95 %)", "difference (95 %)", "McNemar", ""], rows)
     )
 }

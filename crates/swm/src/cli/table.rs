@@ -2,8 +2,9 @@
 
 /// A plain table: columns as wide as their widest cell, those of numbers to the right. On a terminal that is too narrow for it,
 /// cells of several words are continued below.
-pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
-    table_within(terminal_columns(), header, rows)
+pub(crate) fn table(header: &[&str], rows: impl IntoIterator<Item: Into<Vec<String>>>) -> String {
+    let rows: Vec<Vec<String>> = rows.into_iter().map(Into::into).collect();
+    table_within(terminal_columns(), header, &rows)
 }
 
 /// Characters in a line of the terminal that the results go to; `None` where they go elsewhere.

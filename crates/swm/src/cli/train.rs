@@ -262,8 +262,8 @@ fn list(registry: &Registry, output: &Output) -> Result<(), Failure> {
     let all: Vec<Json> = trainers.iter().map(json).collect();
     let row =
         |entry: &&TrainerEntry| vec![entry.name.to_owned(), entry.presets.join(", "), entry.about.to_owned()];
-    let rows: Vec<Vec<String>> = trainers.iter().map(row).collect();
-    output.result(&all, || table(&["baseline", "presets", "what it is"], &rows))
+    let rows = trainers.iter().map(row);
+    output.result(&all, || table(&["baseline", "presets", "what it is"], rows))
 }
 
 /// The report of a training: its run is resumed after Ctrl-C, and figures are lines where no bar is shown.

@@ -188,7 +188,7 @@ impl Diff {
                     ]
                 });
                 let header = ["column", "rows that differ", "largest difference", "first", "PSNR"];
-                text += &table(&header, &cells.collect::<Vec<_>>());
+                text += &table(&header, cells);
             }
             text += &found.shared.map_or(String::new(), |shared| elsewhere(found.episodes, shared));
             let (first, second) = (self.first.display(), self.second.display());

@@ -87,8 +87,8 @@ fn list(output: &Output) -> Result<(), Failure> {
                 model.about.clone(),
             ]
         };
-        let rows: Vec<Vec<String>> = models.iter().map(row).collect();
-        table(&["model", "environment", "success", "size", "license", "what it is"], &rows)
+        let rows = models.iter().map(row);
+        table(&["model", "environment", "success", "size", "license", "what it is"], rows)
     })
 }
 
