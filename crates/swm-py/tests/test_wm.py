@@ -120,6 +120,15 @@ def test_policies_with_values_equal_the_reference(folder: str) -> None:
     policy_agrees(wm.load_pretrained(path, kind=folder.split("_")[0], extra_args=HEADS), expected(folder))
 
 
+@pytest.mark.parametrize("folder", ["lewm_transformers4", "prejepa"])
+def test_blocks_of_another_width_are_refused(folder: str) -> None:
+    model, data = wm.load_pretrained(GOLDEN / folder), expected(folder)
+    info = {"pixels": many(data["pixels"][:1]), "goal": many(data["pixels"][1:])}
+    info |= {key: many(data["proprio"][:1]) for key in ("proprio", "goal_proprio") if "proprio" in data}
+    with pytest.raises(ValueError, match=f"rows of 7 values were given, and the model takes {data['candidates'].shape[-1]}: .*action_block"):
+        model.get_cost(info, torch.zeros(1, 4, 3, 7))
+
+
 def test_num_pred_takes_no_part_in_plans() -> None:
     model = wm.load_pretrained(GOLDEN / "prejepa", extra_args={"num_pred": 2})
     assert model.num_pred == 2
@@ -154,6 +163,15 @@ def test_what_training_keeps_beside_a_model_is_left_out(tmp_path: Path, caplog: 
     found = wm.load_pretrained(folder).state_dict()
     assert all(torch.equal(found[name], value) for name, value in tensors.items() if name in found) and len(found) == len(tensors)
     assert ("averaged copy" in caplog.text) == ("ema_model" in str(beside))
+
+
+def test_weights_in_parts_and_a_kind_of_another_model_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="kind='gcbc': .*config.json is of another model, a LeWM; leave kind out"):
+        wm.load_pretrained(GOLDEN / "lewm_transformers4", kind="gcbc")
+    for name in ("model-00001-of-00002.safetensors", "model-00002-of-00002.safetensors", "model.safetensors.index.json"):
+        (tmp_path / name).write_text("{}")
+    with pytest.raises(ValueError, match=r"in 2 parts \(model.safetensors.index.json\), .* save_file"):
+        wm.load_pretrained(tmp_path)
 
 
 def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:

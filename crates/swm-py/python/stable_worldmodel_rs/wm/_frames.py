@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ._images import MEAN, STD, normalized
+from ._nets import embedded
 from ._torch import Tensor, nn, torch
 
 __all__ = ["Embedder", "TokenModel", "frame_mask"]
@@ -29,7 +30,7 @@ class Embedder(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Embeds every step by itself."""
-        return self.patch_embed(x.float().transpose(1, 2)).transpose(1, 2)
+        return embedded(x, self.patch_embed)
 
 
 class TokenModel(nn.Module):

@@ -11,7 +11,7 @@ from typing import Any
 
 from ._torch import F, Tensor, nn, torch
 
-__all__ = ["MLP", "Attention", "ConditionalBlock", "Embedder", "FeedForward", "Predictor", "Transformer", "join_heads", "split_heads"]
+__all__ = ["MLP", "Attention", "ConditionalBlock", "Embedder", "FeedForward", "Predictor", "Transformer", "embedded", "join_heads", "split_heads"]
 
 
 def split_heads(tokens: Tensor, heads: int) -> Tensor:
@@ -155,6 +155,21 @@ class Predictor(nn.Module):
         return self.transformer(self.dropout(x + self.pos_embedding[:, :frames]), c)
 
 
+def embedded(x: Tensor, convolution: Any) -> Tensor:
+    """Rows ``(B, T, in)`` through a convolution of size 1 over time.
+
+    Raises:
+        ValueError: they have another width than the model takes.
+    """
+    wanted: int = convolution.in_channels
+    if x.shape[-1] != wanted:
+        raise ValueError(
+            f"rows of {x.shape[-1]} values were given, and the model takes {wanted}: actions are those of a block (action_block × the values "
+            "of an action of its environment), other columns those that it was trained on"
+        )
+    return convolution(x.float().transpose(1, 2)).transpose(1, 2)
+
+
 class Embedder(nn.Module):
     """What the world models see of a block of actions: ``(B, T, input_dim)`` to ``(B, T, emb_dim)``."""
 
@@ -166,7 +181,7 @@ class Embedder(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Embeds every block by itself."""
-        return self.embed(self.patch_embed(x.float().transpose(1, 2)).transpose(1, 2))
+        return self.embed(embedded(x, self.patch_embed))
 
 
 class MLP(nn.Module):

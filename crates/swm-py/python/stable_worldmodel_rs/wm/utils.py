@@ -90,6 +90,8 @@ def load_pretrained(
         heads = extra.pop("encoder.heads", None)
         config = overridden(config, extra)
         model = _of_config(config, tensors, file, heads)
+        if kind is not None and type(model).__name__ != "GCRL":
+            raise ValueError(f"kind={kind!r}: {file.parent / 'config.json'} is of another model, a {type(model).__name__}; leave kind out")
         cast("Any", model).pretrained_config = config
     else:
         model = _of_training(config, tensors, file, kind, extra)
@@ -262,6 +264,12 @@ def _only(folder: Path) -> Path:
         return folder / _ARCHIVE
     for ending in _WEIGHTS:
         found = sorted(folder.glob(f"*{ending}"))
+        if len(found) > 1 and (index := next(folder.glob("*.safetensors.index.json"), None)) and ending == ".safetensors":
+            raise ValueError(
+                f"{folder} holds its weights in {len(found)} parts ({index.name}), and one file is read; join them: `from safetensors.torch "
+                "import load_file, save_file`, then `save_file({k: v for part in PARTS for k, v in load_file(part).items()}, "
+                "'weights.safetensors')` into a folder with its config.json"
+            )
         if len(found) > 1:
             raise ValueError(f"{folder} holds {len(found)} files of weights: {_some([one.name for one in found])}; give one of them")
         if found:
