@@ -200,9 +200,12 @@ impl Table {
                     Column::F32(Values::read(reader, about, rows)?.map(half).with_missing(about, f32::NAN)?)
                 }
                 ColumnReader::ByteArrayColumnReader(reader) => {
-                    let texts = Values::read(reader, about, rows)?.whole()?.into_iter().map(|text| {
-                        text.as_utf8().map(str::to_owned).map_err(|_| invalid("a text is not UTF-8"))
-                    });
+                    let all = Values::read(reader, about, rows)?;
+                    let texts = all.with_missing(about, ByteArray::from(Vec::<u8>::new()))?.into_iter().map(
+                        |text: ByteArray| {
+                            text.as_utf8().map(str::to_owned).map_err(|_| invalid("a text is not UTF-8"))
+                        },
+                    );
                     Column::Str(texts.collect::<Result<_, _>>()?)
                 }
                 _ => {
@@ -228,7 +231,7 @@ mod tests {
     use std::sync::Arc;
 
     use parquet::basic::{Compression, GzipLevel, ZstdLevel};
-    use parquet::data_type::Int64Type;
+    use parquet::data_type::{ByteArrayType, Int64Type};
     use parquet::file::properties::WriterProperties;
     use parquet::file::writer::SerializedFileWriter;
     use parquet::schema::parser::parse_message_type;
@@ -259,6 +262,25 @@ mod tests {
             let column = Table::open(&path).unwrap().leaf(0).unwrap();
             assert_eq!(column, Column::I64(values.clone()), "{compression:?}");
         }
+    }
+
+    #[test]
+    fn a_text_that_is_missing_is_empty() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.parquet");
+        let schema = parse_message_type("message table { optional binary a (UTF8); }").unwrap();
+        let mut file =
+            SerializedFileWriter::new(File::create(&path).unwrap(), Arc::new(schema), Arc::default())
+                .unwrap();
+        let mut group = file.next_row_group().unwrap();
+        let mut column = group.next_column().unwrap().unwrap();
+        let texts = ["one", "two"].map(ByteArray::from);
+        column.typed::<ByteArrayType>().write_batch(&texts, Some(&[1, 0, 1]), None).unwrap();
+        column.close().unwrap();
+        group.close().unwrap();
+        file.close().unwrap();
+        let column = Table::open(&path).unwrap().leaf(0).unwrap();
+        assert_eq!(column, Column::Str(["one", "", "two"].map(str::to_owned).to_vec()));
     }
 
     #[test]

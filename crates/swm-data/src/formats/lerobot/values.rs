@@ -52,9 +52,9 @@ impl<T> Values<T> {
     pub(super) fn whole(self) -> Result<Vec<T>> {
         match self.depths.len().saturating_sub(self.there.len()) {
             0 => Ok(self.there),
-            count => {
-                Err(missing(format!("{count} of its values are missing (null), which only floats may be")))
-            }
+            count => Err(missing(format!(
+                "{count} of its values are missing (null), which only floats and texts may be"
+            ))),
         }
     }
 
@@ -65,10 +65,10 @@ impl<T> Values<T> {
     }
 }
 
-impl<T: Copy> Values<T> {
-    /// All of them, with `nan` in the place of each that is missing: other programs write a NaN as null. A row whose whole list is
+impl<T: Clone> Values<T> {
+    /// All of them, with `other` in the place of each that is missing: other programs write a NaN as null. A row whose whole list is
     /// missing has as many as the others.
-    pub(super) fn with_missing(self, column: &ColumnDescriptor, nan: T) -> Result<Vec<T>> {
+    pub(super) fn with_missing(self, column: &ColumnDescriptor, other: T) -> Result<Vec<T>> {
         if self.depths.len() <= self.there.len() {
             return Ok(self.there);
         }
@@ -86,13 +86,13 @@ impl<T: Copy> Values<T> {
         let (mut all, mut there) = (Vec::with_capacity(starts.len() * width), self.there.iter());
         for (start, end) in rows() {
             if end - start == 1 && !is_value(start) {
-                all.extend(std::iter::repeat_n(nan, width));
+                all.extend(std::iter::repeat_n(other.clone(), width));
                 continue;
             }
             for at in start..end {
                 match self.depths[at] {
-                    depth if depth == full => all.extend(there.next()),
-                    _ if is_value(at) => all.push(nan),
+                    depth if depth == full => all.extend(there.next().cloned()),
+                    _ if is_value(at) => all.push(other.clone()),
                     _ => return Err(missing("a part of a row is missing (null)")),
                 }
             }

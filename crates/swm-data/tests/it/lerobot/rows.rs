@@ -100,7 +100,7 @@ fn numbers_are_kept_or_left_out_with_the_reason() {
     ["u32", "u64", "i16", "f16"].into_iter().for_each(|name| assert_kept(&path, name));
     for (name, part) in [
         ("too_large", "the u64 9223372036854775808"),
-        ("holes", "1 of its values are missing (null), which only floats may be"),
+        ("holes", "1 of its values are missing (null), which only floats and texts may be"),
         ("date", "FIXED_LEN_BYTE_ARRAY"),
         ("events", "structures of 2 parts"),
     ] {
