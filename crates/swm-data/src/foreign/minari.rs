@@ -126,6 +126,28 @@ fn below<'a>(space: &'a Json, path: &str) -> Option<&'a Json> {
     })
 }
 
+/// The shape of the values of a space, where its description has one.
+fn sizes(space: &Json) -> Option<Vec<usize>> {
+    let size = |size: &Json| size.as_u64().and_then(|size| usize::try_from(size).ok());
+    // One `n` is that of the only axis of `MultiBinary`; that of `Discrete` counts its values.
+    let listed = match space["type"].as_str() {
+        Some("MultiBinary") => &space["n"],
+        _ => &space["shape"],
+    };
+    if let Some(mut counts) = space["nvec"].as_array() {
+        let mut shape = vec![counts.len()];
+        while let Some(inner) = counts.first().and_then(Json::as_array) {
+            shape.push(inner.len());
+            counts = inner;
+        }
+        return Some(shape);
+    }
+    match listed.as_array() {
+        Some(all) => all.iter().map(size).collect(),
+        None => size(listed).map(|one| vec![one]),
+    }
+}
+
 /// What the rows of a column are.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Kind {
@@ -139,10 +161,7 @@ enum Kind {
 
 impl Kind {
     fn of(table: &Table, leaf: usize, is_bytes: bool, space: Option<&Json>) -> Result<Self> {
-        let sizes = space.and_then(|space| space["shape"].as_array());
-        let sizes: Option<Vec<usize>> = sizes.and_then(|sizes| {
-            sizes.iter().map(|size| size.as_u64().and_then(|size| usize::try_from(size).ok())).collect()
-        });
+        let sizes = space.and_then(sizes);
         let dim = |shape: &[usize]| {
             shape.iter().try_fold(1usize, |dim, &size| dim.checked_mul(size)).filter(|&dim| dim <= MAX_DIM)
         };
@@ -283,5 +302,27 @@ impl Array for Leaf {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::sizes;
+
+    #[test]
+    fn spaces_have_their_shapes() {
+        for (space, shape) in [
+            (json!({"type": "Box", "shape": [4, 2]}), Some(vec![4, 2])),
+            (json!({"type": "Discrete", "n": 3}), None),
+            (json!({"type": "MultiBinary", "n": 1}), Some(vec![1])),
+            (json!({"type": "MultiBinary", "n": [2, 3]}), Some(vec![2, 3])),
+            (json!({"type": "MultiDiscrete", "nvec": [3, 4, 5]}), Some(vec![3])),
+            (json!({"type": "MultiDiscrete", "nvec": [[2, 3, 4], [4, 5, 6]]}), Some(vec![2, 3])),
+            (json!({"type": "Box", "shape": [-1]}), None),
+        ] {
+            assert_eq!(sizes(&space), shape, "{space}");
+        }
     }
 }
