@@ -12,7 +12,7 @@ use swm_core::{Column, Dtype, FieldKind};
 use super::array::{Constant, Joined, Memory, Reshaped, Scratch, Shared, numbers};
 use super::dataset::Span;
 use super::found::{Found, Source};
-use super::hdf5::{Rows, array};
+use super::hdf5::{Rows, array, scalars};
 use super::libero::{Shift, shift_of};
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing};
@@ -118,6 +118,10 @@ fn part(tree: &Tree, groups: Vec<String>, split: &str) -> Result<Vec<String>, Da
 /// Rows of one array in one episode, where it has some.
 type ByEpisode = Vec<Option<Rows>>;
 
+/// Arrays of one value a row, which some programs store as `[T, 1]`.
+const SCALARS: [&str; 8] =
+    ["rewards", "dones", "terminated", "truncated", "terminations", "truncations", "success", "fail"];
+
 fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: bool) -> Result<Found> {
     let mut found = Found::default();
     let mut columns: BTreeMap<String, ByEpisode> = BTreeMap::new();
@@ -128,6 +132,7 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
         for path in tree.tables(group).at(group)? {
             match array(tree, group, &path, is_jpeg) {
                 Ok(table) => {
+                    let table = if SCALARS.contains(&path.as_str()) { scalars(table) } else { table };
                     rows.insert(path.clone(), table.rows());
                     let all = columns.entry(path).or_default();
                     all.resize_with(episode, || None);

@@ -230,3 +230,33 @@ fn other_tensors_of_dinowm_are_columns_or_left_out_by_name() {
 fn rename(folder: &Path, old: &str, new: &str) {
     fs::rename(folder.join(old), folder.join(new)).unwrap();
 }
+
+/// Writes a file of robomimic: arrays of each episode by `fill`.
+fn robomimic(path: &Path, episodes: usize, fill: impl Fn(&hdf5_metno::File, &str, usize)) {
+    let file = hdf5_metno::File::create(path).unwrap();
+    for episode in 0..episodes {
+        let group = format!("data/demo_{episode}");
+        file.create_group(&format!("{group}/obs")).unwrap();
+        put(&file, &format!("{group}/actions"), &[3, 1], &[0.0, 1.0, 2.0]);
+        put(&file, &format!("{group}/obs/x"), &[3], &[3.0, 4.0, 5.0]);
+        fill(&file, &group, episode);
+    }
+}
+
+#[test]
+fn rewards_and_marks_of_one_value_are_scalars() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    robomimic(&path, 2, |file, group, _| {
+        put(file, &format!("{group}/rewards"), &[3, 1], &[0.0_f32, 0.5, 1.0]);
+        put(file, &format!("{group}/dones"), &[3, 1], &[false, false, true]);
+        put(file, &format!("{group}/terminated"), &[3, 1], &[false, false, true]);
+    });
+    let mut dataset = open(&path).unwrap();
+    for name in ["reward", "truncated", "success", "terminated"] {
+        let column = column_of(dataset.as_ref(), name);
+        assert_eq!(dataset.schema().fields()[column].shape, [0_usize; 0], "{name}");
+    }
+    let reward = column_of(dataset.as_ref(), "reward");
+    assert_eq!(numbers(&rows(dataset.as_mut(), reward, 1, 0, 3)), [0.0, 0.5, 1.0]);
+}
