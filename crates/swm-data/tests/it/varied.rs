@@ -260,3 +260,21 @@ fn rewards_and_marks_of_one_value_are_scalars() {
     let reward = column_of(dataset.as_ref(), "reward");
     assert_eq!(numbers(&rows(dataset.as_mut(), reward, 1, 0, 3)), [0.0, 0.5, 1.0]);
 }
+
+#[test]
+fn arrays_of_some_episodes_only_have_a_note() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    robomimic(&path, 3, |file, group, episode| {
+        if episode == 1 {
+            put(file, &format!("{group}/obs/late"), &[3], &[7_i64, 8, 9]);
+        }
+    });
+    let mut dataset = open(&path).unwrap();
+    let note = "`obs/late` is not in 2 of its 3 episodes, the first of which is 0";
+    assert!(has_note(dataset.as_ref(), note), "{:?}", dataset.info().notes);
+    assert!(!has_note(dataset.as_ref(), "`obs/x` is not"), "{:?}", dataset.info().notes);
+    let late = column_of(dataset.as_ref(), "obs.late");
+    assert_eq!(numbers(&rows(dataset.as_mut(), late, 0, 0, 1)), [-1.0]);
+    assert_eq!(numbers(&rows(dataset.as_mut(), late, 1, 0, 1)), [7.0]);
+}
