@@ -278,3 +278,19 @@ fn arrays_of_some_episodes_only_have_a_note() {
     assert_eq!(numbers(&rows(dataset.as_mut(), late, 0, 0, 1)), [-1.0]);
     assert_eq!(numbers(&rows(dataset.as_mut(), late, 1, 0, 1)), [7.0]);
 }
+
+#[test]
+fn links_by_name_are_left_out_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("can.hdf5");
+    robomimic(&path, 2, |file, group, _| {
+        let group = file.group(group).unwrap();
+        group.link_soft("x", "obs/same").unwrap();
+        group.link_soft("obs", "seen").unwrap();
+    });
+    let dataset = open(&path).unwrap();
+    for name in ["obs.same", "seen"] {
+        assert!(why_skipped(dataset.as_ref(), name).contains("copy what it leads to"), "{name}");
+    }
+    assert!(dataset.schema().index("obs.x").is_some());
+}

@@ -18,11 +18,14 @@ use super::reader::{MAX_ROW_BYTES, open_library};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use crate::dataset::Steps;
-use crate::error::{DataError, FormatError, Result, invalid, unsupported};
+use crate::error::{DataError, Result, invalid, missing, unsupported};
 use crate::formats::element::Element;
 
 /// Groups are nested less deeply.
 const MAX_DEPTH: usize = 16;
+/// Why what a link by name leads to is no column.
+const LINKED: &str = "it is a soft or an external link, which is not followed; copy what it leads to into its place (in h5py: `del group[name]`, \
+     then `group.copy(source, group, name)`)";
 /// Members of a group that are looked at.
 const MAX_MEMBERS: usize = 1 << 20;
 
@@ -63,12 +66,21 @@ impl Tree {
 
     /// The groups and the arrays in a group, by name, as bytes are sorted; the root is `/`.
     pub(crate) fn members(&self, group: &str) -> Result<(Vec<String>, Vec<String>)> {
+        self.entries(group).map(|[groups, tables, _]| (groups, tables))
+    }
+
+    /// The groups, the arrays and the links by name in a group.
+    fn entries(&self, group: &str) -> Result<[Vec<String>; 3]> {
         let group = self.library.group(group).map_err(library_error)?;
         let links = group.links(IndexType::Name, IterationOrder::Native).map_err(library_error)?;
-        let (mut groups, mut tables) = (Vec::new(), Vec::new());
+        let [mut groups, mut tables, mut linked] = [const { Vec::new() }; 3];
         // A link by name may lead to another file.
         for (name, link) in links.into_iter().take(MAX_MEMBERS) {
-            if link.link_type != LinkType::Hard || name.contains('/') {
+            if name.contains('/') {
+                continue;
+            }
+            if link.link_type != LinkType::Hard {
+                linked.push(name);
                 continue;
             }
             match group.loc_type_by_name(&name).map_err(library_error)? {
@@ -79,10 +91,12 @@ impl Tree {
         }
         groups.sort();
         tables.sort();
-        Ok((groups, tables))
+        linked.sort();
+        Ok([groups, tables, linked])
     }
 
-    /// Paths of all arrays below a group, which is at this path, relative to it.
+    /// Paths of all arrays below a group, which is at this path, relative to it, and of links by name, which are refused when they are
+    /// opened.
     pub(crate) fn tables(&self, group: &str) -> Result<Vec<String>> {
         let mut found = Vec::new();
         self.walk(group, "", 0, &mut found)?;
@@ -93,8 +107,8 @@ impl Tree {
         if depth > MAX_DEPTH || found.len() > MAX_MEMBERS {
             return Err(unsupported("its groups are nested too deeply, or hold too many arrays"));
         }
-        let (groups, tables) = self.members(&format!("{group}/{below}"))?;
-        found.extend(tables.iter().map(|name| format!("{below}{name}")));
+        let [groups, tables, linked] = self.entries(&format!("{group}/{below}"))?;
+        found.extend(tables.iter().chain(&linked).map(|name| format!("{below}{name}")));
         for name in groups {
             self.walk(group, &format!("{below}{name}/"), depth + 1, found)?;
         }
@@ -108,8 +122,10 @@ impl Tree {
         while let Some(part) = parts.next() {
             let links = at.links(IndexType::Name, IterationOrder::Native).map_err(library_error)?;
             let link = links.into_iter().find(|(name, _)| name == part);
-            if !link.is_some_and(|(_, link)| link.link_type == LinkType::Hard) {
-                return Err(FormatError::Missing(format!("`{below}` is not in `{group}`").into()));
+            match link.map(|(_, link)| link.link_type) {
+                Some(LinkType::Hard) => {}
+                Some(_) => return Err(unsupported(LINKED)),
+                None => return Err(missing(format!("`{below}` is not in `{group}`"))),
             }
             if parts.peek().is_none() {
                 let dataset = at.dataset(part).map_err(library_error)?;
