@@ -13,6 +13,8 @@ use crate::recording::difference;
 
 /// How far the rate of timestamps may be from the one that is said of them, as a share: they are stored with 24 bits.
 const RATE_TOLERANCE: f64 = 0.01;
+/// Rows by which the last one of an episode may be early or late.
+const JITTER: f64 = 0.4;
 /// Two rates that differ by a smaller share are one, computed in two ways.
 const RATE_ROUNDING: f64 = 1e-6;
 /// Times of rows in seconds, in LeRobot's tables.
@@ -90,7 +92,7 @@ pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<
             continue;
         }
         if let Some(found) = rate_of_timestamps(sources[source].as_mut(), episode)
-            && let Some(found) = other_rate(found, rate)
+            && let Some(found) = other_rate(found, rate, sources[source].episode_len(episode))
         {
             return Some(RateDoubt {
                 path: sources[source].path().to_owned(),
@@ -128,11 +130,13 @@ pub(crate) fn rate(rows: usize, begin: f32, end: f32) -> f64 {
     rows.saturating_sub(1) as f64 / (f64::from(end) - f64::from(begin))
 }
 
-/// The rate of timestamps, if it is not the one that is said of them.
-pub(crate) fn other_rate(found: f64, said: f64) -> Option<f64> {
+/// The rate of the timestamps of so many rows, if it is not the one that is said of them. Clocks jitter: the last row of a short episode
+/// may be early or late by a part of a row.
+pub(crate) fn other_rate(found: f64, said: f64, rows: usize) -> Option<f64> {
     // What is no number differs, too.
     let is_near = (found / said - 1.0).abs() <= RATE_TOLERANCE;
-    (!is_near).then_some(found)
+    let is_jitter = (said / found - 1.0).abs() * rows.saturating_sub(1) as f64 <= JITTER;
+    (!is_near && !is_jitter).then_some(found)
 }
 
 /// A rate as people write it: whole where it is nearly so.
@@ -160,7 +164,9 @@ mod tests {
             [10.000_02, 29.97, f64::INFINITY].map(told).each_ref().map(|t| &t[..])
         );
         assert!(is_rate(rate(11, 0.0, 1.0)) && !is_rate(rate(11, 1.0, 1.0)));
-        assert_eq!((other_rate(10.09, 10.0), other_rate(10.2, 10.0)), (None, Some(10.2)));
-        assert!(other_rate(f64::NAN, 10.0).is_some());
+        assert_eq!((other_rate(10.09, 10.0, 1000), other_rate(10.2, 10.0, 1000)), (None, Some(10.2)));
+        assert_eq!((other_rate(9.6, 10.0, 5), other_rate(9.6, 10.0, 50)), (None, Some(9.6)));
+        assert_eq!(other_rate(20.0, 10.0, 2), Some(20.0));
+        assert!(other_rate(f64::NAN, 10.0, 5).is_some());
     }
 }

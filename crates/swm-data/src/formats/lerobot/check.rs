@@ -250,7 +250,7 @@ impl Found<'_> {
 fn other_rate(times: &[f32], (first, rows): (usize, usize), fps: f64) -> Option<f64> {
     let times = times.get(first..first.checked_add(rows)?)?;
     let [begin, .., end] = times else { return None };
-    alike::other_rate(alike::rate(rows, *begin, *end), fps)
+    alike::other_rate(alike::rate(rows, *begin, *end), fps, rows)
 }
 
 /// The list of tasks.
