@@ -11,7 +11,7 @@ use super::dataset::Span;
 use super::found::{Found, Source};
 use super::torch::{Archive, TensorFile, pickled_integers};
 use crate::dataset::Dataset;
-use crate::error::{At as _, DataError, FormatError, Result, invalid, missing};
+use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported};
 use crate::open_options::OpenOptions;
 
 pub(super) const NAME: &str = "dinowm";
@@ -141,11 +141,18 @@ fn others(folder: &Path) -> Vec<String> {
     names
 }
 
+/// How lengths are stored that are read.
+const LIST: &str = "store a list of whole numbers: pickle.dump([int(length) for length in lengths], file)";
+
 /// Steps of each episode: what is behind them is padding.
 fn lengths(folder: &Path, episodes: usize, steps: usize) -> Result<Vec<usize>> {
     let (pickled, tensor) = ("seq_lengths.pkl", "seq_lengths.pth");
     let (name, found) = if folder.join(pickled).is_file() {
-        let lengths = pickled_integers(&folder.join(pickled)).at(pickled)?;
+        let lengths = pickled_integers(&folder.join(pickled)).map_err(|error| match error.is_unsupported() {
+            true => unsupported(format!("{error}; {LIST}")),
+            false => error,
+        });
+        let lengths = lengths.at(pickled)?;
         (pickled, lengths.into_iter().map(|length| length as f64).collect::<Vec<_>>())
     } else if folder.join(tensor).is_file() {
         let lengths = Archive::open(&folder.join(tensor)).and_then(|archive| archive.tensor());

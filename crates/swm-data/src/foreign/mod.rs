@@ -32,7 +32,6 @@ use crate::open_options::OpenOptions;
 #[cfg(feature = "lerobot")]
 pub(crate) use found::REWARDS_NOTE;
 pub(crate) use found::{RewardsAt, source_record};
-#[cfg(feature = "lerobot")]
 pub(crate) use known::BRING;
 pub(crate) use known::{mcap, of_hdf5, recognize};
 #[cfg(feature = "lerobot")]

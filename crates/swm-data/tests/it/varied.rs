@@ -294,3 +294,15 @@ fn links_by_name_are_left_out_with_the_reason() {
     }
     assert!(dataset.schema().index("obs.x").is_some());
 }
+
+#[test]
+fn lengths_of_dinowm_in_another_pickle_are_refused_with_the_fix() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pusht_noise");
+    copied(&golden("dinowm_pusht_noise"), &path);
+    // What `pickle.dumps(numpy.array([12, 9]), 4)` begins with.
+    let array = b"\x80\x04\x95\x8a\0\0\0\0\0\0\0\x8c\x16numpy._core.multiarray\x94\x8c\x0c_reconstruct\x94\x93\x94\x8c\x05numpy\x94\x8c\x07ndarray\x94\x93\x94K\0\x85\x94C\x01b\x94\x87\x94R\x94.";
+    fs::write(path.join("train/seq_lengths.pkl"), array).unwrap();
+    let error = opened(&path, &OpenOptions::default()).map(drop).unwrap_err().to_string();
+    assert!(error.contains("store a list of whole numbers: pickle.dump("), "{error}");
+}

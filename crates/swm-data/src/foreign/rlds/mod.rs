@@ -98,7 +98,9 @@ fn part<'a>(info: &'a Json, wanted: Option<&str>) -> Result<(&'a Json, Option<St
 fn shards(info: &Json, part: &Json) -> Result<Vec<(String, Option<usize>)>> {
     let kind = part["fileFormat"].as_str().or(info["fileFormat"].as_str()).unwrap_or("tfrecord");
     if kind != "tfrecord" {
-        return Err(unsupported(format!("its files are of the format {kind}, and are read as tfrecord")));
+        return Err(unsupported(format!(
+            "its files are of the format {kind}, and tfrecord is read; write it again with `tfds convert_format --out_file_format=tfrecord`"
+        )));
     }
     let none = Vec::new();
     let lengths = part["shardLengths"].as_array().unwrap_or(&none);

@@ -118,7 +118,10 @@ impl Hdf5Dataset {
                 }
                 let why = outside.iter().find(|(there, _)| there == name).map(|(_, why)| format!(": {why}"));
                 let why = why.unwrap_or_default();
-                let reason = format!("it has no `{name}`, which says where episodes lie{why}");
+                let reason = format!(
+                    "it has no `{name}`, which says where episodes lie{why}; if another program wrote it, read it with h5py in Python, and {}",
+                    foreign::BRING
+                );
                 return Err(DataError::not_a_dataset(path, reason));
             };
             let (_, dataset) = datasets.remove(at);

@@ -40,7 +40,8 @@ pub(super) fn check(table: &Table, name: &str, row: usize, shape: [usize; 3]) ->
 pub(super) fn decode(bytes: &[u8], shape: [usize; 3], out: &mut [u8]) -> Result<()> {
     match bytes {
         [0xff, 0xd8, ..] => jpeg::decode_into(bytes, shape, out)?,
-        _ => png::decode_into(bytes, shape, out)?,
+        [0x89, b'P', b'N', b'G', ..] => png::decode_into(bytes, shape, out)?,
+        _ => return Err(unsupported("an image is neither PNG nor JPEG; store it as PNG")),
     }
     Ok(())
 }
