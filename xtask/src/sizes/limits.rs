@@ -27,7 +27,7 @@ const HEAVY: &[&str] =
 const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-core", &[], &["swm-render", "png"]),
     ("swm-fov", &[], &["swm-render", "png"]),
-    ("swm-render", &[], &["swm-core", "png"]),
+    ("swm-render", &[], &["png"]),
     ("swm-media", &[VIDEOS], &["swm-core"]),
     ("swm-lance", &[], &["swm-core", "png"]),
     ("swm-envs-2d", &[PHYSICS_2D], &["swm-data", "swm-solvers"]),
@@ -42,7 +42,8 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-jobs", &[HDF5], &[]),
     ("swm-ui", &[HDF5], &[]),
     ("swm-nn", &[TENSORS], &["swm-data", "swm-solvers"]),
-    ("swm-baselines", &[TENSORS, HDF5, MATRICES, VIDEOS], &[]),
+    // CUDA's build script fetches LLVM.
+    ("swm-baselines", &[TENSORS, HDF5, MATRICES, NETWORK, VIDEOS], &[]),
 ];
 
 /// Features of `swm` and the heavy parts that they alone bring.
@@ -63,7 +64,8 @@ const ONLY_WITH: &[(&str, &str)] = &[
 ];
 
 /// Features that turn on another one.
-const IMPLIES: &[(&str, &str)] = &[("cuda", "baselines"), ("lance", "mp4"), ("lerobot", "mp4")];
+const IMPLIES: &[(&str, &str)] =
+    &[("cuda", "baselines"), ("cuda", "remote"), ("lance", "mp4"), ("lerobot", "mp4")];
 
 /// One line for each crate that is in a build and must not be, or is not and should be.
 pub(super) fn offences(choice: &Choice, tree: &CargoTree) -> Vec<String> {
