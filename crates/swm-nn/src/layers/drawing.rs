@@ -28,7 +28,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Of `places` places, for images of `size` × `size` pixels, a multiple of [`CELLS`].
+    /// Of `places` places, for images of `size` × `size` pixels, a multiple of `CELLS`, 32.
     pub fn new(places: usize, size: usize, device: &Device) -> Self {
         Self {
             background: Background::new([size; 2], device),

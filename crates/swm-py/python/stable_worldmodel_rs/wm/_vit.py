@@ -53,14 +53,13 @@ class VitSizes:
 
 _EPSILON = {False: 1e-12, True: 1e-6}
 _DINOV2 = VitSizes(positions_for=518, dinov2=True, mask_token=True)
-KNOWN: dict[str, VitSizes] = {
-    "facebook/dinov2-small": replace(_DINOV2, dim=384, heads=6, hidden=1536),
-    "facebook/dinov2-base": replace(_DINOV2, dim=768, heads=12, hidden=3072),
-    "facebook/dinov2-large": replace(_DINOV2, dim=1024, depth=24, heads=16, hidden=4096),
+_PUBLISHED = {
+    "dinov2-small": replace(_DINOV2, dim=384, heads=6, hidden=1536),
+    "dinov2-base": replace(_DINOV2, dim=768, heads=12, hidden=3072),
+    "dinov2-large": replace(_DINOV2, dim=1024, depth=24, heads=16, hidden=4096),
 }
-"""DINOv2 encoders whose sizes are known by their names."""
-# The reference's short names (`dinov2_small`), which its training script writes into configs.
-KNOWN |= {name.removeprefix("facebook/").replace("-", "_"): sizes for name, sizes in KNOWN.items()}
+KNOWN: dict[str, VitSizes] = {name: sizes for short, sizes in _PUBLISHED.items() for name in (f"facebook/{short}", short.replace("-", "_"))}
+"""DINOv2 encoders whose sizes are known by their names: repositories, and the reference's short names, which its training script writes into configs."""
 
 _SIZES = {"tiny": (192, 12, 3, 768), "small": (384, 12, 6, 1536), "base": (768, 12, 12, 3072), "large": (1024, 24, 16, 4096)}
 USUAL_HEADS: dict[int, int] = {dim: heads for dim, _, heads, _ in _SIZES.values()}
