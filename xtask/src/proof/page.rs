@@ -91,8 +91,8 @@ fn policies(table: &Table, records: &[&Record]) -> String {
         let minutes = of_row.iter().map(|record| record.training_minutes).sum::<f64>() / of_row.len() as f64;
         let minutes = if minutes > 0.0 { format!("{minutes:.0}") } else { String::new() };
         let (policy, training, published) = match row {
-            Some(row) => (row.policy.as_str(), row.training.as_str(), row.published.as_str()),
-            None => (name, "", ""),
+            Some(row) => (row.policy.clone(), row.training.as_str(), row.published.as_str()),
+            None => (name.replace('_', "-"), "", ""),
         };
         let _ = writeln!(
             text,
