@@ -51,20 +51,21 @@ impl Backbone {
         });
         let mut tensors: Vec<_> = own.collect();
         let dim = config["hidden_size"].as_u64().unwrap_or(0) as usize;
-        for (name, shape) in idle(dim, encoder.dinov2) {
-            let zeros = vec![0.0; shape.iter().product()];
-            tensors.push((name.to_owned(), shape, zeros));
-        }
+        tensors.extend(idle(dim, encoder.dinov2).map(|(name, shape, zeros)| (name.to_owned(), shape, zeros)));
         Self { config, tensors }
     }
 }
 
-/// Names and shapes of what an encoder's class has and nothing reads: the token of masked images, or the layer behind the first token.
-fn idle(dim: usize, dinov2: bool) -> Vec<(&'static str, Vec<usize>)> {
-    match dinov2 {
+/// What an encoder's class has and nothing reads: the token of masked images, or the layer behind the first token.
+fn idle(dim: usize, dinov2: bool) -> impl Iterator<Item = (&'static str, Vec<usize>, Vec<f32>)> {
+    let tensors = match dinov2 {
         true => vec![("embeddings.mask_token", vec![1, dim])],
         false => vec![("pooler.dense.weight", vec![dim, dim]), ("pooler.dense.bias", vec![dim])],
-    }
+    };
+    tensors.into_iter().map(|(name, shape)| {
+        let zeros = vec![0.0; shape.iter().product()];
+        (name, shape, zeros)
+    })
 }
 
 /// The frozen encoder of a model, whose tensors begin with `prefix`.
@@ -125,11 +126,7 @@ pub(super) fn named(config: &EncoderConfig, prefix: &str, place: &str) -> Result
         folder: published.is_none().then_some(folder),
         dinov2,
         idle: idle(dim, dinov2)
-            .into_iter()
-            .map(|(name, shape)| {
-                let zeros = vec![0.0; shape.iter().product()];
-                (format!("{prefix}{name}"), shape, Values::Floats(zeros))
-            })
+            .map(|(name, shape, zeros)| (format!("{prefix}{name}"), shape, Values::Floats(zeros)))
             .collect(),
     })
 }
