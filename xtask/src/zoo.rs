@@ -13,7 +13,7 @@ use serde::Deserialize;
 use crate::metadata::Metadata;
 use crate::program::Program;
 use crate::setup::wheel::{create_folder, sha256};
-use crate::{interop, process};
+use crate::{interop, process, recipes};
 
 /// Options of `cargo xtask zoo`.
 #[derive(clap::Args)]
@@ -50,7 +50,7 @@ const RECIPE: &str = "recipe.toml";
 const SUMS: &str = "SHA256SUMS";
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let recipes = recipes()?;
+    let recipes = all()?;
     let out = match &args.out {
         Some(out) => std::path::absolute(out)?,
         None => Metadata::load()?.target_directory.join("zoo"),
@@ -79,23 +79,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 /// All recipes, by name.
-fn recipes() -> Result<Vec<(String, Recipe)>> {
-    let folder = process::root().join(RECIPES);
-    let mut all = Vec::new();
-    for entry in fs::read_dir(&folder).with_context(|| format!("{} cannot be read", folder.display()))? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "toml") {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            all.push((name, read(&path)?));
-        }
-    }
-    all.sort_by(|(a, _), (b, _)| a.cmp(b));
-    Ok(all)
-}
-
-fn read(path: &Path) -> Result<Recipe> {
-    let text = fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
-    toml::from_str(&text).with_context(|| format!("{} is no recipe", path.display()))
+fn all() -> Result<Vec<(String, Recipe)>> {
+    recipes::read_all(&process::root().join(RECIPES))
 }
 
 /// Follows a recipe in a folder beside the models, and bundles its result. What steps have made already, they continue or refuse: the folder is made anew.
@@ -106,7 +91,7 @@ fn make(name: &str, program: &Program<'_>, out: &Path) -> Result<()> {
         return Ok(());
     }
     let file = process::root().join(RECIPES).join(format!("{name}.toml"));
-    let recipe = read(&file)?;
+    let recipe: Recipe = recipes::read(&file)?;
     let work = out.join(format!(".{name}"));
     if work.exists() {
         fs::remove_dir_all(&work).with_context(|| format!("{} cannot be removed", work.display()))?;
@@ -209,7 +194,7 @@ fn wheel(out: &Path, names: &[String], version: &str) -> Result<PathBuf> {
 fn metadata(out: &Path, names: &[String], version: &str) -> Result<String> {
     let (mut licenses, mut list) = (Vec::new(), String::new());
     for name in names {
-        let recipe = read(&out.join(name).join(RECIPE))?;
+        let recipe: Recipe = recipes::read(&out.join(name).join(RECIPE))?;
         list += &format!("- `zoo:{name}`: {} ({})\n", recipe.about, recipe.license);
         licenses.push(recipe.license);
     }
@@ -258,7 +243,7 @@ mod tests {
 
     #[test]
     fn recipes_end_with_the_evaluation_that_is_bundled() {
-        let recipes = recipes().unwrap();
+        let recipes = all().unwrap();
         assert!(recipes.len() > 1);
         for (name, Recipe { about, license, steps, result }) in recipes {
             let last: Vec<&str> = steps.last().unwrap().split_whitespace().collect();

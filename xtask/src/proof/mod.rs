@@ -31,12 +31,15 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["rows", "quick"])]
     tables: bool,
     /// Where everything goes; what is there already is not made again, and what was interrupted is continued
-    #[arg(long, default_value = "target/proof", value_name = "DIR")]
+    #[arg(long, default_value = OUT, value_name = "DIR")]
     out: PathBuf,
     /// A command `swm` with baselines; else one is built
     #[arg(long, value_name = "FILE")]
     swm: Option<PathBuf>,
 }
+
+/// In the folder that git ignores.
+const OUT: &str = "target/proof";
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let folder = process::root().join("docs/proof");
@@ -73,7 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
 /// One training of the rows that are quick, compared with its record: a step of `cargo xtask nightly`.
 pub(crate) fn check() -> Result<()> {
-    run(&Args { quick: true, out: "target/proof".into(), ..Args::default() })
+    run(&Args { quick: true, out: OUT.into(), ..Args::default() })
 }
 
 /// Runs what is chosen of a task, in order of trainings, so that each row has its first before any has its second. Records are written after each; of quick ones, faults are

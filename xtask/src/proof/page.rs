@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 
-use super::plan::{Row, SEEDS, Table, Task, with_seed};
+use super::plan::{Row, Table, Task, with_seed};
 use super::record::{Record, Records, wilson};
+use crate::pages::with_part;
 use crate::process;
 
 /// Pages that have places for tables: `<!-- proof: TASK TABLE -->`.
@@ -34,8 +35,9 @@ pub(super) fn pages(tasks: &[Task], folder: &Path) -> Result<Vec<(PathBuf, Strin
         for task in tasks {
             let records = Records::read(folder, &task.name)?;
             for table in &task.tables {
-                current = with_region(&current, &task.name, table, &region(task, table, &records))
-                    .with_context(|| format!("{page}: a place for a table has no end"))?;
+                let (name, part) =
+                    (format!("proof: {} {}", task.name, table.name), part(task, table, &records));
+                current = with_part(&current, &name, &part).context(*page)?.unwrap_or(current);
             }
         }
         pages.push((path, found, current));
@@ -43,16 +45,8 @@ pub(super) fn pages(tasks: &[Task], folder: &Path) -> Result<Vec<(PathBuf, Strin
     Ok(pages)
 }
 
-/// The text with the region of a table replaced, if it has one.
-fn with_region(text: &str, task: &str, table: &Table, content: &str) -> Option<String> {
-    let marker = format!("<!-- proof: {task} {} -->\n", table.name);
-    let Some((head, rest)) = text.split_once(&marker) else { return Some(text.to_owned()) };
-    let (_, tail) = rest.split_once("<!-- end -->")?;
-    Some(format!("{head}{marker}{content}<!-- end -->{tail}"))
-}
-
 /// Commands, table, and where it was made.
-fn region(task: &Task, table: &Table, records: &Records) -> String {
+fn part(task: &Task, table: &Table, records: &Records) -> String {
     let records: Vec<&Record> = records.0.iter().filter(|record| record.table == table.name).collect();
     let Some(last) = records.iter().max_by_key(|record| &record.date) else {
         return format!("Not run yet: `cargo xtask proof {}`.\n", task.name);
@@ -161,7 +155,6 @@ fn each(records: &[&Record]) -> String {
 
 /// The rate of all trainings together, and its interval.
 fn all(records: &[&Record]) -> String {
-    debug_assert!(records.len() <= SEEDS as usize);
     let sum = |number: fn(&Record) -> u64| records.iter().map(|record| number(record)).sum::<u64>();
     let (successes, episodes) = (sum(|record| record.successes), sum(|record| record.episodes));
     if episodes == 0 {

@@ -1,11 +1,12 @@
 //! What is run: the files `docs/proof/TASK.toml`.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use serde::Deserialize;
+
+use crate::recipes;
 
 /// Trainings of each row, unless it has another number.
 pub(super) const SEEDS: u64 = 3;
@@ -82,20 +83,8 @@ impl Table {
 
 /// All tasks, by name.
 pub(super) fn tasks(folder: &Path) -> Result<Vec<Task>> {
-    let mut tasks = Vec::new();
-    for entry in fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "toml") {
-            let text =
-                fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
-            let task: Task =
-                toml::from_str(&text).with_context(|| format!("{} is no task", path.display()))?;
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            tasks.push(Task { name, ..task });
-        }
-    }
-    tasks.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(tasks)
+    let named = recipes::read_all::<Task>(folder)?.into_iter();
+    Ok(named.map(|(name, task)| Task { name, ..task }).collect())
 }
 
 /// A command of one training.

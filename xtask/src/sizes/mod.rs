@@ -17,6 +17,7 @@ use self::builds::Choice;
 use self::measure::Figures;
 use self::table::Row;
 use crate::metadata::Metadata;
+use crate::pages::with_part;
 use crate::{apart, process};
 
 /// Options of `cargo xtask sizes`.
@@ -74,10 +75,7 @@ fn names(choices: &[Choice]) -> String {
 fn write_or_compare(table: &str, is_check: bool) -> Result<()> {
     let path: PathBuf = process::root().join("docs/sizes.md");
     let page = fs::read_to_string(&path).context("cannot read docs/sizes.md")?;
-    let (begin, end) = ("<!-- sizes -->\n", "<!-- end -->");
-    let parts = page.split_once(begin).and_then(|(head, rest)| Some((head, rest.split_once(end)?.1)));
-    let (head, tail) = parts.context("docs/sizes.md has no place for the table")?;
-    let current = format!("{head}{begin}{table}{end}{tail}");
+    let current = with_part(&page, "sizes", table)?.context("docs/sizes.md has no place for the table")?;
     if current == page {
         println!("docs/sizes.md is current");
     } else if is_check {
