@@ -58,7 +58,7 @@ impl<'a> Status<'a> {
         }
         let left = progress.missing(folder);
         let begun = left.iter().map(|&shard| (shard, episodes_of(registry, folder, shard)));
-        // The log of a shard whose part is gone tells of episodes that are gone, too.
+        // The log of a shard whose part is gone has episodes that are gone, too.
         let mut lost = progress.lost.clone();
         let begun = begun.filter(|(shard, episodes)| *episodes > 0 && !lost.contains(shard)).collect();
         let held: BTreeMap<u64, Queued> =

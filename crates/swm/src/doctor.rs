@@ -60,7 +60,7 @@ pub fn checks<'a>(registry: &'a Registry, report: &'a mut dyn Report) -> impl It
     all.chain(std::iter::once_with(packages).flatten())
 }
 
-/// `0.1.0`, with the commit where the build was told.
+/// `0.1.0`, with the commit where the build has it.
 pub(crate) fn program_line() -> String {
     let code = crate::evaluation::Code::this();
     let commit = code.commit.map(|commit| format!(" ({commit})")).unwrap_or_default();
@@ -177,7 +177,7 @@ mod mujoco {
         }
     }
 
-    /// Whether somebody like us may write there, or make it: nothing but an attempt tells for sure.
+    /// Whether somebody like us may write there, or make it: only an attempt shows it.
     fn can_be_made(folder: &Path) -> bool {
         let Some(there) = folder.ancestors().find(|path| path.exists()) else { return false };
         let attempt = there.join(format!(".swm-doctor-{}", std::process::id()));

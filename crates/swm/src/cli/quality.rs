@@ -111,8 +111,8 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
     text += &diagnosis(found);
     let probes = found.probes.iter().map(|probed| {
         let none = || ["–", "–"].map(str::to_owned);
-        let [line, line_correlation] = probed.linear.as_ref().map_or_else(none, told);
-        let [network, network_correlation] = told(&probed.network);
+        let [line, line_correlation] = probed.linear.as_ref().map_or_else(none, shown);
+        let [network, network_correlation] = shown(&probed.network);
         vec![probed.column.clone(), line, line_correlation, network, network_correlation]
     });
     if !found.probes.is_empty() {
@@ -154,7 +154,7 @@ fn diagnosis(found: &Quality) -> String {
 }
 
 /// Unexplained share of the variance, and mean correlation.
-fn told(score: &ProbeScore) -> [String; 2] {
+fn shown(score: &ProbeScore) -> [String; 2] {
     [score.unexplained, score.mean_correlation()]
         .map(|number| number.map_or("–".to_owned(), |number| format!("{number:.4}")))
 }

@@ -85,12 +85,12 @@ mod tests {
     #[test]
     fn settings_have_the_options_of_their_command() {
         let words = Renamed(&[("kind", "--as"), ("from", "its folder"), ("check_only", "--check")]);
-        let told = |name: &str, value: Option<Json>| words.setting(name, value.as_ref());
-        assert_eq!([told("kind", None), told("kind", Some(json!("lewm")))], ["--as", "--as lewm"]);
-        assert_eq!([told("from", None), told("from", Some(json!("a.pt")))], ["its folder", "a.pt"]);
-        assert_eq!(told("check_only", Some(json!(true))), "--check");
+        let option = |name: &str, value: Option<Json>| words.setting(name, value.as_ref());
+        assert_eq!([option("kind", None), option("kind", Some(json!("lewm")))], ["--as", "--as lewm"]);
+        assert_eq!([option("from", None), option("from", Some(json!("a.pt")))], ["its folder", "a.pt"]);
+        assert_eq!(option("check_only", Some(json!(true))), "--check");
         assert_eq!(
-            told("image_size", Some(json!([64, 64]))),
+            option("image_size", Some(json!([64, 64]))),
             Options.setting("image_size", Some(&json!([64, 64])))
         );
     }

@@ -38,7 +38,7 @@ def encoder_of(tensors: Mapping[str, Tensor], name: str | None, folder: Path | N
         tensors: Its own, without a prefix.
         name: What the config calls it: a repository, or a folder beside the file.
         folder: Of the file of weights.
-        heads: Of attention, which no shape tells; None: from the name, else from its ``config.json``, else those of the published ones of
+        heads: Of attention, which shapes do not have; None: from the name, else from its ``config.json``, else those of the published ones of
             its width.
         place: What errors call it.
     """
