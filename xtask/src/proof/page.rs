@@ -75,6 +75,9 @@ fn commands(task: &Task, table: &Table) -> String {
 /// A line for each policy, those that others are compared with last.
 fn policies(table: &Table, records: &[&Record]) -> String {
     let mut text = "| policy | training | CPU minutes | success | of all (95 %) | published |\n|---|---|--:|---|---|---|\n".to_owned();
+    if table.has_rates() {
+        text = "| policy | training | CPU minutes | success | of all (95 %) | plans per CPU second |\n|---|---|--:|---|---|--:|\n".to_owned();
+    }
     let mut line = |name: &str, row: Option<&Row>| {
         let of_row: Vec<&Record> = records.iter().filter(|record| record.row == name).copied().collect();
         // Policies without a training are the same whichever row they are evaluated with.
@@ -85,12 +88,13 @@ fn policies(table: &Table, records: &[&Record]) -> String {
         let minutes = of_row.iter().map(|record| record.training_minutes).sum::<f64>() / of_row.len() as f64;
         let minutes = if minutes > 0.0 { format!("{minutes:.0}") } else { String::new() };
         let (policy, training, published) = match row {
-            Some(row) => (row.policy.clone(), row.training.as_str(), row.published.as_str()),
-            None => (name.replace('_', "-"), "", ""),
+            Some(row) => (row.policy.clone(), row.training.as_str(), row.published.clone()),
+            None => (name.replace('_', "-"), "", String::new()),
         };
+        let last = if table.has_rates() { rate(of_row) } else { published };
         let _ = writeln!(
             text,
-            "| {policy} | {training} | {minutes} | {} | {} | {published} |",
+            "| {policy} | {training} | {minutes} | {} | {} | {last} |",
             each(of_row),
             all(of_row)
         );
@@ -145,6 +149,16 @@ fn sweeps(table: &Table, records: &[&Record]) -> String {
         text.push('\n');
     }
     text
+}
+
+/// Plans of all evaluations per second of CPU time.
+fn rate(records: &[&Record]) -> String {
+    let plans: Option<u64> = records.iter().map(|record| record.plans).sum();
+    let seconds = 60.0 * records.iter().map(|record| record.evaluation_minutes).sum::<f64>();
+    match plans {
+        Some(plans) if seconds > 0.0 => format!("{:.2}", plans as f64 / seconds),
+        _ => String::new(),
+    }
 }
 
 /// The rate of each training.

@@ -57,6 +57,8 @@ pub(super) struct Row {
     pub(super) steps: Vec<String>,
     /// The evaluation or sweep, with `--out`.
     pub(super) result: String,
+    /// Actions that one plan or decision gives; with it, the table shows how many are made in a second of CPU time.
+    pub(super) block: Option<u64>,
     #[serde(default)]
     pub(super) published: String,
     /// Whether `--quick` runs it.
@@ -78,6 +80,11 @@ impl Table {
     /// Whether its rows are sweeps over changes.
     pub(super) fn is_sweep(&self) -> bool {
         self.rows.iter().any(|row| row.result.starts_with("sweep "))
+    }
+
+    /// Whether it shows how fast its rows plan.
+    pub(super) fn has_rates(&self) -> bool {
+        self.rows.iter().any(|row| row.block.is_some())
     }
 }
 

@@ -25,6 +25,9 @@ pub(super) struct Record {
     pub(super) successes: u64,
     pub(super) episodes: u64,
     pub(super) solved_at_start: u64,
+    /// Plans that were made, of rows that count them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) plans: Option<u64>,
     /// The policy with the hash of its weights, and the hash of the manifest.
     policy: String,
     manifest: String,
@@ -32,7 +35,7 @@ pub(super) struct Record {
     digest: String,
     /// CPU time: of the training, and of the evaluation or the whole sweep.
     pub(super) training_minutes: f64,
-    evaluation_minutes: f64,
+    pub(super) evaluation_minutes: f64,
     pub(super) version: String,
     pub(super) machine: String,
     pub(super) date: String,
@@ -121,6 +124,7 @@ pub(super) fn made(table: &Table, row: &Row, seed: u64, result: &Json, minutes: 
             successes: number("successes")?,
             episodes: number("episodes")?,
             solved_at_start: number("solved_at_start").unwrap_or(0),
+            plans: row.block.filter(|_| name == row.name).map(|block| plans(episodes, block)),
             policy: text(policy),
             manifest: result["manifest_hash"].as_str()?.chars().take(16).collect(),
             digest: digest(episodes),
@@ -163,8 +167,14 @@ fn digest(episodes: &Json) -> String {
     format!("{:x}", hash.finalize()).chars().take(16).collect()
 }
 
+/// How many plans of `block` actions the episodes took.
+fn plans(episodes: &Json, block: u64) -> u64 {
+    let steps = |episode: &Json| episode["steps"].as_u64().unwrap_or(0);
+    episodes.as_array().into_iter().flatten().map(|episode| steps(episode).div_ceil(block)).sum()
+}
+
 fn rounded(minutes: f64) -> f64 {
-    (minutes * 10.0).round() / 10.0
+    (minutes * 1000.0).round() / 1000.0
 }
 
 /// The 95 % Wilson interval of a rate, in percent.
@@ -203,6 +213,7 @@ mod tests {
             successes,
             episodes: 100,
             solved_at_start: 0,
+            plans: None,
             policy: String::new(),
             manifest: String::new(),
             digest: successes.to_string(),
@@ -253,19 +264,27 @@ mod tests {
         let summary = serde_json::json!({"successes": 3, "episodes": 4, "solved_at_start": 1});
         let receipt = serde_json::json!({
             "manifest_hash": "0123456789abcdefXX", "policy": "cem", "summary": summary, "code": {"version": "1.2.3", "commit": "abc"},
-            "episodes": [{"digest": "d"}], "references": [{"role": "random", "summary": summary, "episodes": []}],
+            "episodes": [{"digest": "d", "steps": 6}, {"steps": 5}, {"steps": 0}], "references": [{"role": "random", "summary": summary, "episodes": []}],
         });
         let records = made(&plain, &row, 2, &receipt, [1.26, 0.5]);
         assert_eq!(records.iter().map(|r| r.row.as_str()).collect::<Vec<_>>(), ["r", "random"]);
         assert_eq!(
             (records[0].seed, records[0].training_minutes, records[1].training_minutes),
-            (2, 1.3, 0.0)
+            (2, 1.26, 0.0)
         );
         assert_eq!(
             (records[0].version.as_str(), records[0].manifest.as_str()),
             ("1.2.3 (abc)", "0123456789abcdef")
         );
-        assert!(records[0].digest != records[1].digest);
+        assert!(records[0].digest != records[1].digest && records[0].plans.is_none());
+        let planned: Row =
+            toml::from_str("name = 'r'\npolicy = 'R'\nblock = 5\nresult = 'eval --out x'").unwrap();
+        let records = made(&plain, &planned, 2, &receipt, [0.0; 2]);
+        assert_eq!(
+            (records[0].plans, records[1].plans),
+            (Some(3), None),
+            "two of the first episode, one of the second"
+        );
 
         let sweeps = table(toml::from_str("name = 'r'\npolicy = 'R'\nresult = 'sweep --out x'").unwrap());
         let sweep = serde_json::json!({
