@@ -262,7 +262,7 @@ fn wrong_requests_are_told_what_is_wrong_and_what_to_do() {
     let at_start = [&make[..], &["--goal-offset", "0", "--out", &other]].concat();
     let vary = |names| [&collect[..], &["--out", &other, "--vary", names]].concat();
     for (status, args, told) in [
-        (1, &append[..], "with no images, what is added with images of 32x32; give --image-size none"),
+        (1, &append[..], "with no images, what is added with images of 32x32; record it with no images, too"),
         (2, &at_start, "`goal_offset`: every start would be its goal; use 1 or more"),
         (2, &vary(""), "it names no factor; give --vary none to sample none"),
         (2, &vary("+"), "name a factor behind `+`, such as +agent.color"),

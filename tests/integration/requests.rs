@@ -4,11 +4,11 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm::tasks::request::{
-    Convert, Evaluate, MakeManifest, Measure, Merge, Plan, Record, Render, Request as _, Split, Sweep, Train,
-    TrainerEntry, Verify, value_text,
+    Convert, Diff, Evaluate, MakeManifest, Measure, Merge, Plan, Preview, Record, Render, Replay, Request,
+    Split, Sweep, Train, TrainerEntry, Verify, value_text,
 };
 
-use crate::support::{Folder, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, swm_fails, swm_finds, swm_json, swm_ok};
 use crate::ui::Page;
 
 /// The requests of a table, with the path of a dataset in the place of `DATA`.
@@ -32,7 +32,7 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
             }
             ("image_size", Json::Null) => words.extend([option, "none".to_owned()]),
             // What is named by its place.
-            ("source" | "target", path) => words.insert(place(&words), value_text(path)),
+            ("source" | "target" | "first" | "second", path) => words.insert(place(&words), value_text(path)),
             // Where it is all that a command is about.
             ("dataset", path) if !request.contains_key("env") => {
                 words.insert(place(&words), value_text(path));
@@ -369,16 +369,38 @@ fn a_copy_is_the_same_from_the_request_and_the_command() {
     }
 }
 
+/// What a request of the table gives is what its command prints.
+fn assert_found<R: Request<Outcome: serde::Serialize>>(command: &str, table: &str, data: &str) {
+    for request in copies(table, data) {
+        let made = R::from_json(&request).unwrap().run(&swm::registry(), &mut ()).unwrap();
+        let words = words(&request);
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let found = swm_finds(&[&[command, "--quiet"], &words[..]].concat());
+        assert_eq!(serde_json::to_value(&made).unwrap(), found, "{request:?}");
+    }
+}
+
 #[test]
-fn a_verification_is_the_same_from_the_request_and_the_command() {
+fn what_is_found_in_datasets_is_the_same_from_the_request_and_the_command() {
+    let folder = Folder::new();
+    let data = recordings(&folder);
+    assert_found::<Verify>("verify", include_str!("../requests/verify.json"), &data);
+    assert_found::<Replay>("replay", include_str!("../requests/replay.json"), &data);
+    assert_found::<Diff>("diff", include_str!("../requests/diff.json"), &data);
+}
+
+#[test]
+fn images_of_a_dataset_are_the_same_from_the_request_and_the_command() {
     let (folder, registry) = (Folder::new(), swm::registry());
     let data = recordings(&folder);
-    for request in copies(include_str!("../requests/verify.json"), &data) {
-        let made = Verify::from_json(&request).unwrap().run(&registry, &mut ()).unwrap();
-        let words = words(&request);
-        let told =
-            swm_json(&[&["verify"], &words.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
-        assert_eq!(serde_json::to_value(&made).unwrap(), told, "{request:?}");
+    for (index, request) in copies(include_str!("../requests/preview.json"), &data).into_iter().enumerate() {
+        for end in ["png", "gif"] {
+            let [value, command] =
+                ["value", "command"].map(|name| folder.path(&format!("{name}-{index}.{end}")));
+            Preview::from_json(&to(&request, &value)).unwrap().run(&registry, &mut ()).unwrap();
+            run(&["preview", "--quiet"], &to(&request, &command));
+            assert!(std::fs::read(&command).unwrap() == std::fs::read(&value).unwrap(), "{request:?}");
+        }
     }
 }
 

@@ -37,6 +37,13 @@ pub(crate) fn swm_json(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&swm_ok(&args)).expect("--json prints JSON")
 }
 
+/// Runs `swm --json` and returns the result, also of a command that finds a difference.
+pub(crate) fn swm_finds(args: &[&str]) -> serde_json::Value {
+    let output = run(&[args, &["--json"]].concat());
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("swm {args:?}: {error}: {message}"))
+}
+
 /// Runs `swm` and demands a failure with this exit status; returns what it said.
 pub(crate) fn swm_fails(status: i32, args: &[&str]) -> String {
     let output = run(args);

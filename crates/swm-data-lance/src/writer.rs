@@ -117,7 +117,7 @@ impl Backend for LanceBackend {
             Existing::Continued => {
                 if Table::exists(&beside) != self.has_videos {
                     let format = if self.has_videos { IMAGES } else { VIDEOS };
-                    let reason = format!("it is of the format `{format}`; name that with `--format`");
+                    let reason = format!("it is of the format `{format}`; add to it in that format");
                     return Err(DataError::mismatch(path, reason));
                 }
                 let table = committed::open(path).map_err(damaged)?;

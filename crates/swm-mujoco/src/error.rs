@@ -99,7 +99,7 @@ pub enum MujocoError {
     /// There is no OpenGL to render with.
     #[error(
         "images by OpenGL are not possible here: tried {tried}; install EGL or OSMesa with a driver (Debian and \
-         Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no images (`--image-size none`)"
+         Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no images"
     )]
     NoGl {
         /// Each library tried, with the reason why it failed.

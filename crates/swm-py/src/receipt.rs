@@ -1,18 +1,14 @@
-//! What follows a result: receipts compared and verified, datasets replayed.
+//! What follows a result: receipts compared and verified.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use serde_json::json;
-use swm::core::{Cancel, EnvConfig};
+use swm::core::Cancel;
 use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
-use swm::tasks::request::{TaskError, verify_foreign};
+use swm::tasks::request::verify_foreign;
 
-use crate::dataset::open_options;
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
-use crate::infos;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{from_json, to_json};
 use crate::runs::{Given, foreign};
@@ -77,76 +73,10 @@ fn verify_receipt(
     to_json(&verified)
 }
 
-/// Replays episodes of a dataset on the simulator and compares; gives a JSON object.
-#[pyfunction]
-#[pyo3(signature = (path, episodes=None, set=None, tolerance=0.0, env=None, tick=None, options=None))]
-#[expect(clippy::too_many_arguments, reason = "keywords of Python")]
-fn replay(
-    py: Python<'_>,
-    path: PathBuf,
-    episodes: Option<Vec<usize>>,
-    set: Option<&Bound<'_, PyAny>>,
-    tolerance: f64,
-    env: Option<&str>,
-    tick: Option<&Bound<'_, PyAny>>,
-    options: Option<&str>,
-) -> PyResult<String> {
-    if tolerance.is_nan() || tolerance < 0.0 {
-        return Err(SwmError::new_err(format!("tolerance={tolerance}: use a number of 0 or more")));
-    }
-    let options = open_options(options)?;
-    let mut dataset = swm::data::open_with(registry(), &path, &options).or_raise()?;
-    let entry = match env {
-        Some(id) => registry().env(id).or_raise()?,
-        None => swm::replay::recorded_env(registry(), &dataset, &path).or_raise()?,
-    };
-    let spec = entry.make(&EnvConfig::default()).or_raise()?.spec().clone();
-    let overrides = set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default();
-    let count = dataset.num_episodes();
-    let episodes = episodes.unwrap_or_else(|| (0..count).collect());
-    if let Some(episode) = episodes.iter().find(|&&episode| episode >= count) {
-        return Err(SwmError::new_err(format!("no episode {episode}: {} holds {count}", path.display())));
-    }
-    let (progress, cancel) = (Progress::default(), Cancel::new());
-    let mut reports = Vec::new();
-    // One by one, so that Ctrl-C is heard.
-    let run = || {
-        for episode in episodes {
-            if cancel.is_cancelled() {
-                return Err("cancelled".into());
-            }
-            let report = swm::replay::replay(entry, &mut dataset, &[episode], &overrides, tolerance, |_| ())?;
-            progress.count(false);
-            reports.push(report);
-        }
-        Ok::<_, TaskError>(())
-    };
-    interruptible_with(py, &cancel, || progress.tell(tick), run)?.or_raise()?;
-    let mut columns: BTreeMap<String, [f64; 2]> = BTreeMap::new();
-    for (name, difference) in reports.iter().flat_map(|report| &report.columns) {
-        let largest = columns.entry(name.clone()).or_default();
-        *largest = [largest[0].max(difference.max_abs), largest[1].max(difference.final_abs)];
-    }
-    let largest: BTreeMap<_, _> = columns
-        .into_iter()
-        .map(|(name, [max_abs, final_abs])| (name, json!({ "max_abs": max_abs, "final_abs": final_abs })))
-        .collect();
-    to_json(&json!({
-        "ok": reports.iter().all(|report| report.ok),
-        "tolerance": tolerance,
-        "episodes": reports.len(),
-        "rows": reports.iter().map(|report| report.rows).sum::<usize>(),
-        "columns": largest,
-        "checkpoints": reports.iter().map(|report| report.checkpoints).sum::<usize>(),
-        "checkpoints_differ": reports.iter().map(|report| report.checkpoints_differ).sum::<usize>(),
-    }))
-}
-
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(receipt_json, m)?)?;
     m.add_function(wrap_pyfunction!(receipt_differences, m)?)?;
     m.add_function(wrap_pyfunction!(compare_receipts, m)?)?;
-    m.add_function(wrap_pyfunction!(verify_receipt, m)?)?;
-    m.add_function(wrap_pyfunction!(replay, m)?)
+    m.add_function(wrap_pyfunction!(verify_receipt, m)?)
 }

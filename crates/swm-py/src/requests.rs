@@ -1,7 +1,8 @@
-//! Requests that are all in their settings: trainings, measures of world models, traces of planners, images of episodes.
+//! Requests that are all in their settings: trainings, measures of world models, traces of planners, images of episodes,
+//! replays and comparisons of datasets.
 
 use pyo3::prelude::*;
-use swm::tasks::request::{Measure, Plan, Render, Request as _, Train};
+use swm::tasks::request::{Diff, Measure, Plan, Preview, Render, Replay, Request as _, Train};
 
 use crate::errors::{OrRaise as _, SwmError, in_words};
 use crate::manifest::{from_json, to_json};
@@ -24,6 +25,9 @@ fn run_request(
         Measure::NAME => run::<Measure>(py, request, begin, tick),
         Plan::NAME => plan(py, request, begin, tick),
         Render::NAME => run::<Render>(py, request, begin, tick),
+        Preview::NAME => run::<Preview>(py, request, begin, tick),
+        Replay::NAME => run::<Replay>(py, request, begin, tick),
+        Diff::NAME => run::<Diff>(py, request, begin, tick),
         _ => Err(SwmError::new_err(format!("`{name}` is no request of this function"))),
     }
 }

@@ -19,6 +19,10 @@ const OF_REQUEST: &[(&str, &str, &str)] = &[
     ("evaluate", "out", "out"),
     ("merge", "image_size", "image_size"),
     ("merge", "out", "dest"),
+    ("preview", "dataset", "source"),
+    ("preview", "image_size", "image_size"),
+    ("preview", "out", "out"),
+    ("replay", "dataset", "path"),
     ("reproduce", "figure", "figures"),
     ("reproduce", "out", "out"),
     ("split", "image_size", "image_size"),
@@ -107,10 +111,6 @@ const WORDS: &[(&str, &str)] = &[
     ("`swm manifest make`", "`swm.make_manifest`"),
     ("`swm bundle RESULT --out FOLDER`", "`swm.bundle(result, out)`"),
     ("`swm merge`", "`swm.data.merge`"),
-    ("say --env ID", "give env_name="),
-    ("give --image-size none", "make the World with add_pixels=False"),
-    ("give --image-size ", "make the World with images of "),
-    ("(`--image-size none`)", "(`add_pixels=False`)"),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 

@@ -370,6 +370,5 @@ def test_a_replay_repeats_the_recorded_rows(recorded: Path) -> None:
     assert not moved["ok"]
     with pytest.raises(swm.SwmError, match="no episode 9"):
         swm.replay(recorded, [9], progress=False)
-    for tolerance in (-1.0, float("nan")):
-        with pytest.raises(swm.SwmError, match="tolerance=.*: use a number of 0 or more"):
-            swm.replay(recorded, tolerance=tolerance, progress=False)
+    with pytest.raises(swm.SwmError, match="tolerance=-1.0: use a number of 0 or more"):
+        swm.replay(recorded, tolerance=-1.0, progress=False)

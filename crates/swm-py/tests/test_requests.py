@@ -42,8 +42,9 @@ def words(request: dict[str, Any]) -> list[str]:
         option = "--" + name.replace("_", "-")
         if name == "env" and "baseline" not in request:
             found.insert(0, value)
-        elif name in ("source", "sources") or (name == "dataset" and not {"env", "baseline"} & request.keys()):
-            found[:0] = [value] if isinstance(value, str) else value
+        elif name in ("source", "sources", "first", "second") or (name == "dataset" and not {"env", "baseline"} & request.keys()):
+            place = next((at for at, word in enumerate(found) if word.startswith("--")), len(found))
+            found[place:place] = [value] if isinstance(value, str) else value
         elif name == "opening":
             for key, one in value.items():
                 pairs = [f"{new}={old}" for new, old in one.items()] if isinstance(one, dict) else [text(one)]
@@ -201,6 +202,26 @@ def test_a_verification_is_the_same_from_python_and_the_command(command: str, re
         assert swm.data.verify(request["dataset"], progress=False, **given) == json.loads(told.stdout)
 
 
+def test_what_is_found_in_datasets_is_the_same_from_python_and_the_command(command: str, recordings: Path) -> None:
+    for name, found in {"replay": swm.replay, "diff": swm.data.diff}.items():
+        for request in copies(f"{name}.json", recordings):
+            told = subprocess.run([command, name, *words(request), "--json", "--quiet"], check=False, capture_output=True, text=True)
+            given = {NAMES.get(setting, setting): value for setting, value in request.items()}
+            data = [given.pop(setting) for setting in ("dataset", "first", "second") if setting in given]
+            assert found(*data, progress=False, **given) == json.loads(told.stdout), request
+
+
+def test_images_of_a_dataset_are_the_same_from_python_and_the_command(command: str, tmp_path: Path, recordings: Path) -> None:
+    for index, request in enumerate(copies("preview.json", recordings)):
+        ours, theirs = tmp_path / f"python-{index}.png", tmp_path / f"command-{index}.png"
+        subprocess.run([command, "preview", *words(request), "--out", theirs, "--quiet"], check=True)
+        given = dict(request)
+        if size := given.pop("image_size", None):
+            given["image_size"] = (size["height"], size["width"])
+        made = swm.data.preview(given.pop("dataset"), ours, progress=False, **given)
+        assert made["episodes"] and ours.read_bytes() == theirs.read_bytes(), request
+
+
 def test_measures_are_the_same_from_python_and_the_command(command: str) -> None:
     for request in json.loads((TABLES / "measure.json").read_text()):
         told = subprocess.run([command, "quality", *words(request), "--json", "--quiet"], check=True, capture_output=True, text=True)
@@ -254,6 +275,19 @@ def test_python_words_a_remedy_of_a_measure_a_plan_and_an_image(tmp_path: Path) 
         swm.plan("cem", "swm/PushT-v1", episodes=0)
     with pytest.raises(swm.SwmError, match="a.bmp"):
         swm.render(tmp_path / "a.bmp", "swm/PushT-v1")
+    assert not list(tmp_path.iterdir())
+
+
+def test_python_words_a_remedy_of_a_preview_a_replay_and_a_comparison(tmp_path: Path, recordings: Path) -> None:
+    a = recordings / "a.h5"
+    with pytest.raises(swm.SwmError, match="episodes=\"7\": there is no episode 7; the dataset holds 3"):
+        swm.data.preview(a, tmp_path / "a.png", [7], progress=False)
+    with pytest.raises(swm.SwmError, match="did you mean `pixels`"):
+        swm.data.preview(a, tmp_path / "a.png", column="pixel", progress=False)
+    with pytest.raises(ValueError, match="tolerance=nan: a number is NaN"):
+        swm.replay(a, tolerance=float("nan"), progress=False)
+    with pytest.raises(swm.SwmError, match="columns are chosen already; leave out columns, or leave out ignore"):
+        swm.data.diff(a, a, columns=["action"], ignore=["pixels"], progress=False)
     assert not list(tmp_path.iterdir())
 
 

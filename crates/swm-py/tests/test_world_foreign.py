@@ -132,17 +132,17 @@ def test_recordings_name_their_environment_and_policy(tmp_path: Path) -> None:
         own.set_policy("random")
         own.collect(tmp_path / "own.h5", episodes=1, seed=0, mode="overwrite", progress=False)
         assert swm.data.load_dataset(tmp_path / "own.h5").metadata["env"] == "swm/TwoRoom-v2"
-    with pytest.raises(swm.SwmError, match="was recorded in `Walk`, an environment of another program.*give env_name="):
+    with pytest.raises(swm.SwmError, match="was recorded in `Walk`, an environment of another program.*give env_name if this program has"):
         swm.replay(by_class, progress=False)
     command = [sys.executable, "-m", "stable_worldmodel_rs", "replay", str(by_class)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and "recorded in `Walk`, an environment of another program" in done.stderr, done.stderr
-    assert "say --env ID" in done.stderr
+    assert "give --env if this program has" in done.stderr
     worlds[by_class].collect(by_class, episodes=1, seed=9, mode="append", progress=False)
     assert len(swm.data.load_dataset(by_class).lengths) == 3
     with swm.data.HDF5Writer(tmp_path / "plain.h5") as writer:
         writer.write_episode({"action": np.zeros((3, 2), np.float32)})
-    with pytest.raises(swm.SwmError, match="plain.h5 does not name its environment; give env_name="):
+    with pytest.raises(swm.SwmError, match="plain.h5 does not name its environment; give env_name"):
         swm.replay(tmp_path / "plain.h5", progress=False)
 
 

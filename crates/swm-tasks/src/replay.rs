@@ -18,6 +18,7 @@ use swm_core::{
 use swm_data::rendered::env_named;
 
 use crate::error::TaskError;
+use crate::request::{Assignment, Fix, Message};
 
 /// The environment that the dataset at `path` says it was recorded in.
 ///
@@ -31,10 +32,15 @@ pub fn recorded_env(
 ) -> Result<&'static EnvEntry, TaskError> {
     let path = path.display();
     let Some(named) = source.metadata().and_then(Metadata::known_env) else {
-        return Err(format!("{path} does not name its environment; say --env ID").into());
+        let text = format!("{path} does not name its environment");
+        return Err(Message::new(text).fix(Fix::give("env")).into());
     };
     env_named(registry, named, "it was recorded in").map_err(|reason| {
-        format!("{path}: {reason}; if this one has the environment under another id, say --env ID").into()
+        let fix = Fix::Set {
+            setting: Assignment::name("env"),
+            to: "if this program has the environment under another id",
+        };
+        Message::new(format!("{path}: {reason}")).fix(fix).into()
     })
 }
 
@@ -71,15 +77,15 @@ pub struct Difference {
 /// Episodes that one thread replays before the others are waited for.
 const EPISODES_PER_THREAD: usize = 8;
 
-/// Replays `episodes` of `source` on `entry`, with the factors of `overrides` in place of recorded ones, on all threads;
-/// `watch` is called for each, in order.
+/// Replays `episodes` of `source` on an environment of this config, with the factors of `overrides` in place of recorded ones,
+/// on all threads; `watch` is called for each, in order.
 ///
 /// # Errors
 ///
 /// The dataset lacks what a reset needs, has a frame skip that cannot be, or cannot be read; the environment cannot
 /// be made or reset. Differences are no errors. Of several episodes, the error of the first.
 pub fn replay(
-    entry: &EnvEntry,
+    env: (&EnvEntry, &EnvConfig),
     source: &mut dyn Dataset,
     episodes: &[usize],
     overrides: &BTreeMap<String, Value>,
@@ -96,7 +102,7 @@ pub fn replay(
         checkpoints_differ: 0,
     };
     let threads = rayon::current_num_threads().clamp(1, episodes.len().max(1));
-    let workers = (0..threads).map(|_| Worker::new(entry, source.share(), overrides));
+    let workers = (0..threads).map(|_| Worker::new(env, source.share(), overrides));
     let mut workers = workers.collect::<Result<Vec<Worker>, _>>()?;
     for round in episodes.chunks(threads * EPISODES_PER_THREAD) {
         let run = |(thread, worker): (usize, &mut Worker)| -> Vec<_> {
@@ -152,17 +158,16 @@ struct Worker {
 
 impl Worker {
     fn new(
-        entry: &EnvEntry,
+        (entry, config): (&EnvEntry, &EnvConfig),
         source: Box<dyn Dataset>,
         overrides: &BTreeMap<String, Value>,
     ) -> Result<Self, TaskError> {
         let metadata = source.metadata().cloned();
-        let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
         let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
         if frame_skip > MAX_FRAME_SKIP {
             return Err(format!("its frame skip of {frame_skip} is more than {MAX_FRAME_SKIP}").into());
         }
-        let env = entry.make(&EnvConfig { image: None, settings })?;
+        let env = entry.make(config)?;
         let live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         let columns = Columns::shared(env.as_ref(), source.as_ref())?;
         let recorded = Batch::new(Schema::new(columns.read.clone())?, 0);

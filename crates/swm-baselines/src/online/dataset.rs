@@ -126,13 +126,13 @@ fn columns(
                     _ => String::new(),
                 };
                 return refuse(format!(
-                    "its images are {shape:?}, and the agent's [{side}, {side}, 3]; {fix}record them with `swm collect … \
-                     --image-size {side}x{side}`"
+                    "its images are {shape:?}, and the agent's [{side}, {side}, 3]; {fix}record them at \
+                     {side}x{side}"
                 ));
             }
             None => {
                 return refuse(format!(
-                    "it has no column `{PIXELS}`; record it with `swm collect … --image-size {side}x{side}`"
+                    "it has no column `{PIXELS}`; record it with images of {side}x{side}"
                 ));
             }
         }

@@ -159,7 +159,7 @@ fn datasets_that_an_agent_cannot_learn_from_are_refused() {
             &[STATE, ACTION, REWARD],
             0.5,
             &["pixels"],
-            "it has no column `pixels`; record it with `swm collect … --image-size 40x40`",
+            "it has no column `pixels`; record it with images of 40x40",
         ),
         (
             &images(64),

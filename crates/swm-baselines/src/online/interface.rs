@@ -185,7 +185,7 @@ impl Interface {
                 }
                 _ => {
                     let reason = format!(
-                        "the agent learned from images, and none are rendered; leave --image-size out, or set it to {side}x{side}"
+                        "the agent learned from images, and none are rendered; leave their size out, or make it {side}x{side}"
                     );
                     Err(BaselineError::data(PIXELS, reason))
                 }

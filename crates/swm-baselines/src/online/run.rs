@@ -48,9 +48,7 @@ impl OnlineConfig {
     /// The file cannot be read, is of a run on a dataset, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
         if !is_online(run)? {
-            return Err(
-                run.wrong("it trained a model, not an agent; use a run of an agent (`swm train --list`)")
-            );
+            return Err(run.wrong("it trained a model, not an agent; use a run of an agent"));
         }
         let config: Self = run.config()?;
         if config.version != RUN_VERSION {

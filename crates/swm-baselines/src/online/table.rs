@@ -38,7 +38,7 @@ pub struct AgentEntry {
 pub const AGENTS: &[AgentEntry] = &[
     AgentEntry {
         name: sac::NAME,
-        about: "agent: soft actor-critic, learns online from observations (`--env`)",
+        about: "agent: soft actor-critic, learns online from the observations of an environment",
         presets: &["paper", "small"],
         learns_from_datasets: false,
         options: &[],
@@ -48,7 +48,7 @@ pub const AGENTS: &[AgentEntry] = &[
     },
     AgentEntry {
         name: tdmpc2::NAME,
-        about: "agent: plans in the latent space of a world model that learns online (`--env`) or from a dataset (`--dataset`)",
+        about: "agent: plans in the latent space of a world model that learns online, or from a dataset",
         presets: &["paper", "small"],
         learns_from_datasets: true,
         options: tdmpc2::OPTIONS,

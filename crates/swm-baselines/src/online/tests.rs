@@ -305,7 +305,7 @@ fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
         let blind = std::iter::successors(Some(&blind as &dyn std::error::Error), |error| error.source());
         let blind: Vec<String> = blind.map(ToString::to_string).collect();
         assert!(
-            blind.concat().contains("none are rendered; leave --image-size out, or set it to 40x40"),
+            blind.concat().contains("none are rendered; leave their size out, or make it 40x40"),
             "{blind:?}"
         );
     }

@@ -237,8 +237,8 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
         let fix = match missing.contains(&PIXELS) {
-            true => "record it with `swm collect … --image-size 64x64`",
-            false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
+            true => "record it with images, such as of 64x64",
+            false => "record it with `swm collect`, or choose another baseline",
         };
         return refuse(format!(
             "it has no column `{}`, only `{}`; {fix}",
@@ -252,8 +252,8 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
         None => Ok(action),
         Some([height, width, 3]) if height == width => Ok(action),
         Some([height, width, 3]) => refuse(format!(
-            "its images are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
-             --image-size 64x64`"
+            "its images are {height} × {width} pixels, and square ones are needed; record such, as of \
+             64x64"
         )),
         Some(shape) => refuse(format!("its images are {shape:?}, and color images [H, W, 3] are needed")),
     }
@@ -394,7 +394,7 @@ mod tests {
         let message = |images| open(3, images, true, Split::default()).err().unwrap().to_string();
         let no_images = message(false);
         assert!(no_images.contains("no column `pixels`, `proprio`, only `action`"), "{no_images}");
-        assert!(no_images.contains("--image-size"), "{no_images}");
+        assert!(no_images.contains("record it with images"), "{no_images}");
         assert!(message(true).contains("another baseline"));
         let input_spec = InputSpec { num_steps: 4, frameskip: 2, image: 2, proprio: false, batch: 4 };
         let short =

@@ -222,7 +222,7 @@ pub(crate) fn step_of(
 ) -> Result<u64, BaselineError> {
     let steps = run.steps()?;
     let Some(&last) = steps.last() else {
-        return Err(run.wrong("it has no checkpoint yet; train longer, or with a smaller --checkpoint-every"));
+        return Err(run.wrong("it has no checkpoint yet; train longer, or with a smaller `checkpoint_every`"));
     };
     let wanted = match which {
         Which::Last => last,

@@ -32,9 +32,8 @@ pub fn check_fit(
             Some(size) => format!("images of {size}"),
             None => "no images".to_owned(),
         });
-        let fix = first.image.map_or_else(|| "none".to_owned(), |size| size.to_string());
         return mismatch(format!(
-            "it was recorded with {there}, what is added with {here}; give --image-size {fix}"
+            "it was recorded with {there}, what is added with {here}; record it with {there}, too"
         ));
     }
     for field in fields {

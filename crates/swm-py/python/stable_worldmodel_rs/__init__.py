@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from .world.bundles import board, bundle
     from .world.dataset_runs import evaluate_from_dataset
     from .world.env_pool import EnvPool
-    from .world.manifests import Manifest, make_manifest, read_manifest, replay
+    from .world.manifests import Manifest, make_manifest, read_manifest
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
-    from .world.requests import measure, plan, render
+    from .world.requests import measure, plan, render, replay
     from .world.reproductions import recipes, reproduce
     from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
@@ -114,7 +114,6 @@ _HOMES: dict[str, str] = {
     "Manifest": "world.manifests",
     "make_manifest": "world.manifests",
     "read_manifest": "world.manifests",
-    "replay": "world.manifests",
     "compare": "world.receipts",
     "evaluate": "world.receipts",
     "read_receipt": "world.receipts",
@@ -123,6 +122,7 @@ _HOMES: dict[str, str] = {
     "measure": "world.requests",
     "plan": "world.requests",
     "render": "world.requests",
+    "replay": "world.requests",
     "recipes": "world.reproductions",
     "reproduce": "world.reproductions",
     "Comparison": "world.results",

@@ -15,6 +15,7 @@ from ._arrays import require_torch
 
 __all__ = [
     "as_json",
+    "chosen_episodes",
     "device_of",
     "home_path",
     "kind_of",
@@ -44,6 +45,13 @@ def whole_number(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -
     if number > most:
         raise ValueError(f"{name}={number}: give a whole number from {least} to {most}")
     return number
+
+
+def chosen_episodes(episodes: Sequence[int] | str | None) -> str | None:
+    """Numbers of episodes as requests have them, ``"0,3,7"``; a text such as ``"0..10"`` is one already."""
+    if episodes is None or isinstance(episodes, str):
+        return episodes
+    return ",".join(str(whole_number("episodes", episode)) for episode in episodes)
 
 
 def kind_of(value: Any) -> str:

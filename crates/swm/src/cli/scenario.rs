@@ -1,11 +1,7 @@
 //! `--vary` and `--set`: which factors of variation are sampled, which are set. What they mean is a request's.
 
-use std::collections::BTreeMap;
-
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvEntry, FactorSpec, Value};
-use swm_tasks::request;
 
 use super::args::assignment;
 use super::{Failure, Output};
@@ -41,14 +37,4 @@ pub(super) fn set(options: &[String], output: &Output) -> Result<Map<String, Jso
         }
     }
     Ok(values)
-}
-
-/// The values of `--set NAME=VALUE` options for factors of an environment.
-pub(super) fn factor_values(
-    options: &[String],
-    env: &EnvEntry,
-    factors: &[FactorSpec],
-    output: &Output,
-) -> Result<BTreeMap<String, Value>, Failure> {
-    Ok(request::factor_values(&set(options, output)?, env, factors, &mut &*output)?)
 }

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use swm_core::{Cancel, Registry};
-use swm_data::tools::compare::{ColumnComparison, SharedEpisodes, compare};
-use swm_tasks::request::{self, Request as _, open_dataset, open_dataset_with};
+use swm_data::tools::compare::{ColumnComparison, SharedEpisodes};
+use swm_tasks::request::{self, Request as _};
 
 use super::opening::OpenArgs;
 use super::output::{Told, compact, counted, table};
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, usage};
+use super::{Failure, Output};
 
 /// Read all of a dataset and report what is wrong with it.
 #[derive(Args)]
@@ -138,29 +138,15 @@ pub(super) struct Diff {
 
 impl Diff {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
-        }
-        let [mut first, mut second] = [
-            open_dataset_with(registry, &self.first, &self.opening.options()?)?,
-            open_dataset(registry, &self.second)?,
-        ];
-        for name in self.columns.iter().chain(&self.ignore) {
-            if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
-                return Err(usage(
-                    first.schema().require(name).err().map_or(String::new(), |e| e.to_string()),
-                ));
-            }
-        }
-        let wanted = |name: &str| match self.columns.is_empty() {
-            true => !self.ignore.iter().any(|ignored| ignored == name),
-            false => self.columns.iter().any(|column| column == name),
+        let request = request::Diff {
+            first: self.first,
+            second: self.second,
+            tolerance: self.tolerance,
+            columns: self.columns,
+            ignore: self.ignore,
+            opening: self.opening.options()?,
         };
-        let rows: usize = (0..first.num_episodes()).map(|episode| first.episode_len(episode)).sum();
-        let bar = output.bar(rows as u64, "rows");
-        let watch = &mut |rows: usize| bar.inc(rows as u64);
-        let found = compare(first.as_mut(), second.as_mut(), &wanted, self.tolerance, watch)?;
-        bar.finish_and_clear();
+        let found = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
         output.result(&found, || {
             let mut text = String::new();
             if found.episodes[0] != found.episodes[1] {
@@ -191,7 +177,7 @@ impl Diff {
                 text += &table(&header, cells);
             }
             text += &found.shared.map_or(String::new(), |shared| elsewhere(found.episodes, shared));
-            let (first, second) = (self.first.display(), self.second.display());
+            let (first, second) = (request.first.display(), request.second.display());
             text + &format!("{first} and {second} {}", if found.equal { "are equal" } else { "differ" })
         })?;
         if found.equal { Ok(()) } else { Err(Told.into()) }

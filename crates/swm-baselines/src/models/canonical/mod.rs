@@ -160,8 +160,7 @@ impl Network for Canonical {
     /// The share of the variance of canonical images, around what never changes in them, that is not drawn.
     fn loss(&self, _phase: usize, inputs: &Inputs, _pass: &mut Pass) -> Result<Terms, BaselineError> {
         let Some(canonical) = inputs.canonical.clone() else {
-            let reason =
-                "the batch has no images in the canonical look; name that look: `canonical`, `--canonical`";
+            let reason = "the batch has no images in the canonical look; name that look: `canonical`";
             return Err(BaselineError::data("canonical", reason));
         };
         let frames = inputs.pixels.clone();

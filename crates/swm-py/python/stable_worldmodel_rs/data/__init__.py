@@ -36,7 +36,20 @@ from .loader import Loader, collate
 from .native import NativeDataset
 from .normalization import ColumnNormalizer, IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
 from .rerun import to_rerun
-from .utils import convert, download, ensure_dir_exists, get_cache_dir, load_dataset, merge, split, split_files, split_held_out, verify
+from .utils import (
+    convert,
+    diff,
+    download,
+    ensure_dir_exists,
+    get_cache_dir,
+    load_dataset,
+    merge,
+    preview,
+    split,
+    split_files,
+    split_held_out,
+    verify,
+)
 
 __all__ = [
     "EPISODE_DATA_KEY",
@@ -72,6 +85,7 @@ __all__ = [
     "column_normalizer",
     "convert",
     "detect_format",
+    "diff",
     "download",
     "ensure_dir_exists",
     "formats",
@@ -81,6 +95,7 @@ __all__ = [
     "list_formats",
     "load_dataset",
     "merge",
+    "preview",
     "register_format",
     "split",
     "split_episode_data",

@@ -1,4 +1,4 @@
-"""Tasks that others can repeat: manifests; and replays of recordings. What is evaluated on them is in `receipts` and `sweeps`."""
+"""Tasks that others can repeat: manifests. What is evaluated on them is in `receipts` and `sweeps`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from typing import Any
 from .._access import access_checked
 from .._arguments import names_of, request_text
 from .._core import core as _swm
-from .ids import need, native_id
+from .ids import native_id
 from .native import checked_shape
-from .progress import Progress
 
 AnyPath = str | PathLike[str]
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
@@ -148,47 +147,4 @@ def make_manifest(
     for note in notes:
         logger.warning("%s", note)
     return Manifest(json.loads(text), hash)
-
-
-@access_checked
-def replay(
-    path: AnyPath,
-    episodes: Sequence[int] | None = None,
-    *,
-    variation_values: Mapping[str, Any] | None = None,
-    tolerance: float = 0.0,
-    env_name: str | None = None,
-    progress: bool = True,
-    opening: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Repeat recorded episodes on the simulator: is the dataset what it says it is?
-
-    Args:
-        path: A dataset file.
-        episodes: Which; None: all.
-        variation_values: Factors to set in place of recorded ones.
-        tolerance: Largest accepted difference.
-        env_name: The environment, where the file does not say.
-        progress: Whether to show a bar.
-        opening: As of :func:`make_manifest`.
-
-    Returns:
-        ``ok``, ``episodes``, ``rows``, and the largest differences by column.
-    """
-    from ..data.native import as_options
-
-    total = 0 if episodes is None else len(episodes)
-    values = None if variation_values is None else dict(variation_values)
-    file = existing(path, "dataset")
-    options = json.dumps(as_options(opening)) if opening else None
-    if env_name is None:
-        # What the file says; where that is nothing, the replay does.
-        for _, run in json.loads(_swm.Reader.open(file, None, options).runs):
-            need(str(run.get("env", "")))
-    else:
-        need(env_name)
-    with Progress("Replaying", total, progress) as bar:
-        chosen = None if episodes is None else [int(episode) for episode in episodes]
-        text = _swm.replay(file, chosen, values, tolerance, env_name, bar.tick, options)
-    return dict(json.loads(text))
 

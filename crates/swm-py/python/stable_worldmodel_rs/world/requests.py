@@ -1,4 +1,4 @@
-"""Requests that are all in their settings: world models that are measured, planners that are traced, images of episodes."""
+"""Requests that are all in their settings: world models that are measured, planners that are traced, images of episodes, replays."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from os import PathLike
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import home_path, names_of, request_text
+from .._arguments import chosen_episodes, home_path, names_of, request_text
 from .._core import core as _swm
-from .ids import native_id
+from .ids import need, native_id
 from .manifests import Manifest, existing
 from .native import checked_shape
 from .progress import Progress
@@ -40,6 +40,7 @@ _ARGUMENTS = {
     "measure": {"env_option": "settings"},
     "plan": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
     "render": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
+    "replay": {"env_option": "settings", "set": "variation_values"},
 }
 
 
@@ -259,3 +260,62 @@ def render(
         "out": home_path("out", out),
     }
     return dict(asked("render", request))
+
+
+@access_checked
+def replay(
+    path: AnyPath,
+    episodes: Sequence[int] | str | None = None,
+    *,
+    variation_values: Mapping[str, Any] | None = None,
+    tolerance: float | None = None,
+    env_name: str | None = None,
+    progress: bool = True,
+    opening: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Repeat recorded episodes on the simulator: is the dataset what it says it is? The same as ``swm-rs replay``.
+
+    Args:
+        path: A dataset file.
+        episodes: Which, by number, or ``"0..10"``; None: all.
+        variation_values: Factors to set in place of recorded ones.
+        tolerance: Largest accepted difference; None: 1e-6.
+        env_name: The environment, where the file does not say.
+        progress: Whether to show a bar.
+        opening: As of :func:`make_manifest`.
+        threads: Threads; None: one per core. Results do not depend on it.
+        **settings: Of the environment, beside those that the file names.
+
+    Returns:
+        ``ok``, ``episodes``, ``rows``, and the largest differences by column.
+
+    Raises:
+        SwmError: The file names no environment of this package, lacks what a start needs, or a setting is wrong.
+
+    Example:
+        >>> swm.replay("pusht.h5", "0..10")["ok"]  # doctest: +SKIP
+        True
+    """
+    from ..data.native import as_options
+
+    file, options = existing(path, "dataset"), as_options(opening or {})
+    if env_name is None:
+        # What the file says; where that is nothing, the replay does.
+        for _, run in json.loads(_swm.Reader.open(file, None, json.dumps(options) if options else None).runs):
+            need(str(run.get("env", "")))
+    else:
+        need(env_name)
+    request = {
+        "dataset": file,
+        "env": env_name,
+        "env_option": settings,
+        "episodes": chosen_episodes(episodes),
+        "set": variation_values,
+        "tolerance": tolerance,
+        "opening": options,
+        "threads": threads,
+    }
+    with Progress("Replaying", 0, progress, parts=True) as bar:
+        return dict(asked("replay", request, bar.begin, bar.tick))

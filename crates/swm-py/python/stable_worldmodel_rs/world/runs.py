@@ -279,9 +279,9 @@ class Runs:
         new, held = int(written["episodes"]), int(written["total_episodes"])
         logger.info("%s: %d episodes recorded, it has %d", target, new, held)
         if check:
-            from .manifests import replay
+            from .requests import replay
 
-            found = replay(target, range(held - new, held), env_name=self._built["id"], progress=progress)
+            found = replay(target, range(held - new, held), tolerance=0.0, env_name=self._built["id"], progress=progress)
             if not found["ok"]:
                 raise _swm.DataError(f"{target}: a replay of the new episodes differs from what was recorded: {found}")
         return written

@@ -105,7 +105,7 @@ fn of_data(error: DataError) -> TaskError {
 }
 
 /// What the work was ended by, where the user ended it.
-fn ended(error: TaskError, report: &dyn Report) -> TaskError {
+pub(super) fn ended(error: TaskError, report: &dyn Report) -> TaskError {
     if report.cancel().is_cancelled() { WorldError::Cancelled.into() } else { error }
 }
 
