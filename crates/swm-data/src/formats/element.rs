@@ -112,6 +112,14 @@ pub(crate) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> R
     Ok(())
 }
 
+/// The error for a text that is longer than a format holds, which has room for `most` of `unit` in every row.
+pub(crate) fn long_text(length: usize, most: usize, unit: &str) -> FormatError {
+    invalid(format!(
+        "a text of {length} {unit} does not fit: this format holds texts of at most {most}; shorten it, or write the dataset in the format \
+         `mcap`, `lerobot` or `lance`, which hold texts of any length"
+    ))
+}
+
 /// A u64 as the i64 that columns hold.
 pub(crate) fn signed(value: u64) -> Result<i64> {
     i64::try_from(value).map_err(|_| {

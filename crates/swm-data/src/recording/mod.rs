@@ -19,7 +19,7 @@ use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
 use crate::dataset::{Dataset, DatasetWriter, EncodedBatch, RowEncoder, WriteMode, WriteOptions};
-use crate::error::{DataError, Result, invalid};
+use crate::error::{At as _, DataError, Result, invalid};
 use crate::format;
 use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
@@ -263,7 +263,7 @@ impl<S: Backend> Recording<S> {
             return Ok(());
         }
         self.record(|recording, at| match i32::try_from(at.step.saturating_add(more)) {
-            Ok(_) => write(recording, at),
+            Ok(_) => write(recording, at).at(format_args!("episode {}", at.episode)),
             Err(_) => Err(invalid("too many rows in an episode for the format")),
         })?;
         self.open += more;

@@ -41,6 +41,7 @@ mod rlds;
 mod round_trip;
 mod statistics;
 mod streams;
+mod texts;
 mod tools;
 mod types;
 #[cfg(feature = "video")]

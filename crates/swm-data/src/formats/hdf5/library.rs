@@ -76,7 +76,7 @@ pub(super) fn write(
 /// Text as it is stored.
 fn fixed(text: &str) -> Result<FixedUnicode<TEXT_BYTES>> {
     if text.len() > TEXT_BYTES {
-        return Err(invalid(format!("a text of {} bytes; {TEXT_BYTES} is the most", text.len())));
+        return Err(element::long_text(text.len(), TEXT_BYTES, "bytes"));
     }
     if text.contains('\0') {
         return Err(invalid("a text contains the character NUL"));

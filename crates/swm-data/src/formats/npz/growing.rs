@@ -16,6 +16,7 @@ use super::archive::ENTRY;
 use super::header::{self, HEAD_BYTES, Head, TEXT_CHARACTERS};
 use crate::error::{Result, invalid, wrong_type};
 use crate::formats::disk::{open_own, read_exact_at, write_all_at};
+use crate::formats::element;
 
 /// Bytes before the array: the entry's own header, its name, its sizes in 64 bits.
 const ENTRY_BYTES: u64 = 30 + ENTRY.len() as u64 + 20;
@@ -204,10 +205,11 @@ fn to_bytes(values: Slice<'_>, out: &mut Vec<u8>) -> Result<()> {
         Slice::Str(values) => {
             for value in values {
                 let count = value.chars().count();
-                if count > TEXT_CHARACTERS || value.contains('\0') {
-                    let long = format!("a text of {count} characters does not fit: {TEXT_CHARACTERS} do");
-                    let nul = "a text contains the character NUL".to_owned();
-                    return Err(invalid(if value.contains('\0') { nul } else { long }));
+                if value.contains('\0') {
+                    return Err(invalid("a text contains the character NUL"));
+                }
+                if count > TEXT_CHARACTERS {
+                    return Err(element::long_text(count, TEXT_CHARACTERS, "characters"));
                 }
                 out.extend(value.chars().flat_map(|character| u32::from(character).to_le_bytes()));
                 out.resize(out.len() + 4 * (TEXT_CHARACTERS - count), 0);
