@@ -42,6 +42,11 @@ const KNOWN: &[(Sign, &str, &str)] = &[
     (Sign::Hdf5(&["traj_*/actions"]), "a dataset of ManiSkill", "h5py"),
     (Sign::Hdf5(&["observations/qpos", "action"]), "an episode of ALOHA (a file per episode)", "h5py"),
     (Sign::Hdf5(&["observations", "actions", "terminals"]), "a dataset of D4RL without `rewards`", "h5py"),
+    (
+        Sign::Hdf5(&["observation", "action", "reward", "step_type"]),
+        "a dataset of V-D4RL in HDF5 (its `.npz` files are read: `hdf5_to_npz.py` of V-D4RL makes them)",
+        "h5py",
+    ),
     (Sign::Folder(&["episode_*.hdf5"]), "a dataset of ALOHA (a file per episode)", "h5py"),
     (
         Sign::Zip(&["observations.npy", "actions.npy", "terminals.npy"]),

@@ -8,6 +8,7 @@ mod array;
 mod d4rl;
 mod dataset;
 mod dinowm;
+mod dreamer;
 mod found;
 mod grouped;
 mod hdf5;
@@ -50,6 +51,7 @@ pub(crate) struct Reader {
 pub(crate) const READERS: &[Reader] = &[
     Reader { detect: dinowm::detect, open: dinowm::open },
     Reader { detect: npz::detect, open: npz::open },
+    Reader { detect: dreamer::detect, open: dreamer::open },
     Reader { detect: zarr::detect, open: zarr::open },
     Reader { detect: lance::detect, open: lance::open },
     #[cfg(feature = "lerobot")]

@@ -138,6 +138,7 @@ const SAMPLES: &[&str] = &[
     "pointmaze-medium-navigate-v0.npz",
     "visual-cube-single-play-v0.npz",
     "pldm_maze.npz",
+    "dreamer_toy",
     "robomimic_can.hdf5",
     "trajectory.rgbd.pd_ee_delta_pose.physx_cpu.h5",
     "minari_box_hdf5",

@@ -9,6 +9,8 @@ mod buffer;
 mod crash;
 mod damage;
 mod damage_mcap;
+#[cfg(feature = "video")]
+mod dreamer;
 #[cfg(unix)]
 mod exhaustion;
 mod exits;
