@@ -6,6 +6,8 @@ mod adapt;
 mod alike;
 mod append;
 mod buffer;
+#[cfg(feature = "lerobot")]
+mod codecs;
 mod crash;
 mod damage;
 mod damage_mcap;

@@ -7,6 +7,7 @@
 
 mod camera;
 mod check;
+mod codecs;
 mod contents;
 mod episode_files;
 mod episodes;

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
 
+use super::codecs;
 use super::values::{MAX_VALUES, Values, is_half, is_unsigned, type_name};
 use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
@@ -25,7 +26,7 @@ pub(super) fn not_parquet(error: ParquetError) -> FormatError {
     };
     match lacking {
         Some(what) => {
-            unsupported(format!("Parquet with {what} is not read; write the table by Snappy, zstd or gzip"))
+            unsupported(format!("Parquet with {what} is not read; write the table anew with pyarrow"))
         }
         None => FormatError::other(error),
     }
@@ -44,6 +45,7 @@ impl Table {
         let file = open_regular(path).at(path.display())?;
         let reader = guarded(|| SerializedFileReader::new(file).map_err(not_parquet));
         let reader = reader.at(path.display())?;
+        codecs::check(reader.metadata()).at(path.display())?;
         let metadata = reader.metadata().file_metadata();
         let rows = usize::try_from(metadata.num_rows()).ok().filter(|&rows| rows as i64 <= MAX_VALUES);
         let rows = rows.ok_or(invalid(format!("{} rows", metadata.num_rows()))).at(path.display())?;
@@ -247,6 +249,9 @@ mod tests {
             Compression::SNAPPY,
             Compression::ZSTD(ZstdLevel::default()),
             Compression::GZIP(GzipLevel::default()),
+            // As Hadoop frames it, and old versions of Arrow did.
+            Compression::LZ4,
+            Compression::LZ4_RAW,
         ] {
             let path = folder.path().join("a.parquet");
             let schema = Arc::new(parse_message_type("message table { required int64 a; }").unwrap());
@@ -285,10 +290,10 @@ mod tests {
 
     #[test]
     fn what_the_reader_lacks_is_no_damage() {
-        let lacking = ParquetError::General("Disabled feature at compile time: brotli".to_owned());
+        let lacking = ParquetError::General("Disabled feature at compile time: arrow".to_owned());
         let error = not_parquet(lacking);
         assert!(
-            error.is_unsupported() && error.to_string().contains("Parquet with brotli is not read"),
+            error.is_unsupported() && error.to_string().contains("Parquet with arrow is not read"),
             "{error}"
         );
         assert!(!not_parquet(ParquetError::EOF("cut".to_owned())).is_unsupported());

@@ -1,0 +1,79 @@
+//! Parquet tables in every codec that other programs write, in datasets of LeRobot and of Minari: a column is read, or the dataset is
+//! refused by the name of the codec. None is left out without a word.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use swm_core::Batch;
+use swm_data::open;
+
+use crate::copied;
+use crate::support::{assert_same, contents};
+
+/// A table that pyarrow wrote.
+fn table(name: &str) -> PathBuf {
+    golden("others/codecs").join(format!("{name}.parquet"))
+}
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden").join(name)
+}
+
+const DATA: &str = "data/chunk-000/file-000.parquet";
+
+/// A copy of a LeRobot dataset with another table.
+fn lerobot(folder: &Path, table: &Path) -> PathBuf {
+    let path = folder.join(table.file_stem().unwrap());
+    copied(&golden("datasets/lerobot_v3.0"), &path);
+    fs::copy(table, path.join(DATA)).unwrap();
+    path
+}
+
+/// A copy of a dataset of Minari whose second episode is another table.
+fn minari(folder: &Path, table: &Path) -> PathBuf {
+    let path = folder.join(table.file_stem().unwrap());
+    copied(&golden("field/minari_parquet"), &path);
+    fs::copy(table, path.join("data/1/part-0.parquet")).unwrap();
+    path
+}
+
+fn assert_equal(found: &[Batch], expected: &[Batch]) {
+    assert_eq!(found.len(), expected.len());
+    found.iter().zip(expected).for_each(|(found, expected)| assert_same(found, expected));
+}
+
+#[test]
+fn tables_of_lerobot_are_read_in_the_codecs_of_pyarrow() {
+    let folder = tempfile::tempdir().unwrap();
+    let expected = contents(&golden("datasets/lerobot_v3.0"));
+    for codec in ["none", "snappy", "gzip", "zstd", "lz4"] {
+        let path = lerobot(folder.path(), &table(&format!("lerobot_{codec}")));
+        let dataset = open(&path).unwrap();
+        assert!(dataset.info().skipped.is_empty(), "{codec}: {:?}", dataset.info().skipped);
+        assert_equal(&contents(&path), &expected);
+    }
+}
+
+#[test]
+fn tables_of_minari_are_read_in_the_codecs_of_pyarrow() {
+    let folder = tempfile::tempdir().unwrap();
+    let expected = contents(&golden("field/minari_parquet"));
+    for codec in ["gzip", "zstd", "lz4"] {
+        assert_equal(&contents(&minari(folder.path(), &table(&format!("minari_{codec}")))), &expected);
+    }
+}
+
+#[test]
+fn a_codec_that_is_not_read_is_an_error_with_the_fix() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = |path: &Path, file: &str, column: &str| {
+        let message = open(path).err().unwrap_or_else(|| panic!("{} opens", path.display())).to_string();
+        for part in [file, column, "Brotli", "is not read", "compression=\"zstd\""] {
+            assert!(message.contains(part), "{part}: {message}");
+        }
+        assert!(!message.contains("is damaged"), "{message}");
+    };
+    check(&lerobot(folder.path(), &table("lerobot_brotli")), DATA, "`observation.state`");
+    check(&lerobot(folder.path(), &table("lerobot_one_brotli")), DATA, "`action`");
+    check(&minari(folder.path(), &table("minari_brotli")), "1/part-0.parquet", "`observations");
+}
