@@ -77,3 +77,24 @@ fn a_codec_that_is_not_read_is_an_error_with_the_fix() {
     check(&lerobot(folder.path(), &table("lerobot_one_brotli")), DATA, "`action`");
     check(&minari(folder.path(), &table("minari_brotli")), "1/part-0.parquet", "`observations");
 }
+
+/// A part of a table that holds damage would be a column less.
+#[test]
+fn a_column_that_cannot_be_decoded_is_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = fs::read(table("lerobot_zstd")).unwrap();
+    // The blocks of Zstandard: pages of columns.
+    let blocks: Vec<usize> =
+        (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == [0x28, 0xb5, 0x2f, 0xfd]).collect();
+    assert!(blocks.len() > 8, "{}", blocks.len());
+    for (number, &block) in blocks.iter().enumerate() {
+        let damaged = folder.path().join(format!("damaged_{number}.parquet"));
+        let mut bytes = bytes.clone();
+        bytes[block] = 0;
+        fs::write(&damaged, bytes).unwrap();
+        let path = lerobot(folder.path(), &damaged);
+        let error = open(&path).map(|dataset| dataset.schema().clone());
+        let message = error.expect_err("a damaged table").to_string();
+        assert!(message.contains("is damaged") && message.contains("file-000.parquet"), "{message}");
+    }
+}

@@ -14,8 +14,8 @@ use super::info::{INFO, Info, Version, features};
 use super::manifest::Manifest;
 use super::rows::{Labels, Place};
 use super::table::Table;
-use crate::error::{At as _, FormatError, Result, invalid};
-use crate::formats::disk::read_regular;
+use super::tasks;
+use crate::error::{Result, invalid};
 use crate::tools::alike;
 
 /// Disagreements are listed up to this number.
@@ -138,7 +138,7 @@ impl Found<'_> {
             self.field(
                 "total_tasks",
                 total,
-                format!("`{}` has {}", tasks_file(info.version()?), tasks.len()),
+                format!("`{}` has {}", tasks::file(info.version()?), tasks.len()),
             );
         }
         let mut by_table: BTreeMap<&Path, Vec<(usize, usize)>> = BTreeMap::new();
@@ -203,7 +203,8 @@ impl Found<'_> {
         for (file, episodes) in by_table {
             // One that cannot be opened is told where it is read.
             let Ok(table) = Table::open(file) else { continue };
-            let (labels, place) = (Labels::of(&table), self.name(file));
+            // Nor is a column of it that cannot be decoded.
+            let (Ok(labels), place) = (Labels::of(&table), self.name(file)) else { continue };
             for (files, first) in episodes {
                 for (name, labels, begin) in
                     [("frame_index", &labels.frames, Some(0)), ("index", &labels.indices, files.start)]
@@ -260,44 +261,18 @@ struct Tasks {
     numbers: Option<BTreeSet<i64>>,
 }
 
-fn tasks_file(version: Version) -> &'static str {
-    match version {
-        Version::V2 => "meta/tasks.jsonl",
-        Version::V3 => "meta/tasks.parquet",
-    }
-}
-
 impl Tasks {
     fn read(folder: &Path, version: Version) -> Result<Self> {
-        let name = tasks_file(version);
-        let path = folder.join(name);
-        if !path.exists() {
+        if !folder.join(tasks::file(version)).exists() {
             return Ok(Self { version, numbers: None });
         }
-        let wrong = || invalid("`task_index` holds no whole numbers").at(format_args!("`{name}`"));
-        let numbers: Vec<i64> = match version {
-            Version::V2 => {
-                let text = String::from_utf8(read_regular(&path)?)
-                    .map_err(FormatError::other)
-                    .at(format_args!("`{name}`"))?;
-                let lines = text.lines().filter(|line| !line.trim().is_empty());
-                let number = |line: &str| -> Result<i64> {
-                    let task: Json = serde_json::from_str(line).at(format_args!("`{name}`"))?;
-                    task["task_index"].as_i64().ok_or_else(wrong)
-                };
-                lines.map(number).collect::<Result<_>>()?
-            }
-            Version::V3 => match Table::open(&path)?.column("task_index").at(format_args!("`{name}`"))? {
-                Column::I64(numbers) => numbers,
-                _ => return Err(wrong()),
-            },
-        };
-        Ok(Self { version, numbers: Some(numbers.into_iter().collect()) })
+        let numbers = tasks::read(folder, version)?.into_keys().collect();
+        Ok(Self { version, numbers: Some(numbers) })
     }
 
     /// What of a table's column `task_index` the list does not have.
     fn misfit(&self, numbers: &[i64]) -> Option<String> {
-        let name = tasks_file(self.version);
+        let name = tasks::file(self.version);
         let Some(known) = &self.numbers else {
             let first = numbers.first()?;
             return Some(format!("`task_index` is {first}, and `{name}` is not there"));

@@ -43,8 +43,8 @@ pub(super) enum Source {
     /// The episode's number, the row's number.
     Episode,
     Step,
-    /// The text of the episode's task.
-    Task,
+    /// The text of the episode's task; with it, those of the tasks of rows, which are compared.
+    Task(Option<BTreeMap<i64, String>>),
     /// The text of each row's task, by its number in a column of the tables.
     Tasks(BTreeMap<i64, String>),
 }

@@ -93,17 +93,14 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 break;
             }
             let table = Table::open(&list)?;
-            let integers = |name: &str| match table.column(name)? {
+            let integers = |name: &str| match table.column(name).at(list.display())? {
                 Column::I64(values) if values.len() == table.rows() => Ok(values),
                 other => Err(wrong_type(format!("column `{name}` holds {} {}", other.len(), other.dtype()))),
             };
             let (lengths, starts) = (integers("length")?, integers("dataset_from_index")?);
-            let numbers_of = table.integers("episode_index");
+            let numbers_of = table.integers("episode_index").at(list.display())?;
             // As many texts as episodes are one for each.
-            let tasks = match table.column("tasks") {
-                Ok(Column::Str(tasks)) if tasks.len() == table.rows() => tasks,
-                _ => Vec::new(),
-            };
+            let tasks = table.texts("tasks").at(list.display())?.unwrap_or_default();
             let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
             let size = |value: i64| {
                 usize::try_from(value).map_err(|_| invalid(format!("the number {value} is negative")))
@@ -111,7 +108,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
             let mut videos = Vec::new();
             for camera in cameras {
                 let key = |what: &str| format!("videos/{camera}/{what}");
-                let Column::F64(times) = table.column(&key("from_timestamp"))? else {
+                let Column::F64(times) = table.column(&key("from_timestamp")).at(list.display())? else {
                     return Err(wrong_type(format!("column `{}` holds no times", key("from_timestamp"))));
                 };
                 videos.push((camera, integers(&key("chunk_index"))?, integers(&key("file_index"))?, times));

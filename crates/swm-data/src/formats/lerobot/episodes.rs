@@ -11,7 +11,7 @@ use super::contents::video;
 use super::info::INFO;
 use super::manifest::{Manifest, OWN};
 use super::parquet_file::{self, ColumnOut};
-use super::table::Table;
+use super::table::{Table, is_no_column};
 use super::tasks::TASK_INDEX;
 use super::{last_row, tasks};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
@@ -99,7 +99,7 @@ pub(super) fn unlisted(
         };
         let mut own = Vec::new();
         if manifest.has_tasks {
-            let of = |table: &Table| table.integers(TASK_INDEX).ok_or(missing("its rows have no tasks"));
+            let of = |table: &Table| table.integers(TASK_INDEX)?.ok_or(missing("its rows have no tasks"));
             let mut numbers = of(&table).at(data.display())?;
             if last_row.is_some() {
                 numbers.extend(of(&Table::open(&last)?).at(last.display())?);
@@ -135,16 +135,17 @@ pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>> {
             )));
         }
         // A program that sorted the list in another way would give every episode the checksums of another.
-        let numbers = table.integers("episode_index").unwrap_or_default();
+        let numbers = table.integers("episode_index").at(path.display())?.unwrap_or_default();
         if let Some((expected, number)) =
             (entries.len() as i64..).zip(numbers).find(|(at, number)| at != number)
         {
             let reason = format!("it lists episode {number} where episode {expected} belongs");
             return Err(invalid(reason)).at(path.display());
         }
-        let last_rows = table.has(LAST_ROW).then(|| table.integers(LAST_ROW)).flatten();
+        let last_rows = table.integers(LAST_ROW).at(path.display())?;
         let tasks = match table.column("tasks") {
             Ok(Column::Str(tasks)) => tasks,
+            Err(error) if !is_no_column(&error) => return Err(error).at(path.display()),
             _ => Vec::new(),
         };
         let per_episode = tasks.len() / rows.len().max(1);

@@ -4,16 +4,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value as Json;
-use swm_core::{Dtype, Field, FieldKind, Schema};
+use swm_core::{Column, Dtype, Field, FieldKind, Schema};
 
 use super::contents::{Shared, Source, dataset_info, shape_of, video};
 use super::episode_files::{EpisodeFiles, second, third};
-use super::images;
+use super::images::{self, Encoded};
 use super::info::{Info, Version};
 use super::rows::{Place, Places};
-use super::table::Table;
+use super::table::{Table, is_no_column};
 use super::tasks;
-use crate::error::{DataError, Result, invalid, missing};
+use crate::error::{At as _, DataError, Result, invalid, missing};
 use crate::foreign::{LEROBOT_NAMES, REWARDS_NOTE, RewardsAt, source_record};
 use crate::open_options::OpenOptions;
 
@@ -50,7 +50,7 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
         Version::V3 => third(path, info, &cameras),
     }
     .map_err(damaged)?;
-    let (mut listed, skipped) = list(path, info, &episodes, options).map_err(damaged)?;
+    let (mut listed, skipped, notes) = list(path, info, &episodes, options).map_err(damaged)?;
     if let Some(main) = main_camera(&listed, options)? {
         "pixels".clone_into(&mut listed[main].field.name);
     }
@@ -68,7 +68,7 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
     let schema = Schema::new(fields).map_err(|error| damaged(error.into()))?;
     let mut found = dataset_info(path, schema, &episodes);
     let rewards = found.schema.index("reward").map(|_| RewardsAt::Actions);
-    found.notes = rewards.map(|_| REWARDS_NOTE.to_owned()).into_iter().collect();
+    found.notes = rewards.map(|_| REWARDS_NOTE.to_owned()).into_iter().chain(notes).collect();
     found.skipped = skipped.into();
     found.rows_per_second = Some(info.fps);
     let source = source_record(found.format, options, &mapping, None, Some(info.fps), rewards);
@@ -81,19 +81,20 @@ pub(super) fn open(path: &Path, info: &Info, options: &OpenOptions) -> Result<Sh
 /// Names of features that are no columns, with the reason.
 type Skipped = Vec<(String, String)>;
 
-/// All columns under the names of the features, and what is left out, with the reason.
+/// All columns under the names of the features, what is left out, with the reason, and notes.
 ///
 /// # Errors
 ///
-/// No episode, a damaged table, or a damaged video of a camera where the main one was not chosen: another camera would take its place.
+/// No episode; a damaged table; a list of tasks that is damaged and needed; damaged videos or images of a camera where the main one was not
+/// chosen, for another camera would take its place.
 fn list(
     path: &Path,
     info: &Info,
     episodes: &[EpisodeFiles],
     options: &OpenOptions,
-) -> Result<(Vec<Listed>, Skipped)> {
+) -> Result<(Vec<Listed>, Skipped, Vec<String>)> {
     let is_camera_chosen = options.camera.is_some() || options.map.contains_key("pixels");
-    let (mut listed, mut skipped) = (Vec::new(), Vec::new());
+    let (mut listed, mut skipped, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let first = episodes.first().ok_or_else(|| missing("it holds no episode"))?;
     let places = Places::new(path, episodes);
     let stated = Place { data: first.data.clone(), first: first.first };
@@ -106,15 +107,17 @@ fn list(
             skipped.push((name.clone(), reason));
             continue;
         }
-        let is_video = feature["dtype"] == "video";
+        let is_camera = feature["dtype"] == "video" || feature["dtype"] == "image";
         let found = match feature["dtype"].as_str() {
             Some("video") => {
                 of_videos(name, first).map(|shape| (Dtype::U8, shape, Source::Video(name.clone())))
             }
-            Some("image") => images::shape(feature)
-                .and_then(|shape| images::check(&table, name, place.first, shape).map(|()| shape))
-                .map(|shape| (Dtype::U8, shape.to_vec(), Source::Images(name.clone()))),
-            _ => of_table(name, feature, &table)
+            Some("image") => {
+                let first = table.images(name, place.first..place.first.saturating_add(1));
+                of_images(path, feature, decoded(first).at(places.name(&place.data))?)
+                    .map(|shape| (Dtype::U8, shape, Source::Images(name.clone())))
+            }
+            _ => of_table(feature, decoded(table.column(name)).at(places.name(&place.data))?, table.rows())
                 .map(|(dtype, shape)| (dtype, shape, Source::Table(name.clone()))),
         };
         match found {
@@ -124,14 +127,16 @@ fn list(
                 let field = Field::step(name, dtype, &shape);
                 listed.push(Listed { old: name.clone(), field, source, is_camera });
             }
-            Err(error) if is_video && !is_camera_chosen && !error.is_unsupported() => {
+            Err(error) if is_camera && !is_camera_chosen && !error.is_unsupported() => {
                 return Err(error.at(name));
             }
             Err(error) => skipped.push((name.clone(), error.to_string())),
         }
     }
     if !info.features.contains_key(TASK) {
-        match task(path, info, episodes, &table) {
+        let (column, note) = task(path, info.version()?, episodes, &table)?;
+        notes.extend(note);
+        match column {
             Ok(column) => listed.push(column),
             Err(error) => skipped.push((TASK.to_owned(), error.to_string())),
         }
@@ -142,7 +147,7 @@ fn list(
         let field = Field::step(name, dtype, &[]);
         listed.push(Listed { old: name.to_owned(), field, source, is_camera: false });
     }
-    Ok((listed, skipped))
+    Ok((listed, skipped, notes))
 }
 
 /// The size of the images of a camera.
@@ -152,25 +157,65 @@ fn of_videos(name: &str, first: &EpisodeFiles) -> Result<Vec<usize>> {
     Ok(vec![height, width, 3])
 }
 
-fn of_table(name: &str, feature: &Json, table: &Table) -> Result<(Dtype, Vec<usize>)> {
-    let (values, shape) = (table.column(name)?, shape_of(feature)?);
-    match table.rows().checked_mul(shape.iter().product()) == Some(values.len()) {
-        true => Ok((values.dtype(), shape)),
-        false => Err(invalid(format!("{} values in {} rows", values.len(), table.rows()))),
+/// What a column of a table is, whose error is that of a damaged file if it is there and cannot be decoded: it would be missing without a
+/// word.
+fn decoded<T>(column: Result<T>) -> Result<Result<T>> {
+    match column {
+        Err(error) if !is_no_column(&error) => Err(error),
+        column => Ok(column),
     }
 }
 
-/// The text of the task: one an episode, unless an episode has several.
-fn task(path: &Path, info: &Info, episodes: &[EpisodeFiles], table: &Table) -> Result<Listed> {
-    let (kind, source) = match episodes.iter().all(|episode| episode.task.is_some()) {
-        true => (FieldKind::Episode, Source::Task),
-        false if table.integers(tasks::TASK_INDEX).is_none() => {
-            return Err(missing(format!("the rows have no numbers of tasks (`{}`)", tasks::TASK_INDEX)));
-        }
-        false => (FieldKind::Step, Source::Tasks(tasks::read(path, info)?)),
+fn of_table(feature: &Json, values: Result<Column>, rows: usize) -> Result<(Dtype, Vec<usize>)> {
+    let (values, shape) = (values?, shape_of(feature)?);
+    match rows.checked_mul(shape.iter().product()) == Some(values.len()) {
+        true => Ok((values.dtype(), shape)),
+        false => Err(invalid(format!("{} values in {rows} rows", values.len()))),
+    }
+}
+
+/// The size of the images of a column, the first of which must be one.
+fn of_images(dataset: &Path, feature: &Json, first: Result<Vec<Encoded>>) -> Result<Vec<usize>> {
+    let shape = images::shape(feature)?;
+    let first = first?.into_iter().next().ok_or(missing("it holds no image"))?;
+    first.decode(dataset, shape, &mut vec![0; shape.iter().product()])?;
+    Ok(shape.to_vec())
+}
+
+/// The text of the task: one an episode, unless an episode has several; a reason why there is none; and a note.
+fn task(
+    path: &Path,
+    version: Version,
+    episodes: &[EpisodeFiles],
+    table: &Table,
+) -> Result<(Result<Listed>, Option<String>)> {
+    let has_numbers = table.integers(tasks::TASK_INDEX)?.is_some();
+    let listed = |kind, source| {
+        let field = Field { kind, ..Field::step(TASK, Dtype::Str, &[]) };
+        Listed { old: "tasks".to_owned(), field, source, is_camera: false }
     };
-    let field = Field { kind, ..Field::step(TASK, Dtype::Str, &[]) };
-    Ok(Listed { old: "tasks".to_owned(), field, source, is_camera: false })
+    if episodes.iter().all(|episode| episode.task.is_some()) {
+        let (texts, note) = match has_numbers.then(|| tasks::read(path, version)).transpose() {
+            Ok(texts) => (texts, None),
+            Err(error) => (
+                None,
+                Some(format!(
+                    "`{TASK}` has the texts of the list of episodes, and the `{}` of rows are not compared with the list of tasks: {error}",
+                    tasks::TASK_INDEX
+                )),
+            ),
+        };
+        return Ok((Ok(listed(FieldKind::Episode, Source::Task(texts))), note));
+    }
+    let lacking = if !has_numbers {
+        format!("the rows have no numbers of tasks (`{}`)", tasks::TASK_INDEX)
+    } else if !path.join(tasks::file(version)).exists() {
+        format!("the list of tasks, `{}`, is not there", tasks::file(version))
+    } else {
+        let texts = tasks::read(path, version)?;
+        return Ok((Ok(listed(FieldKind::Step, Source::Tasks(texts))), None));
+    };
+    Ok((Err(missing(lacking)), None))
 }
 
 /// The camera that becomes `pixels`.

@@ -4,17 +4,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use parquet::data_type::ByteArray;
 use swm_core::{Column, Dtype, SliceMut};
 
 use super::camera::{Camera, TIMESTAMP, Times};
 use super::check::check;
 use super::contents::{Shared, Source};
 use super::episode_files::EpisodeFiles;
-use super::images;
+use super::images::Encoded;
 use super::rows::Place;
 use super::table::Table;
-use super::tasks::TASK_INDEX;
+use super::tasks::{self, TASK_INDEX};
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 use crate::formats::disk::read_regular;
@@ -29,7 +28,7 @@ pub(super) struct LeRobotDataset {
     /// The times of the rows of a table, if it has some.
     times: Option<(PathBuf, Option<Column>)>,
     /// By column: the episode whose encoded images were read last.
-    images: BTreeMap<usize, (usize, Vec<ByteArray>)>,
+    images: BTreeMap<usize, (usize, Vec<Encoded>)>,
 }
 
 impl LeRobotDataset {
@@ -64,7 +63,8 @@ impl LeRobotDataset {
         let (steps, out) = match &shared.episodes[episode].last_row {
             Some(path) if is_beside => {
                 let (out, mut last) = out.split_at((steps.count - 1) * width);
-                let column = Table::open(path)?.column(name).map(|column| narrowed(column, last.dtype()))?;
+                let column = Table::open(path)?.column(name).at(path.display())?;
+                let column = narrowed(column, last.dtype());
                 if column.len() != width || !last.copy_from(column.as_slice()) {
                     return Err(wrong_type(format!("{} does not hold one row", path.display())));
                 }
@@ -82,7 +82,7 @@ impl LeRobotDataset {
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
             let table = Table::open(path)?;
-            let values = narrowed(table.column(name)?, out.dtype());
+            let values = narrowed(table.column(name).at(path.display())?, out.dtype());
             // Lists of other lengths would move the rows behind them.
             if table.rows().checked_mul(width) != Some(values.len()) {
                 let reason = format!(
@@ -122,11 +122,31 @@ impl LeRobotDataset {
     ) -> Result<()> {
         let mut numbers = vec![0; out.len()];
         self.table_rows(TASK_INDEX, episode, 1, steps, SliceMut::I64(&mut numbers))?;
-        for (out, number) in out.iter_mut().zip(numbers) {
-            let text = texts.get(&number).ok_or_else(|| missing(format!("there is no task {number}")))?;
-            out.clone_from(text);
+        for (at, (out, number)) in out.iter_mut().zip(numbers).enumerate() {
+            out.clone_from(tasks::text(texts, number, steps.first + at * steps.stride)?);
         }
         Ok(())
+    }
+
+    /// The text of the task of an episode, which its rows must have, too: LeRobot reads theirs.
+    fn task_of_episode(
+        &mut self,
+        texts: &BTreeMap<i64, String>,
+        episode: usize,
+        steps: Steps,
+        out: &mut [String],
+    ) -> Result<()> {
+        let shared = self.shared.clone();
+        let own = shared.episodes[episode].task.as_deref().unwrap_or_default();
+        self.task_rows(texts, episode, steps, out)?;
+        match out.iter().position(|text| text != own) {
+            None => Ok(()),
+            Some(at) => Err(invalid(format!(
+                "the task of row {} is `{}` by its `{TASK_INDEX}`, and `{own}` in the list of episodes; write the right one into both",
+                steps.first + at * steps.stride,
+                out[at]
+            ))),
+        }
     }
 
     fn video_rows(
@@ -184,16 +204,18 @@ impl LeRobotDataset {
         for (at, out) in out.chunks_exact_mut(height * width * colors).enumerate() {
             let row = steps.first + at * steps.stride;
             let image = images.get(row).ok_or(missing(format!("row {row} is not there")))?;
-            images::decode(image.data(), [height, width, colors], out).at(format_args!("row {row}"))?;
+            let read = image.decode(&shared.info.path, [height, width, colors], out);
+            read.at(format_args!("row {row}"))?;
         }
         Ok(())
     }
 }
 
-/// The values of a column in its own type; tables have none of bytes.
+/// The values of a column in its own type; tables have none of bytes, and may have smaller numbers than those of tasks.
 fn narrowed(column: Column, dtype: Dtype) -> Column {
     match (column, dtype) {
         (Column::I32(values), Dtype::U8) => Column::U8(values.into_iter().map(|value| value as u8).collect()),
+        (Column::I32(values), Dtype::I64) => Column::I64(values.into_iter().map(i64::from).collect()),
         (column, _) => column,
     }
 }
@@ -236,7 +258,10 @@ impl Dataset for LeRobotDataset {
                 out.fill(i32::try_from(episode).unwrap_or(i32::MAX));
                 Ok(())
             }
-            (Source::Task, SliceMut::Str(out)) => {
+            (Source::Task(Some(texts)), SliceMut::Str(out)) => {
+                self.task_of_episode(texts, episode, steps, out)
+            }
+            (Source::Task(None), SliceMut::Str(out)) => {
                 out.fill(shared.episodes[episode].task.clone().unwrap_or_default());
                 Ok(())
             }

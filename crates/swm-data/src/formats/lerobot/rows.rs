@@ -51,12 +51,17 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    pub(super) fn of(table: &Table) -> Self {
-        Self {
-            episodes: table.integers("episode_index"),
-            frames: table.integers("frame_index"),
-            indices: table.integers("index"),
-        }
+    /// Those of a table.
+    ///
+    /// # Errors
+    ///
+    /// A column of them cannot be decoded.
+    pub(super) fn of(table: &Table) -> Result<Self> {
+        Ok(Self {
+            episodes: table.integers("episode_index")?,
+            frames: table.integers("frame_index")?,
+            indices: table.integers("index")?,
+        })
     }
 
     /// Compares the rows of a table with the episode that they should be.
@@ -111,10 +116,9 @@ impl Places {
             return Ok(found);
         }
         let files = &episodes[episode];
-        let wrong = match Table::open(&files.data) {
+        let wrong = match Table::open(&files.data).and_then(|table| Labels::of(&table)) {
             Err(error) => error,
-            Ok(table) => {
-                let labels = Labels::of(&table);
+            Ok(labels) => {
                 // The other episodes of the table, too, so that it is looked at once.
                 for &other in self.listed.get(&files.data).into_iter().flatten() {
                     let EpisodeFiles { number, first, rows, data, .. } = &episodes[other];
@@ -147,7 +151,7 @@ impl Places {
     fn search(&self, files: &EpisodeFiles) -> Option<Place> {
         let runs = self.runs.get_or_init(|| self.all_runs());
         let [(data, rows)] = runs.get(&files.number)?.as_slice() else { return None };
-        let labels = Labels::of(&Table::open(data).ok()?);
+        let labels = Labels::of(&Table::open(data).ok()?).ok()?;
         let fits = rows.len() == files.rows && labels.check(files.number, rows.clone()).is_ok();
         fits.then(|| Place { data: data.clone(), first: rows.start })
     }
@@ -155,8 +159,11 @@ impl Places {
     fn all_runs(&self) -> BTreeMap<i64, Runs> {
         let mut runs: BTreeMap<i64, Runs> = BTreeMap::new();
         for path in tables(&self.folder.join(DATA), DEPTH) {
-            let Ok(table) = Table::open(&path) else { continue };
-            let numbers = table.integers("episode_index").unwrap_or_default();
+            // What cannot be read here is an error where the list places an episode there.
+            let Ok(numbers) = Table::open(&path).and_then(|table| table.integers("episode_index")) else {
+                continue;
+            };
+            let numbers = numbers.unwrap_or_default();
             let mut begin = 0;
             for run in numbers.chunk_by(|a, b| a == b) {
                 runs.entry(run[0]).or_default().push((path.clone(), begin..begin + run.len()));

@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::codecs;
+use super::images::Encoded;
 use super::values::{MAX_VALUES, Values, is_half, is_unsigned, type_name};
 use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
@@ -29,6 +30,16 @@ pub(super) fn not_parquet(error: ParquetError) -> FormatError {
             unsupported(format!("Parquet with {what} is not read; write the table anew with pyarrow"))
         }
         None => FormatError::other(error),
+    }
+}
+
+/// Whether an error tells that a file has no column of which this program has values. Any other is one of a column that is there and
+/// cannot be decoded.
+pub(super) fn is_no_column(error: &FormatError) -> bool {
+    match error {
+        FormatError::At { source, .. } => is_no_column(source),
+        FormatError::Missing(_) | FormatError::Unsupported(_) => true,
+        _ => false,
     }
 }
 
@@ -102,31 +113,75 @@ impl Table {
     /// The bytes of all rows of a leaf.
     pub(crate) fn bytes(&self, leaf: usize) -> Result<Vec<Vec<u8>>> {
         let all = guarded(|| self.read_bytes(leaf, 0..self.rows))?;
-        Ok(all.iter().map(|bytes| bytes.data().to_vec()).collect())
+        let bytes = |(row, bytes): (usize, Option<ByteArray>)| match bytes {
+            Some(bytes) => Ok(bytes.data().to_vec()),
+            None => Err(missing(format!("the bytes of row {row} are missing (null)"))),
+        };
+        all.into_iter().enumerate().map(bytes).collect()
     }
 
     /// All values of a column of whole numbers, one a row; `None`: there is no such column, or it holds others.
-    pub(super) fn integers(&self, name: &str) -> Option<Vec<i64>> {
-        let numbers = match self.column(name).ok()? {
-            Column::I64(values) => values,
-            Column::I32(values) => values.into_iter().map(i64::from).collect(),
-            _ => return None,
+    ///
+    /// # Errors
+    ///
+    /// There is one, and it cannot be decoded.
+    pub(super) fn integers(&self, name: &str) -> Result<Option<Vec<i64>>> {
+        let numbers = match self.column(name) {
+            Ok(Column::I64(values)) => values,
+            Ok(Column::I32(values)) => values.into_iter().map(i64::from).collect(),
+            Ok(_) => return Ok(None),
+            Err(error) if is_no_column(&error) => return Ok(None),
+            Err(error) => return Err(error),
         };
-        (numbers.len() == self.rows).then_some(numbers)
+        Ok((numbers.len() == self.rows).then_some(numbers))
     }
 
-    /// The encoded images of rows of a column of structs of `bytes` and `path`.
-    pub(super) fn images(&self, name: &str, rows: Range<usize>) -> Result<Vec<ByteArray>> {
+    /// All values of a column of texts, one a row; `None` as of [`Table::integers`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Table::integers`].
+    pub(super) fn texts(&self, name: &str) -> Result<Option<Vec<String>>> {
+        match self.column(name) {
+            Ok(Column::Str(texts)) => Ok((texts.len() == self.rows).then_some(texts)),
+            Ok(_) => Ok(None),
+            Err(error) if is_no_column(&error) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The images of rows of a column of structs of `bytes` and `path`.
+    pub(super) fn images(&self, name: &str, rows: Range<usize>) -> Result<Vec<Encoded>> {
         guarded(|| self.read_images(name, rows)).at(format_args!("column `{name}`"))
     }
 
-    fn read_images(&self, name: &str, rows: Range<usize>) -> Result<Vec<ByteArray>> {
+    fn read_images(&self, name: &str, rows: Range<usize>) -> Result<Vec<Encoded>> {
+        if !self.has(name) {
+            return Err(missing("it is not there"));
+        }
         let schema = self.reader.metadata().file_metadata().schema_descr();
-        let leaf = schema.columns().iter().position(|leaf| *leaf.path().parts() == [name, "bytes"]);
-        self.read_bytes(leaf.ok_or(missing("it holds no encoded images"))?, rows)
+        let part = |part| {
+            let leaf = schema.columns().iter().position(|leaf| *leaf.path().parts() == [name, part]);
+            leaf.map(|leaf| self.read_bytes(leaf, rows.clone())).transpose()
+        };
+        let (bytes, paths) = (part("bytes")?, part("path")?);
+        if bytes.is_none() && paths.is_none() {
+            return Err(unsupported(
+                "its values are no structures of `bytes` and `path`, as LeRobot stores images",
+            ));
+        }
+        let mut bytes = bytes.unwrap_or_default().into_iter();
+        let mut paths = paths.unwrap_or_default().into_iter();
+        let image = |_| match (bytes.next().flatten(), paths.next().flatten()) {
+            (Some(bytes), _) => Encoded::Bytes(bytes),
+            (None, Some(path)) => Encoded::File(String::from_utf8_lossy(path.data()).into_owned()),
+            (None, None) => Encoded::Nothing,
+        };
+        Ok(rows.map(image).collect())
     }
 
-    fn read_bytes(&self, leaf: usize, rows: Range<usize>) -> Result<Vec<ByteArray>> {
+    /// The bytes of rows of a leaf, and where they are missing.
+    fn read_bytes(&self, leaf: usize, rows: Range<usize>) -> Result<Vec<Option<ByteArray>>> {
         let (mut images, mut begin) = (Vec::new(), 0_usize);
         for group in 0..self.reader.num_row_groups() {
             let group = self.reader.get_row_group(group).map_err(not_parquet)?;
@@ -144,7 +199,7 @@ impl Table {
                 if skipped != wanted.start - begin {
                     return Err(missing(format!("row {} is not there", wanted.start)));
                 }
-                images.extend(Values::read(reader, about, wanted.len())?.whole()?);
+                images.extend(Values::read(reader, about, wanted.len())?.each(about)?);
             }
             begin = end;
         }
@@ -203,11 +258,14 @@ impl Table {
                 }
                 ColumnReader::ByteArrayColumnReader(reader) => {
                     let all = Values::read(reader, about, rows)?;
-                    let texts = all.with_missing(about, ByteArray::from(Vec::<u8>::new()))?.into_iter().map(
-                        |text: ByteArray| {
-                            text.as_utf8().map(str::to_owned).map_err(|_| invalid("a text is not UTF-8"))
-                        },
-                    );
+                    let no_text = || match about.converted_type() {
+                        ConvertedType::UTF8 => invalid("a text is not UTF-8"),
+                        _ => unsupported("its values are bytes and no text"),
+                    };
+                    let texts = all
+                        .with_missing(about, ByteArray::from(Vec::<u8>::new()))?
+                        .into_iter()
+                        .map(|text: ByteArray| text.as_utf8().map(str::to_owned).map_err(|_| no_text()));
                     Column::Str(texts.collect::<Result<_, _>>()?)
                 }
                 _ => {

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::Value as Json;
-use swm_core::{Column, Slice};
+use swm_core::Slice;
 
-use super::info::{Info, Version};
+use super::info::Version;
 use super::parquet_file::{self, ColumnOut};
 use super::table::Table;
-use crate::error::{At as _, DataError, FormatError, Result, missing};
+use crate::error::{At as _, DataError, FormatError, Result, invalid, missing};
 use crate::formats::disk::{read_regular, replace};
 
 /// Where those of version 3 are.
@@ -19,31 +19,73 @@ pub(super) const TASK_INDEX: &str = "task_index";
 /// Names of the column of texts: LeRobot's, and that of an index of pandas without a name.
 const TEXTS: [&str; 2] = ["task", "__index_level_0__"];
 
-/// All tasks.
-pub(super) fn read(path: &Path, info: &Info) -> Result<BTreeMap<i64, String>> {
-    match info.version()? {
-        Version::V2 => lines(&path.join("meta/tasks.jsonl")),
-        Version::V3 => rows(&path.join(FILE)),
+/// The list of tasks in a folder.
+pub(super) fn file(version: Version) -> &'static str {
+    match version {
+        Version::V2 => "meta/tasks.jsonl",
+        Version::V3 => FILE,
     }
 }
 
-fn lines(path: &Path) -> Result<BTreeMap<i64, String>> {
-    let text = String::from_utf8(read_regular(path).at(path.display())?).map_err(FormatError::other)?;
-    let mut tasks = BTreeMap::new();
-    for line in text.lines().filter(|line| !line.trim().is_empty()) {
-        let entry: Json = serde_json::from_str(line).at(path.display())?;
-        let (Some(number), Some(task)) = (entry[TASK_INDEX].as_i64(), entry["task"].as_str()) else {
-            return Err(missing("a task without number or text")).at(path.display());
-        };
-        tasks.insert(number, task.to_owned());
+/// All tasks.
+///
+/// # Errors
+///
+/// The list is not there, is damaged, or contradicts itself.
+pub(super) fn read(path: &Path, version: Version) -> Result<BTreeMap<i64, String>> {
+    let list = path.join(file(version));
+    match version {
+        Version::V2 => lines(&list),
+        Version::V3 => rows(&list),
     }
-    Ok(tasks)
+    .at(format_args!("`{}`", file(version)))
+}
+
+/// The text of the task of a row.
+pub(super) fn text(texts: &BTreeMap<i64, String>, number: i64, row: usize) -> Result<&String> {
+    texts.get(&number).ok_or_else(|| {
+        missing(format!(
+            "there is no task {number}, which the `{TASK_INDEX}` of row {row} names; add its text to the list of tasks, or correct the row"
+        ))
+    })
+}
+
+/// Texts by their numbers.
+fn numbered(tasks: impl IntoIterator<Item = (i64, String)>) -> Result<BTreeMap<i64, String>> {
+    let mut texts: BTreeMap<i64, String> = BTreeMap::new();
+    for (number, text) in tasks {
+        if number < 0 {
+            return Err(invalid(format!(
+                "the task `{text}` has the number {number}, and numbers begin with 0; give it another, in its rows, too"
+            )));
+        }
+        if let Some(other) = texts.get(&number).filter(|other| **other != text) {
+            return Err(invalid(format!(
+                "the number {number} is that of two tasks, `{other}` and `{text}`; give one of them another, in its rows, too"
+            )));
+        }
+        texts.insert(number, text);
+    }
+    Ok(texts)
+}
+
+fn lines(path: &Path) -> Result<BTreeMap<i64, String>> {
+    let text = String::from_utf8(read_regular(path)?).map_err(FormatError::other)?;
+    let mut tasks = Vec::new();
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        let entry: Json = serde_json::from_str(line)?;
+        let (Some(number), Some(task)) = (entry[TASK_INDEX].as_i64(), entry["task"].as_str()) else {
+            return Err(missing("a task without number or text"));
+        };
+        tasks.push((number, task.to_owned()));
+    }
+    numbered(tasks)
 }
 
 /// Those of a folder of ours, which may have none yet.
 pub(super) fn of_ours(path: &Path) -> Result<BTreeMap<i64, String>> {
-    let path = path.join(FILE);
-    if path.is_file() { rows(&path) } else { Ok(BTreeMap::new()) }
+    let list = path.join(FILE);
+    if list.is_file() { rows(&list).at(format_args!("`{FILE}`")) } else { Ok(BTreeMap::new()) }
 }
 
 /// Writes `meta/tasks.parquet`: numbers of tasks, by their texts, which pandas takes for the index.
@@ -128,13 +170,12 @@ impl Recorded {
 
 fn rows(path: &Path) -> Result<BTreeMap<i64, String>> {
     let table = Table::open(path)?;
-    let numbers = table.integers(TASK_INDEX);
-    let texts = TEXTS.iter().find_map(|name| match table.column(name) {
-        Ok(Column::Str(texts)) if texts.len() == table.rows() => Some(texts),
-        _ => None,
-    });
-    match (numbers, texts) {
-        (Some(numbers), Some(texts)) => Ok(numbers.into_iter().zip(texts).collect()),
-        _ => Err(missing("it has no numbers and texts of tasks")).at(path.display()),
+    let mut texts = None;
+    for name in TEXTS {
+        texts = texts.or(table.texts(name)?);
+    }
+    match (table.integers(TASK_INDEX)?, texts) {
+        (Some(numbers), Some(texts)) => numbered(numbers.into_iter().zip(texts)),
+        _ => Err(missing(format!("it has no numbers (`{TASK_INDEX}`) and texts (`task`) of tasks"))),
     }
 }

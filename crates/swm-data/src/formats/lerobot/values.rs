@@ -6,7 +6,7 @@ use parquet::data_type::DataType;
 use parquet::schema::types::ColumnDescriptor;
 
 use super::table::not_parquet;
-use crate::error::{Result, invalid, missing};
+use crate::error::{Result, invalid, missing, unsupported};
 
 /// More values than this in a column of one file are taken for damage: the head of a file may claim any number.
 pub(super) const MAX_VALUES: i64 = 1 << 28;
@@ -38,7 +38,7 @@ impl<T> Values<T> {
             );
             let (records, ..) = read.map_err(not_parquet)?;
             if records == 0 {
-                return Err(missing(format!("{done} of {rows} rows are there")));
+                return Err(invalid(format!("{done} of {rows} rows are there")));
             }
             if there.len().max(depths.len()) as i64 > MAX_VALUES {
                 return Err(invalid(format!("{} values", there.len().max(depths.len()))));
@@ -56,6 +56,18 @@ impl<T> Values<T> {
                 "{count} of its values are missing (null), which only floats and texts may be"
             ))),
         }
+    }
+
+    /// One of each row, and which are missing.
+    pub(super) fn each(self, column: &ColumnDescriptor) -> Result<Vec<Option<T>>> {
+        if !self.repeats.is_empty() {
+            return Err(unsupported("its rows are lists"));
+        }
+        if self.depths.is_empty() {
+            return Ok(self.there.into_iter().map(Some).collect());
+        }
+        let (full, mut there) = (column.max_def_level(), self.there.into_iter());
+        Ok(self.depths.iter().map(|&depth| if depth == full { there.next() } else { None }).collect())
     }
 
     /// The same after a change of each.

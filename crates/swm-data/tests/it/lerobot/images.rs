@@ -12,6 +12,16 @@ use crate::copied;
 
 /// A folder of version 3.0 with its images in its table, `file(row)` each; the table's row groups cut through its episodes of 4 and 6 rows.
 fn with_images_in_tables(path: &Path, shape: [usize; 3], file: impl Fn(usize) -> Option<Vec<u8>>) {
+    with_images(path, shape, file, |row| format!("{row}.png"));
+}
+
+/// As [`with_images_in_tables`], where `path(row)` is the path of the image of a row.
+fn with_images(
+    path: &Path,
+    shape: [usize; 3],
+    file: impl Fn(usize) -> Option<Vec<u8>>,
+    place: impl Fn(usize) -> String,
+) {
     use parquet::basic::{ConvertedType, Repetition, Type as Physical};
     use parquet::data_type::{ByteArray, ByteArrayType, Int64Type};
     use parquet::file::writer::SerializedFileWriter;
@@ -44,7 +54,7 @@ fn with_images_in_tables(path: &Path, shape: [usize; 3], file: impl Fn(usize) ->
         let files: Vec<Option<Vec<u8>>> = rows.clone().map(&file).collect();
         let depths: Vec<i16> = files.iter().map(|file| if file.is_some() { 2 } else { 1 }).collect();
         let files: Vec<ByteArray> = files.into_iter().flatten().map(ByteArray::from).collect();
-        let names: Vec<ByteArray> = rows.clone().map(|row| format!("{row}.png").as_str().into()).collect();
+        let names: Vec<ByteArray> = rows.clone().map(|row| place(row).as_str().into()).collect();
         for (values, depths) in [(&files, depths), (&names, vec![2; rows.len()])] {
             let mut column = group.next_column().unwrap().unwrap();
             column.typed::<ByteArrayType>().write_batch(values, Some(&depths), None).unwrap();
@@ -97,23 +107,68 @@ fn images_in_tables_are_read() {
     mutate("images in tables", &path);
 }
 
+/// While it records, LeRobot keeps images in files, and their paths on its machine in the table.
 #[test]
-fn images_in_tables_that_cannot_be_read_are_left_out_with_the_reason() {
+fn images_in_files_are_read_by_their_paths() {
     let folder = tempfile::tempdir().unwrap();
-    let left_out = |name: &str, shape, file: &dyn Fn(usize) -> Option<Vec<u8>>| {
+    let path = folder.path().join("a");
+    let name = |row: usize| format!("images/observation.images.top/episode-000000/frame-{row:06}.png");
+    let png = |row| swm_media::png::encode(6, 8, &plain(row)).unwrap();
+    // Some are embedded, and some paths begin elsewhere.
+    let place = |row: usize| match row % 3 {
+        0 => name(row),
+        _ => format!("/home/me/.cache/images/lerobot/{}", name(row)),
+    };
+    with_images(&path, [6, 8, 3], |row| (row == 2).then(|| png(row)), place);
+    let message = open(&path).err().unwrap().to_string();
+    for part in
+        ["observation.images.top", &name(0), "which is not in the folder of the dataset", "embed_images"]
+    {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+    fs::create_dir_all(path.join(name(0)).parent().unwrap()).unwrap();
+    for row in (0..10).filter(|&row| row != 2) {
+        fs::write(path.join(name(row)), png(row)).unwrap();
+    }
+    let mut dataset = open(&path).unwrap();
+    assert!(dataset.info().skipped.is_empty(), "{:?}", dataset.info().skipped);
+    for (episode, first, rows) in [(0, 0, 4), (1, 4, 6)] {
+        let mut batch = Batch::new(dataset.schema().clone(), 0);
+        dataset.read(episode, 0..rows, &mut batch).unwrap();
+        let expected: Vec<u8> = (first..first + rows).flat_map(plain).collect();
+        assert!(batch.get::<u8>("pixels").unwrap() == expected, "episode {episode}");
+    }
+    fs::remove_file(path.join(name(7))).unwrap();
+    let mut batch = Batch::new(dataset.schema().clone(), 0);
+    let message = dataset.read(1, 0..6, &mut batch).unwrap_err().to_string();
+    for part in ["`pixels`", "episode 1", "row 3", &name(7), "not in the folder of the dataset"] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+}
+
+#[test]
+fn images_in_tables_that_cannot_be_read_are_told_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = |name: &str, shape, file: &dyn Fn(usize) -> Option<Vec<u8>>| {
         let path = folder.path().join(name);
         with_images_in_tables(&path, shape, file);
-        let skipped = open(&path).unwrap().info().skipped.clone();
-        assert_eq!((skipped.len(), skipped[0].0.as_str()), (1, "observation.images.top"));
-        skipped[0].1.clone()
+        match open(&path) {
+            Err(error) => (false, error.to_string()),
+            Ok(dataset) => {
+                let skipped = dataset.info().skipped.clone();
+                assert_eq!((skipped.len(), skipped[0].0.as_str()), (1, "observation.images.top"));
+                (true, skipped[0].1.clone())
+            }
+        }
     };
     let png = |row| Some(swm_media::png::encode(6, 8, &plain(row)).unwrap());
-    let reason = left_out("size", [8, 8, 3], &png);
-    assert!(reason.contains("[6, 8, 3], not [8, 8, 3]"), "{reason}");
-    let reason = left_out("depth", [6, 8, 1], &png);
-    assert!(reason.contains("not 3 colors"), "{reason}");
-    let reason = left_out("outside", [6, 8, 3], &|_| None);
-    assert!(reason.contains("1 of its values are missing"), "{reason}");
-    let reason = left_out("damaged", [6, 8, 3], &|_| Some(b"no image".to_vec()));
-    assert!(reason.contains("PNG") || reason.contains("png"), "{reason}");
+    let (opens, reason) = told("size", [8, 8, 3], &png);
+    assert!(!opens && reason.contains("[6, 8, 3], not [8, 8, 3]"), "{reason}");
+    let (opens, reason) = told("depth", [6, 8, 1], &png);
+    assert!(opens && reason.contains("not 3 colors"), "{reason}");
+    // Another camera would become `pixels`.
+    let (opens, reason) = told("outside", [6, 8, 3], &|_| None);
+    assert!(!opens && reason.contains("observation.images.top: ") && reason.contains("`0.png`"), "{reason}");
+    let (opens, reason) = told("damaged", [6, 8, 3], &|_| Some(b"no image".to_vec()));
+    assert!(opens && reason.contains("neither PNG nor JPEG"), "{reason}");
 }

@@ -9,6 +9,7 @@ mod options;
 mod rates;
 mod recording;
 mod rows;
+mod tasks;
 
 use std::path::{Path, PathBuf};
 
