@@ -1,7 +1,7 @@
 //! Codecs of the column chunks of Parquet: which are read, and what to do about the others.
 
 use parquet::basic::Compression;
-use parquet::file::metadata::ParquetMetaData;
+use parquet::file::metadata::{ParquetMetaData, RowGroupMetaData};
 
 use crate::error::{Result, unsupported};
 
@@ -11,7 +11,7 @@ use crate::error::{Result, unsupported};
 ///
 /// The first column that is not, with its codec and the fix: without it, a dataset would have a column less.
 pub(super) fn check(file: &ParquetMetaData) -> Result<()> {
-    for chunk in file.row_groups().iter().flat_map(|group| group.columns()) {
+    for chunk in file.row_groups().iter().flat_map(RowGroupMetaData::columns) {
         let codec = match chunk.compression() {
             Compression::BROTLI(_) => "Brotli",
             Compression::LZO => "LZO",

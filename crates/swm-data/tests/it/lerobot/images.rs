@@ -117,7 +117,7 @@ fn images_in_files_are_read_by_their_paths() {
     // Some are embedded, and some paths begin elsewhere.
     let place = |row: usize| match row % 3 {
         0 => name(row),
-        _ => format!("/home/me/.cache/images/lerobot/{}", name(row)),
+        _ => format!("/data/images/lerobot/{}", name(row)),
     };
     with_images(&path, [6, 8, 3], |row| (row == 2).then(|| png(row)), place);
     let message = open(&path).err().unwrap().to_string();
