@@ -1,6 +1,6 @@
 //! Long texts: kept, or refused with the column, the episode and what to do.
 
-use swm_core::{Batch, Dtype, EpisodeSink as _, Field, Schema, SliceMut};
+use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
 use swm_data::testing::{contents, metadata};
 use swm_data::{WriteMode, create_in, format};
 
