@@ -113,7 +113,7 @@ mod tests {
         ] {
             match ask(&given) {
                 Err(error @ TaskError::Request(_)) => {
-                    assert!(error.to_string().contains(text), "{text}: {error}")
+                    assert!(error.to_string().contains(text), "{text}: {error}");
                 }
                 other => panic!("{given}: {other:?}"),
             }

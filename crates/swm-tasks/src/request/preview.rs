@@ -310,7 +310,7 @@ mod tests {
         ] {
             match ask(&given, &mut Vec::new()) {
                 Err(error @ TaskError::Request(_)) => {
-                    assert!(error.to_string().contains(text), "{text}: {error}")
+                    assert!(error.to_string().contains(text), "{text}: {error}");
                 }
                 other => panic!("{given}: {other:?}"),
             }
