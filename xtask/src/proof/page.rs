@@ -55,14 +55,37 @@ fn part(task: &Task, table: &Table, records: &Records) -> String {
     let mut versions: Vec<&str> = records.iter().map(|record| record.version.as_str()).collect();
     versions.sort_unstable();
     versions.dedup();
-    let Record { episodes, solved_at_start, machine, date, .. } = last;
+    let Record { machine, date, .. } = last;
     format!(
-        "{tables}\n{episodes} pairs, of which {solved_at_start} are solved at reset; version {versions}, {machine}, {date}. The commands for the \
-         first training ([`{name}.toml`](proof/{name}.toml) has all):\n\n<!-- test: skip: it takes hours -->\n```bash\n{commands}```\n",
+        "{tables}\n{pairs}; version {versions}, {machine}, {date}. The commands for the first training ([`{name}.toml`](proof/{name}.toml) \
+         has all):\n\n<!-- test: skip: it takes hours -->\n```bash\n{commands}```\n",
+        pairs = pairs(table, &records),
         versions = versions.join(", "),
         name = task.name,
         commands = commands(task, table),
     )
+}
+
+/// How many pairs there are, and how many of them no policy has to solve: for each row, where these have several manifests.
+fn pairs(table: &Table, records: &[&Record]) -> String {
+    let mut found: Vec<([u64; 2], Vec<&str>)> = Vec::new();
+    for row in &table.rows {
+        let Some(record) = records.iter().find(|record| record.row == row.name) else { continue };
+        let counts = [record.episodes, record.solved_at_start];
+        match found.iter_mut().find(|(known, _)| *known == counts) {
+            Some((_, rows)) => rows.push(&row.name),
+            None => found.push((counts, vec![&row.name])),
+        }
+    }
+    let told =
+        |[episodes, solved]: [u64; 2]| format!("{episodes} pairs, of which {solved} are solved at reset");
+    match &found[..] {
+        [(counts, _)] => told(*counts),
+        _ => {
+            let each = found.iter().map(|(counts, rows)| format!("{}: {}", rows.join(", "), told(*counts)));
+            each.collect::<Vec<_>>().join("; ")
+        }
+    }
 }
 
 /// What makes the first training of each row.
