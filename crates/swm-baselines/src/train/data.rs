@@ -157,8 +157,8 @@ pub fn with_images(
     let refuse = |error: DataError| {
         let reason = match looks.is_default() {
             true => format!(
-                "it has no column `{PIXELS}`, and its images cannot be rendered: {error}; record it with `swm collect … \
-                 --image-size {image}x{image}`"
+                "it has no column `{PIXELS}`, and its images cannot be rendered: {error}; record it with images of \
+                 {image}x{image}"
             ),
             false => format!("its images cannot be rendered in these looks: {error}"),
         };

@@ -115,12 +115,12 @@ fn datasets_that_do_not_fit_are_refused() {
             "blind.h5 cannot train lewm: it has no column `pixels`",
             "cannot be rendered",
             "it was recorded in `swm/Dot-v0`, an environment of another program",
-            "--image-size",
+            "record it with images of",
         ],
     );
     let oblong = record_as(&folder.path().join("oblong.h5"), Some(ImageSize { height: 16, width: 8 }), 1);
     let message = refused(folder.path(), oblong.as_ref(), &new_run("lewm"));
-    says(&message, &["oblong.h5 cannot train lewm: its images are 16 × 8", "--image-size"]);
+    says(&message, &["oblong.h5 cannot train lewm: its images are 16 × 8", "record such, as of 64x64"]);
     let seeing = record(folder.path());
     let feeling = NewRun { changes: json!({ "proprio": 10 }), encoder: None, ..new_run("dino-wm") };
     says(&refused(folder.path(), seeing.as_ref(), &feeling), &["`proprio` is on and the data has none"]);
