@@ -279,7 +279,7 @@ def test_a_recording_is_checked_by_a_replay(tmp_path: Path, monkeypatch: pytest.
         replayed.append(list(episodes))
         return {"ok": False}
 
-    monkeypatch.setattr("stable_worldmodel_rs.world.manifests.replay", differs)
+    monkeypatch.setattr("stable_worldmodel_rs.world.requests.replay", differs)
     with pytest.raises(swm.DataError, match="a replay of the new episodes differs"):
         world.collect(path, episodes=3, seed=3, mode="append", progress=False, check=True)
     assert replayed == [[4, 5, 6]]

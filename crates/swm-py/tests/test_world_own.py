@@ -129,7 +129,7 @@ def test_texts_lists_and_dicts_of_the_info_are_recorded_and_the_rest_is_noted_on
     assert first(found, "l") == [[0, 0], [1, 1], [2, 2], [3, 3]]
     assert {"raw", "texts.0", "texts.1"} <= set(found)
     notes = [record.getMessage() for record in caplog.records if "is not recorded" in record.getMessage()]
-    for name, reason in (("none", "None"), ("thing", "object is no number"), ("empty", "holds no values"), ("contacts", r"\(1,\)"), ("essay", "400 bytes does not fit: this format holds texts of at most 256")):
+    for name, reason in (("none", "None"), ("thing", "object is no number"), ("empty", "holds no values"), ("contacts", r"\(1,\)"), ("essay", "400 bytes; 256 is the most")):
         told = [note for note in notes if note.startswith(f"`{name}`")]
         assert len(told) == 1 and re.search(reason, told[0]), (name, notes)
     assert len(notes) == 5

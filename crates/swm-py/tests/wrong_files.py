@@ -176,6 +176,6 @@ INPUTS: list[tuple[Callable[[Path], Any], list[str]]] = [
     (infinite_state, ["column `state`: row 2 holds an infinite number"]),
     (no_lengths, ["it has no `ep_len`, which says where episodes lie"]),
     (edited_receipt, ["result: the summary is not that of the episodes", "evaluate again"]),
-    (preview_without_images, ["a.h5 holds no images", "inspect` lists its columns"]),
+    (preview_without_images, ["a.h5 holds no images", "its columns: action, state"]),
     (replay_of_a_foreign_file, ["a.h5 does not name its environment"]),
 ]

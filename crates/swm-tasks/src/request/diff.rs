@@ -9,8 +9,8 @@ use swm_data::tools::compare::{Comparison, compare};
 
 use super::copies::{check_exists, ended};
 use super::{
-    Fix, Message, Report, Request, Stage, TaskError, apart, must_be_given, open_dataset, open_dataset_with,
-    wrong,
+    Fix, Message, Report, Request, Stage, TaskError, apart, must_be_given, number, open_dataset,
+    open_dataset_with, wrong,
 };
 
 swm_core::settings! {
@@ -39,8 +39,7 @@ impl Request for Diff {
         let is_missing = |path: &PathBuf| path.as_os_str().is_empty();
         must_be_given(&[("first", is_missing(&self.first)), ("second", is_missing(&self.second))])?;
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            // JSON has no NaN.
-            let value = self.tolerance.to_string();
+            let value = number(self.tolerance);
             return Err(Message::about("tolerance", value, "use a number of 0 or more").into());
         }
         if !self.columns.is_empty() && !self.ignore.is_empty() {

@@ -105,6 +105,11 @@ pub trait Request: Settings {
     }
 }
 
+/// A number as the value of a setting. JSON has no NaN, which is a text.
+fn number(value: f64) -> Json {
+    serde_json::Number::from_f64(value).map_or_else(|| value.to_string().into(), Json::Number)
+}
+
 /// Refuses a request that lacks one of these settings, each with whether it is missing.
 pub(crate) fn must_be_given(settings: &[(&str, bool)]) -> Result<(), TaskError> {
     settings.iter().find(|(_, is_missing)| *is_missing).map_or(Ok(()), |(name, _)| {

@@ -10,7 +10,8 @@ use swm_data::adapt::Watched;
 use super::copies::{check_exists, ended};
 use super::selection::selection;
 use super::{
-    Message, Report, Request, Stage, TaskError, apart, factor_values, must_be_given, open_dataset_with, wrong,
+    Message, Report, Request, Stage, TaskError, apart, factor_values, must_be_given, number,
+    open_dataset_with, wrong,
 };
 use crate::replay::{ReplayReport, recorded_env, replay};
 use crate::threads::{self, within};
@@ -47,8 +48,7 @@ impl Request for Replay {
         must_be_given(&[("dataset", self.dataset.as_os_str().is_empty())])?;
         threads::check(self.threads)?;
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            // JSON has no NaN.
-            let value = self.tolerance.to_string();
+            let value = number(self.tolerance);
             return Err(Message::about("tolerance", value, "use a number of 0 or more").into());
         }
         self.opening.check().map_err(wrong)?;
@@ -113,7 +113,7 @@ mod tests {
         let file = recorded(folder.path().join("a.h5"));
         for (given, text) in [
             (json!({}), "dataset: must be given"),
-            (json!({ "dataset": file, "tolerance": -1 }), "tolerance=-1: use a number of 0 or more"),
+            (json!({ "dataset": file, "tolerance": -1 }), "tolerance=-1.0: use a number of 0 or more"),
             (json!({ "dataset": file, "threads": 0 }), "threads=0: use 1 to 1024"),
             (
                 json!({ "dataset": file, "episodes": "4" }),
