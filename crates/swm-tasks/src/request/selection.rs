@@ -6,7 +6,7 @@ use super::{Message, TaskError};
 ///
 /// # Errors
 ///
-/// [`TaskError::Request`]: it is no such text, or names an episode that there is not; [`TaskError::Failed`]: there is none at all.
+/// [`TaskError::Request`]: it is no such text, or names an episode that there is not; [`TaskError::Unfit`]: there is none at all.
 pub(super) fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, TaskError> {
     if count == 0 {
         return Err("the dataset holds no episode".into());
@@ -48,6 +48,6 @@ mod tests {
             let error = selection(Some(wrong), 3).unwrap_err();
             assert!(error.to_string().starts_with(&format!("episodes={wrong}: ")), "{error}");
         }
-        assert!(matches!(selection(None, 0), Err(TaskError::Failed(_))));
+        assert!(matches!(selection(None, 0), Err(TaskError::Unfit(_))));
     }
 }
