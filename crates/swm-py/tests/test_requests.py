@@ -205,10 +205,10 @@ def test_a_verification_is_the_same_from_python_and_the_command(command: str, re
 def test_what_is_found_in_datasets_is_the_same_from_python_and_the_command(command: str, recordings: Path) -> None:
     for name, found in {"replay": swm.replay, "diff": swm.data.diff}.items():
         for request in copies(f"{name}.json", recordings):
-            told = subprocess.run([command, name, *words(request), "--json", "--quiet"], check=False, capture_output=True, text=True)
+            printed = subprocess.run([command, name, *words(request), "--json", "--quiet"], check=False, capture_output=True, text=True)
             given = {NAMES.get(setting, setting): value for setting, value in request.items()}
             data = [given.pop(setting) for setting in ("dataset", "first", "second") if setting in given]
-            assert found(*data, progress=False, **given) == json.loads(told.stdout), request
+            assert found(*data, progress=False, **given) == json.loads(printed.stdout), request
 
 
 def test_images_of_a_dataset_are_the_same_from_python_and_the_command(command: str, tmp_path: Path, recordings: Path) -> None:

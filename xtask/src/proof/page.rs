@@ -77,12 +77,13 @@ fn pairs(table: &Table, records: &[&Record]) -> String {
             None => found.push((counts, vec![&row.name])),
         }
     }
-    let told =
+    let sentence =
         |[episodes, solved]: [u64; 2]| format!("{episodes} pairs, of which {solved} are solved at reset");
     match &found[..] {
-        [(counts, _)] => told(*counts),
+        [(counts, _)] => sentence(*counts),
         _ => {
-            let each = found.iter().map(|(counts, rows)| format!("{}: {}", rows.join(", "), told(*counts)));
+            let each =
+                found.iter().map(|(counts, rows)| format!("{}: {}", rows.join(", "), sentence(*counts)));
             each.collect::<Vec<_>>().join("; ")
         }
     }
@@ -97,10 +98,13 @@ fn commands(task: &Task, table: &Table) -> String {
 
 /// A line for each policy, those that others are compared with last.
 fn policies(table: &Table, records: &[&Record]) -> String {
-    let mut text = "| policy | training | CPU minutes | success | of all (95 %) | published |\n|---|---|--:|---|---|---|\n".to_owned();
-    if table.has_rates() {
-        text = "| policy | training | CPU minutes | success | of all (95 %) | plans per CPU second |\n|---|---|--:|---|---|--:|\n".to_owned();
-    }
+    let (last, side) = match table.has_rates() {
+        true => ("plans per CPU second", "--:"),
+        false => ("published", "---"),
+    };
+    let mut text = format!(
+        "| policy | training | CPU minutes | success | of all (95 %) | {last} |\n|---|---|--:|---|---|{side}|\n"
+    );
     let mut line = |name: &str, row: Option<&Row>| {
         let of_row: Vec<&Record> = records.iter().filter(|record| record.row == name).copied().collect();
         // Policies without a training are the same whichever row they are evaluated with.

@@ -9,7 +9,7 @@ use swm_data::tools::compare::{Comparison, compare};
 
 use super::copies::{check_exists, ended};
 use super::{
-    Fix, Message, Report, Request, Stage, TaskError, apart, must_be_given, number, open_dataset,
+    Fix, Message, Report, Request, Stage, TaskError, apart, check_tolerance, must_be_given, open_dataset,
     open_dataset_with, wrong,
 };
 
@@ -38,10 +38,7 @@ impl Request for Diff {
     fn check(&self, _registry: &Registry) -> Result<(), TaskError> {
         let is_missing = |path: &PathBuf| path.as_os_str().is_empty();
         must_be_given(&[("first", is_missing(&self.first)), ("second", is_missing(&self.second))])?;
-        if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            let value = number(self.tolerance);
-            return Err(Message::about("tolerance", value, "use a number of 0 or more").into());
-        }
+        check_tolerance(self.tolerance)?;
         if !self.columns.is_empty() && !self.ignore.is_empty() {
             let message = Message::about("ignore", self.ignore.clone(), "columns are chosen already");
             return Err(message.fix(Fix::Any(vec![Fix::Leave("columns"), Fix::Leave("ignore")])).into());

@@ -105,9 +105,15 @@ pub trait Request: Settings {
     }
 }
 
-/// A number as the value of a setting. JSON has no NaN, which is a text.
-fn number(value: f64) -> Json {
-    serde_json::Number::from_f64(value).map_or_else(|| value.to_string().into(), Json::Number)
+/// Refuses a largest accepted difference that no difference can have.
+fn check_tolerance(tolerance: f64) -> Result<(), TaskError> {
+    if tolerance >= 0.0 {
+        return Ok(());
+    }
+    // JSON has no NaN.
+    let value =
+        serde_json::Number::from_f64(tolerance).map_or_else(|| tolerance.to_string().into(), Json::Number);
+    Err(Message::about("tolerance", value, "use a number of 0 or more").into())
 }
 
 /// Refuses a request that lacks one of these settings, each with whether it is missing.

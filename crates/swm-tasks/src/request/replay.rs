@@ -10,7 +10,7 @@ use swm_data::adapt::Watched;
 use super::copies::{check_exists, ended};
 use super::selection::selection;
 use super::{
-    Message, Report, Request, Stage, TaskError, apart, factor_values, must_be_given, number,
+    Report, Request, Stage, TaskError, apart, check_tolerance, factor_values, must_be_given,
     open_dataset_with, wrong,
 };
 use crate::replay::{ReplayReport, recorded_env, replay};
@@ -47,10 +47,7 @@ impl Request for Replay {
     fn check(&self, registry: &Registry) -> Result<(), TaskError> {
         must_be_given(&[("dataset", self.dataset.as_os_str().is_empty())])?;
         threads::check(self.threads)?;
-        if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            let value = number(self.tolerance);
-            return Err(Message::about("tolerance", value, "use a number of 0 or more").into());
-        }
+        check_tolerance(self.tolerance)?;
         self.opening.check().map_err(wrong)?;
         self.env.as_ref().map_or(Ok(()), |id| registry.env(id).map(drop))?;
         check_exists(&self.dataset)

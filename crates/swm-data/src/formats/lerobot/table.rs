@@ -33,7 +33,7 @@ pub(super) fn not_parquet(error: ParquetError) -> FormatError {
     }
 }
 
-/// Whether an error tells that a file has no column of which this program has values. Any other is one of a column that is there and
+/// Whether an error is that a file has no column of which this program has values. Any other is one of a column that is there and
 /// cannot be decoded.
 pub(super) fn is_no_column(error: &FormatError) -> bool {
     match error {

@@ -484,21 +484,19 @@ def preview(
         >>> preview("pusht.h5", "sheet.png", "0..4")["frames"]  # doctest: +SKIP
         8
     """
-    request: dict[str, Any] = {
+    size = None if image_size is None else image_sides("image_size", image_size)
+    request = {
         "dataset": _place("source", source, cache_dir),
         "column": column,
         "opening": _json(opening),
         "out": path_of("out", out, "the path of a file"),
-    }
-    size = None if image_size is None else image_sides("image_size", image_size)
-    further = {
         "episodes": chosen_episodes(episodes),
         "frames": None if frames is None else whole_number("frames", frames),
         "image_size": None if size is None else {"height": size[0], "width": size[1]},
         "threads": None if threads is None else whole_number("threads", threads),
     }
-    request |= {name: value for name, value in further.items() if value is not None}
-    return dict(_run(partial(_swm.run_request, "preview"), request, progress))
+    given = {name: value for name, value in request.items() if value is not None}
+    return dict(_run(partial(_swm.run_request, "preview"), given, progress))
 
 
 @access_checked
