@@ -1,4 +1,5 @@
-//! The entry of one dataset format: how a file is recognized, opened, recorded and repaired.
+//! The entries of registries: a format (how a file is recognized, opened, recorded and repaired), and a layout of another program (how
+//! it is recognized and opened).
 
 use std::path::Path;
 
@@ -204,5 +205,62 @@ impl Entry for Format {
 
     fn aliases(&self) -> &'static [&'static str] {
         self.extensions
+    }
+}
+
+/// One way in which other programs store datasets, which is read and not written. Registries are asked for formats first, then for
+/// layouts in the order in which they were added: more particular ones come first.
+///
+/// ```
+/// use swm_core::Registry;
+/// use swm_data::{DataError, Layout};
+///
+/// const NOTES: Layout = Layout::new(
+///     "notes",
+///     "a folder of notes, as a program of ours writes them",
+///     |path| path.join("notes.txt").is_file(),
+///     |path, _options| Err(DataError::request(path, "here the notes would become a dataset")),
+/// );
+/// let registry = Registry::new().with(swm_data::FORMATS).with(&[NOTES]);
+/// assert!(registry.find::<Layout>("notes").is_ok());
+/// ```
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Layout {
+    /// Its name.
+    pub name: &'static str,
+    /// One line on which programs write it.
+    pub about: &'static str,
+    detect: Detect,
+    open: OpenWith,
+}
+
+impl Layout {
+    /// A layout: its name, which programs write it, how it is recognized by its content, and how it is opened.
+    pub const fn new(name: &'static str, about: &'static str, detect: Detect, open: OpenWith) -> Self {
+        Self { name, about, detect, open }
+    }
+
+    /// Whether the content of an existing file or folder is of this layout.
+    pub fn detect(&self, path: &Path) -> bool {
+        (self.detect)(path)
+    }
+
+    /// Opens a dataset of this layout for reading.
+    ///
+    /// # Errors
+    ///
+    /// Nothing is there, or it is damaged or of another layout; [`DataError::Option`]: an option is wrong, or would not act.
+    pub fn open(&self, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
+        (self.open)(path, options)
+    }
+}
+
+impl Entry for Layout {
+    const KIND: &'static str = "layout of datasets";
+    const COMMAND: &'static str = "convert --help";
+
+    fn name(&self) -> &'static str {
+        self.name
     }
 }

@@ -23,7 +23,8 @@ use crate::open_options::OpenOptions;
 use crate::remote;
 use crate::tools::part_folder;
 
-pub use crate::entry::{Create, Detect, Format, Open, OpenWith, Opened, Repair, StoredImages};
+pub use crate::foreign::LAYOUTS;
+pub use crate::entry::{Create, Detect, Format, Layout, Open, OpenWith, Opened, Repair, StoredImages};
 
 /// Every format of this crate.
 pub const FORMATS: &[Format] = &[
@@ -49,7 +50,7 @@ const ABSENT: &[Absent] = &[
 
 /// The formats of this crate, as a registry.
 pub fn built_in() -> &'static Registry {
-    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS).with(ABSENT));
+    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS).with(LAYOUTS).with(ABSENT));
     &BUILT_IN
 }
 
@@ -118,14 +119,14 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             let dataset = match format.open_with(path, options) {
                 // An HDF5 file without our index may have the layout of another program.
                 Err(error @ DataError::NotADataset { .. }) => {
-                    foreign::open(path, options).unwrap_or(Err(error))?
+                    open_layout(registry, path, options).unwrap_or(Err(error))?
                 }
                 opened => opened?,
             };
             check_rows(dataset.as_ref())?;
             Ok(dataset)
         }
-        None if let Some(opened) = foreign::open(path, options) => {
+        None if let Some(opened) = open_layout(registry, path, options) => {
             let dataset = opened?;
             check_rows(dataset.as_ref())?;
             Ok(dataset)
@@ -157,6 +158,16 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             Err(DataError::not_a_dataset(path, reason))
         }
     }
+}
+
+/// Opens a dataset of another program; `None` if it is of no layout of the registry.
+pub(crate) fn open_layout(
+    registry: &Registry,
+    path: &Path,
+    options: &OpenOptions,
+) -> Option<Opened<dyn Dataset>> {
+    let layout = registry.all::<Layout>().find(|layout| layout.detect(path))?;
+    Some(layout.open(path, options))
 }
 
 /// What comes in place of a dataset when it is downloaded, by its first bytes.
@@ -221,10 +232,10 @@ pub fn detect(registry: &Registry, path: &Path) -> Option<&'static Format> {
     registry.all::<Format>().find(|format| there && format.detect(path))
 }
 
-/// Whether there is a dataset of another program, in no format of ours, that [`open_with`] reads.
-pub fn is_of_other_program(path: &Path) -> bool {
+/// Whether there is a dataset of another program, in no format of ours, that [`open_with`] reads by a layout of the registry.
+pub fn is_of_other_program(registry: &Registry, path: &Path) -> bool {
     let there = fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
-    there && foreign::detect(path)
+    there && registry.all::<Layout>().any(|layout| layout.detect(path))
 }
 
 /// Opens a dataset for recording in a format of this crate. `format: None` goes by the file extension, or by the content

@@ -66,7 +66,7 @@ pub mod video;
 pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetInfo, DatasetWriter, LastRow, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
-pub use format::{FORMATS, Format, create, create_in, create_with, open, open_in, open_with};
+pub use format::{FORMATS, Format, LAYOUTS, Layout, create, create_in, create_with, open, open_in, open_with};
 pub use loader::{BatchOptions, CacheOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
 pub use open_options::{Flip, OpenOptions};

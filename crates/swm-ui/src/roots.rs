@@ -366,7 +366,7 @@ fn result_kind(json: &Json) -> Option<Kind> {
 fn dataset_at(registry: &Registry, path: &Path) -> Option<Known> {
     match swm_data::format::detect(registry, path) {
         Some(format) => Some((Kind::Dataset, Some(format.name))),
-        None if swm_data::format::is_of_other_program(path) => {
+        None if swm_data::format::is_of_other_program(registry, path) => {
             Some((Kind::Dataset, Some("of another program")))
         }
         None => None,

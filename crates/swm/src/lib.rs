@@ -65,7 +65,7 @@ pub fn registry() -> Registry {
         .with(swm_baselines::trainer::TRAINERS);
     #[cfg(feature = "onnx")]
     let registry = registry.with(swm_onnx::POLICIES);
-    let registry = registry.with(swm_data::FORMATS);
+    let registry = registry.with(swm_data::FORMATS).with(swm_data::LAYOUTS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);

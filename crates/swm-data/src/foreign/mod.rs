@@ -1,4 +1,4 @@
-//! Datasets of other programs, read where they are. A family of layouts is one file, and one line in [`READERS`]; what is known
+//! Datasets of other programs, read where they are. A family of layouts is one file, and one line in [`LAYOUTS`]; what is known
 //! and not read is in [`known`].
 //!
 //! The rules that hold for all: the action of a row is the one taken from it; no rows are joined over the end of an episode; an end of a
@@ -24,11 +24,7 @@ mod torch;
 mod video;
 mod zarr;
 
-use std::path::Path;
-
-use crate::dataset::Dataset;
-use crate::error::DataError;
-use crate::open_options::OpenOptions;
+use crate::entry::Layout;
 
 #[cfg(feature = "lerobot")]
 pub(crate) use found::REWARDS_NOTE;
@@ -38,39 +34,29 @@ pub(crate) use known::{mcap, of_hdf5, recognize};
 #[cfg(feature = "lerobot")]
 pub(crate) use lance::{NAMES as LEROBOT_NAMES, is_native as is_lerobot_in_lance};
 
-/// Opens a dataset of one layout.
-type Open = fn(&Path, &OpenOptions) -> Result<Box<dyn Dataset>, DataError>;
-
-/// How datasets of one layout are recognized and opened.
-pub(crate) struct Reader {
-    detect: fn(&Path) -> bool,
-    open: Open,
-}
-
 /// Every layout; more particular ones come first.
-pub(crate) const READERS: &[Reader] = &[
-    Reader { detect: dinowm::detect, open: dinowm::open },
-    Reader { detect: npz::detect, open: npz::open },
-    Reader { detect: dreamer::detect, open: dreamer::open },
-    Reader { detect: zarr::detect, open: zarr::open },
-    Reader { detect: lance::detect, open: lance::open },
+pub const LAYOUTS: &[Layout] = &[
+    Layout::new("dino-wm", "DINO-WM: tensors of PyTorch", dinowm::detect, dinowm::open),
+    Layout::new("npz", "OGBench, PLDM: archives of NumPy arrays", npz::detect, npz::open),
+    Layout::new(
+        "dreamer",
+        "DreamerV2, DreamerV3, V-D4RL: an archive for each episode",
+        dreamer::detect,
+        dreamer::open,
+    ),
+    Layout::new("zarr", "diffusion_policy, UMI: replay buffers in Zarr", zarr::detect, zarr::open),
+    Layout::new("lance-table", "stable-worldmodel, LeRobot: tables of Lance", lance::detect, lance::open),
     #[cfg(feature = "lerobot")]
-    Reader { detect: minari::detect, open: minari::open },
-    Reader { detect: rlds::detect, open: rlds::open },
-    Reader { detect: grouped::detect, open: grouped::open },
-    Reader { detect: d4rl::detect, open: d4rl::open },
+    Layout::new("minari-parquet", "Minari: a table of Parquet for each episode", minari::detect, minari::open),
+    Layout::new("rlds", "RLDS, Open X-Embodiment: records of TensorFlow Datasets", rlds::detect, rlds::open),
+    Layout::new(
+        "hdf5-groups",
+        "robomimic, LIBERO, MimicGen, Minari, ManiSkill: a group of HDF5 for each episode",
+        grouped::detect,
+        grouped::open,
+    ),
+    Layout::new("d4rl", "D4RL: episodes end to end in an HDF5 file", d4rl::detect, d4rl::open),
 ];
-
-/// Opens a dataset of another program; `None` if it is of no layout that is read.
-pub(crate) fn open(path: &Path, options: &OpenOptions) -> Option<Result<Box<dyn Dataset>, DataError>> {
-    let reader = READERS.iter().find(|reader| (reader.detect)(path))?;
-    Some((reader.open)(path, options))
-}
-
-/// Whether there is a dataset of another program that is read, by its content.
-pub(crate) fn detect(path: &Path) -> bool {
-    READERS.iter().any(|reader| (reader.detect)(path))
-}
 
 /// A name as it is sorted by people: `demo_10` follows `demo_9`.
 fn natural(name: &str) -> Vec<(String, u64)> {

@@ -13,7 +13,6 @@ use super::found::{Found, Remote, opened};
 use crate::adapt::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
-use crate::foreign;
 use crate::format::{self, Opened};
 use crate::open_options::OpenOptions;
 
@@ -97,11 +96,11 @@ fn by_position(
                 start if start == MCAP => {
                     registry.find::<format::Format>("mcap").ok()?.open_with(path, options)
                 }
-                start if start.starts_with(ZIP) => foreign::open(path, options)?,
+                start if start.starts_with(ZIP) => format::open_layout(registry, path, options)?,
                 _ => return None,
             }
         }
-        Found::Folder(_) => foreign::open(path, options)?,
+        Found::Folder(_) => format::open_layout(registry, path, options)?,
     };
     Some(opened.and_then(|dataset| {
         format::check_rows_of(dataset.as_ref(), || Ok(found.bytes()))?;
