@@ -35,9 +35,9 @@ pub const FORMATS: &[&str] = &[
     "lance-video",
 ];
 
-/// The formats.
+/// The formats, and the layouts of other programs.
 pub fn registry() -> Registry {
-    let registry = Registry::new().with(swm_data::FORMATS);
+    let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     registry

@@ -1,5 +1,5 @@
 //! Small files that are replaced as a whole, whichever crate they belong to: at any moment readers see the old content or the new, also
-//! after a loss of power.
+//! after a loss of power. And files, or objects that lie elsewhere, that are read by position.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::formats::disk;
+
+pub use crate::formats::disk::{Cursor, ReadAt, Readable, read_exact_at, read_regular};
 
 /// What the names of files that are being written begin with; see [`draft`].
 pub const DRAFT: &str = "new-";
@@ -57,6 +59,19 @@ pub fn settle(draft: &Path, path: &Path) -> io::Result<()> {
 /// It is something else, or cannot be opened.
 pub fn open_regular(path: &Path) -> io::Result<fs::File> {
     disk::open_regular(path)
+}
+
+/// Whether a file begins with these bytes. What cannot be opened, or is shorter, does not.
+#[must_use]
+pub fn begins(path: &Path, start: &[u8]) -> bool {
+    let mut found = vec![0; start.len()];
+    Readable::open(path).is_ok_and(|file| file.read_exact_at(&mut found, 0).is_ok()) && found == start
+}
+
+/// Whether a file begins as a zip archive.
+#[must_use]
+pub fn is_zip(path: &Path) -> bool {
+    begins(path, b"PK\x03\x04")
 }
 
 /// Opens the regular file `below` the folder `root` to read it: no part of its path leads out of the root, neither by `..` nor by a link,

@@ -23,7 +23,6 @@ use crate::open_options::OpenOptions;
 use crate::remote;
 use crate::tools::part_folder;
 
-pub use crate::foreign::LAYOUTS;
 pub use crate::entry::{Create, Detect, Format, Layout, Open, OpenWith, Opened, Repair, StoredImages};
 
 /// Every format of this crate.
@@ -50,7 +49,7 @@ const ABSENT: &[Absent] = &[
 
 /// The formats of this crate, as a registry.
 pub fn built_in() -> &'static Registry {
-    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS).with(LAYOUTS).with(ABSENT));
+    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS).with(ABSENT));
     &BUILT_IN
 }
 
@@ -119,7 +118,8 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             let dataset = match format.open_with(path, options) {
                 // An HDF5 file without our index may have the layout of another program.
                 Err(error @ DataError::NotADataset { .. }) => {
-                    open_layout(registry, path, options).unwrap_or(Err(error))?
+                    let other = open_layout(registry, path, options);
+                    other.unwrap_or_else(|| Err(foreign::unread(registry, path).unwrap_or(error)))?
                 }
                 opened => opened?,
             };
@@ -131,6 +131,7 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
             check_rows(dataset.as_ref())?;
             Ok(dataset)
         }
+        None if let Some(error) = foreign::unread(registry, path) => Err(error),
         None if path.join("meta/info.json").is_file() => {
             Err(unread(registry, path, "lerobot", "it is a LeRobot dataset"))
         }

@@ -103,7 +103,8 @@ impl OpenOptions {
     }
 
     /// The options that are given, by name, for whoever opens the same again on this machine.
-    pub(crate) fn record(&self) -> Map<String, Json> {
+    #[must_use]
+    pub fn record(&self) -> Map<String, Json> {
         let absolute = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
         let storage = self.storage.as_ref().map(absolute);
         match serde_json::to_value(Self { storage, ..self.clone() }) {
@@ -155,7 +156,8 @@ impl OpenOptions {
     }
 
     /// The names of the options that are given, but for those in `known`.
-    pub(crate) fn others(&self, known: &[&str]) -> Vec<&'static str> {
+    #[must_use]
+    pub fn others(&self, known: &[&str]) -> Vec<&'static str> {
         let given = [
             ("map", !self.map.is_empty()),
             ("camera", self.camera.is_some()),
@@ -181,8 +183,12 @@ impl OpenOptions {
         Self { image_size: None, fit: None, ..self.clone() }
     }
 
-    /// Refuses options that would not act.
-    pub(crate) fn only(&self, what: &str, known: &[&str]) -> Result<(), DataError> {
+    /// Refuses options that would not act: all but those in `known`. `what` is what has no use for them.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Option`], with the first of them.
+    pub fn only(&self, what: &str, known: &[&str]) -> Result<(), DataError> {
         match self.others(known).first() {
             Some(&option) => {
                 Err(DataError::Option { option, reason: format!("{what} has no use for it; leave it out") })

@@ -108,6 +108,10 @@ const fn format(name: &'static str, (feature, command): (&'static str, &'static 
     Absent::of::<swm_data::Format>(name, feature, command)
 }
 
+const fn layout(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {
+    Absent::of::<swm_data::Layout>(name, feature, command)
+}
+
 const fn model(name: &'static str) -> Absent {
     Absent::of::<ModelEntry>(name, BASELINES.0, BASELINES.1)
 }
@@ -146,6 +150,7 @@ pub(crate) const NAMES: &[Absent] = &[
     format("lance-video", LANCE),
     format("lerobot", LEROBOT),
     format("video", MP4),
+    layout("minari-parquet", LEROBOT),
     env("swm/PushTRapier-v0", RAPIER),
     env("swm/PointMaze-v0", RAPIER),
     env("swm/PFRocketLanding-v0", RAPIER),

@@ -21,12 +21,13 @@
 mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod data;
 pub mod doctor;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;
 pub use swm_core as core;
-pub use swm_data as data;
+pub use swm_data_foreign as data_foreign;
 #[cfg(feature = "lance")]
 pub use swm_data_lance as data_lance;
 pub use swm_envs_2d as envs_2d;
@@ -51,7 +52,7 @@ use swm_core::Registry;
 #[cfg(feature = "cli")]
 use swm_tasks::text_file;
 
-/// Every environment, policy, solver and dataset format of this workspace.
+/// Every environment, policy, solver, dataset format and layout of other programs' datasets of this workspace.
 pub fn registry() -> Registry {
     let registry = Registry::new().with(swm_envs_2d::ENVS);
     #[cfg(feature = "rapier")]
@@ -65,7 +66,7 @@ pub fn registry() -> Registry {
         .with(swm_baselines::trainer::TRAINERS);
     #[cfg(feature = "onnx")]
     let registry = registry.with(swm_onnx::POLICIES);
-    let registry = registry.with(swm_data::FORMATS).with(swm_data::LAYOUTS);
+    let registry = registry.with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);

@@ -36,6 +36,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-envs-mujoco", &[MUJOCO], &["swm-data", "swm-solvers"]),
     ("swm-solvers", &[MATRICES], &["swm-data", "swm-render"]),
     ("swm-data", &[HDF5, NETWORK, PARQUET, VIDEOS], &["swm-solvers"]),
+    ("swm-data-foreign", &[HDF5, NETWORK, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-data-lance", &[HDF5, LANCE, PARQUET, VIDEOS], &["swm-solvers"]),
     ("swm-onnx", &[MATRICES, ONNX], &["swm-data", "swm-render"]),
     ("swm-tasks", &[HDF5, MATRICES], &[]),

@@ -16,12 +16,14 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-envs-mujoco", &["swm-core", "swm-fov", "swm-mujoco", "swm-render"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
-    ("swm-data", &["swm-core", "swm-lance", "swm-media", "swm-render"]),
+    ("swm-data", &["swm-core", "swm-media", "swm-render"]),
+    ("swm-data-foreign", &["swm-core", "swm-lance", "swm-media", "swm-data"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-nn", &["swm-core"]),
-    ("swm-baselines", &["swm-core", "swm-nn", "swm-solvers", "swm-data", "swm-tasks"]),
+    // Tests of settings open datasets of other programs.
+    ("swm-baselines", &["swm-core", "swm-nn", "swm-solvers", "swm-data", "swm-data-foreign", "swm-tasks"]),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
-    ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data"]),
+    ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data", "swm-data-foreign"]),
     ("swm-jobs", &["swm-core", "swm-data", "swm-tasks"]),
     ("swm-ui", &["swm-core", "swm-media", "swm-solvers", "swm-data", "swm-tasks"]),
     ("swm", &["swm-*"]),
@@ -145,7 +147,7 @@ mod tests {
         assert_eq!(
             found,
             [
-                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-lance, swm-media, swm-render",
+                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-media, swm-render",
                 "swm-envs-2d: depends on swm-data; it may depend on: swm-core, swm-fov, swm-render",
                 "swm-solvers: depends on swm-envs-2d; it may depend on: swm-core",
                 "swm: depends on swm-tests; it may depend on: swm-*",

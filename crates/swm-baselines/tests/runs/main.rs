@@ -402,6 +402,11 @@ fn rows_without_images() -> std::sync::Arc<Schema> {
     Schema::new(vec![Field::step("state", Dtype::F32, &[2])]).expect("one name")
 }
 
+/// With what reads datasets of other programs.
+fn with_layouts() -> Registry {
+    Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS)
+}
+
 /// The mapping is in the run: opened otherwise, the dataset would be another one.
 #[test]
 fn a_run_is_resumed_on_its_dataset_as_it_was_opened() {
@@ -411,18 +416,18 @@ fn a_run_is_resumed_on_its_dataset_as_it_was_opened() {
     let map =
         [("action", "n_contacts"), ("target", "action")].map(|(new, old)| (new.to_owned(), old.to_owned()));
     let options = OpenOptions::default().map(map.into()).fps(Some(10.0));
-    let dataset = open_with(built_in(), &golden, &options).unwrap();
+    let dataset = open_with(&with_layouts(), &golden, &options).unwrap();
     let mut new = new_run("lewm");
     new.changes["model"]["frameskip"] = json!(1);
     let path = folder.path().join("run");
-    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
+    let mut training = Training::create(&with_layouts(), &path, dataset.as_ref(), &new).unwrap();
     assert_eq!((&training.config().data.opening, training.config().data.action), (&options, 1));
     training.run(vec![Box::new(BreakAt(4))]).unwrap_err();
     drop(training);
     let config: serde_json::Value =
         serde_json::from_slice(&std::fs::read(path.join("config.json")).unwrap()).unwrap();
     assert_eq!(config["data"]["opening"]["map"]["action"], "n_contacts");
-    let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+    let mut resumed = Training::resume(&with_layouts(), &path, Device::Cpu, None, |_| ()).unwrap();
     assert_eq!(resumed.run(Vec::new()).unwrap().step, 9);
 }
 
@@ -435,17 +440,17 @@ fn a_run_on_decoded_values_is_resumed_with_the_folder_for_them() {
     let storage = folder.path().join("decoded");
     std::fs::create_dir(&storage).unwrap();
     let options = OpenOptions::default().storage(Some(storage.clone()));
-    let dataset = open_with(built_in(), &golden, &options).unwrap();
+    let dataset = open_with(&with_layouts(), &golden, &options).unwrap();
     assert_eq!(dataset.metadata().unwrap().source.as_ref().unwrap()["options"], json!({}));
     let mut new = new_run("lewm");
     new.split.train = 0.5;
     new.changes["model"]["frameskip"] = json!(1);
     let path = folder.path().join("run");
-    let mut training = Training::create(built_in(), &path, dataset.as_ref(), &new).unwrap();
+    let mut training = Training::create(&with_layouts(), &path, dataset.as_ref(), &new).unwrap();
     assert_eq!(training.config().data.opening.storage, Some(storage.clone()));
     training.run(vec![Box::new(BreakAt(4))]).unwrap_err();
     drop((training, dataset));
-    let mut resumed = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+    let mut resumed = Training::resume(&with_layouts(), &path, Device::Cpu, None, |_| ()).unwrap();
     assert_eq!(resumed.config().data.opening.storage, Some(storage));
     assert!(resumed.run(Vec::new()).unwrap().step > 4);
 }

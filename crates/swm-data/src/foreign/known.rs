@@ -3,21 +3,23 @@
 
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use crate::formats::disk::{ReadAt as _, Readable};
+use crate::files::{begins, is_zip};
 
 /// What is to be done about all of them.
-pub(crate) const BRING: &str = "write it with `HDF5Writer`: docs/datasets.md, Formats that are not read yet";
+pub const BRING: &str = "write it with `HDF5Writer`: docs/datasets.md, Formats that are not read yet";
 
 /// By what a layout is told. In names, one `*` stands for any characters.
-enum Sign {
+pub(super) enum Sign {
     /// A folder that has all of these paths.
     Folder(&'static [&'static str]),
     /// An HDF5 file that has all of these objects, at its root or in a group of it.
     Hdf5(&'static [&'static str]),
     /// A zip archive, such as an `.npz` file, that has all of these entries.
     Zip(&'static [&'static str]),
+    /// A folder whose first such archive has all of these entries.
+    Zips(&'static [&'static str]),
     /// A file that begins so.
     Start(&'static [u8]),
     /// An MCAP file whose profile, or the encoding of one of whose schemas, is one of these.
@@ -28,12 +30,6 @@ enum Sign {
 const KNOWN: &[(Sign, &str, &str)] = &[
     (Sign::Folder(&["data/0/part-0.arrow"]), "a Minari dataset in Arrow", "minari.load_dataset"),
     (Sign::Folder(&["0/part-0.arrow"]), "the data of a Minari dataset in Arrow", "minari.load_dataset"),
-    #[cfg(not(feature = "lerobot"))]
-    (
-        Sign::Folder(&["data/0/part-0.parquet"]),
-        "a Minari dataset in Parquet, for which this build lacks the feature `lerobot`",
-        "minari.load_dataset",
-    ),
     (Sign::Folder(&["data/metadata.json"]), "a Minari dataset", "minari.load_dataset"),
     (Sign::Folder(&["data/main_data.hdf5"]), "a Minari dataset", "minari.load_dataset"),
     (Sign::Folder(&["main_data.hdf5"]), "the data of a Minari dataset", "minari.load_dataset"),
@@ -96,21 +92,30 @@ const LOOKED_AT: usize = 1000;
 
 /// What a file or folder is that no format detects.
 pub(crate) fn recognize(path: &Path) -> Option<String> {
-    let is_it = |sign: &Sign| match sign {
+    named(|sign| is_it(sign, path, &[]))
+}
+
+/// Whether a file or folder has a sign. `members` are those of the file, as [`of_hdf5`] has them.
+pub(super) fn is_it(sign: &Sign, path: &Path, members: &[String]) -> bool {
+    match sign {
         Sign::Folder(names) => path.is_dir() && names.iter().all(|name| has_path(path, name)),
         Sign::Zip(names) => path.is_file() && has_entries(path, names),
+        Sign::Zips(names) => {
+            path.is_dir() && first_archive(path).is_some_and(|path| has_entries(&path, names))
+        }
         Sign::Start(start) => path.is_file() && begins(path, start),
-        Sign::Hdf5(_) | Sign::Mcap(_) => false,
-    };
-    named(is_it)
+        Sign::Hdf5(names) => has_members(members, names),
+        Sign::Mcap(_) => false,
+    }
 }
 
 /// What an HDF5 file is that has no index of episodes. `members` are names at the root, and of objects in groups there, `group/name`.
 pub(crate) fn of_hdf5(members: &[String]) -> Option<String> {
-    named(|sign| match sign {
-        Sign::Hdf5(names) => names.iter().all(|name| members.iter().any(|member| fits(name, member))),
-        _ => false,
-    })
+    named(|sign| matches!(sign, Sign::Hdf5(names) if has_members(members, names)))
+}
+
+fn has_members(members: &[String], names: &[&str]) -> bool {
+    names.iter().all(|name| members.iter().any(|member| fits(name, member)))
 }
 
 /// What an MCAP file is that has no record of ours, by its profile and the encodings of its schemas.
@@ -147,8 +152,18 @@ fn has_path(folder: &Path, pattern: &str) -> bool {
     if !pattern.contains('*') {
         return folder.join(pattern).exists();
     }
+    let (folder, pattern) = match pattern.rsplit_once('/') {
+        Some((below, pattern)) => (&folder.join(below), pattern),
+        None => (&folder.to_owned(), pattern),
+    };
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(LOOKED_AT);
     entries.into_iter().any(|entry| entry.file_name().to_str().is_some_and(|name| fits(pattern, name)))
+}
+
+/// The first archive of a folder, by name.
+fn first_archive(folder: &Path) -> Option<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(LOOKED_AT);
+    entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|kind| kind == "npz")).min()
 }
 
 fn has_entries(path: &Path, patterns: &[&str]) -> bool {
@@ -160,17 +175,6 @@ fn has_entries(path: &Path, patterns: &[&str]) -> bool {
         let names: Vec<&str> = archive.file_names().take(LOOKED_AT).collect();
         patterns.iter().all(|pattern| names.iter().any(|name| fits(pattern, name)))
     })
-}
-
-/// Whether a file begins as a zip archive.
-pub(super) fn is_zip(path: &Path) -> bool {
-    begins(path, b"PK\x03\x04")
-}
-
-pub(super) fn begins(path: &Path, start: &[u8]) -> bool {
-    let mut found = vec![0; start.len()];
-    // What is shorter has another start.
-    Readable::open(path).is_ok_and(|file| file.read_exact_at(&mut found, 0).is_ok()) && found == start
 }
 
 #[cfg(test)]

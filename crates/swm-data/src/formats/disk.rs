@@ -13,11 +13,19 @@ use serde::Serialize;
 use crate::error::DataError;
 
 /// What is read by position.
-pub(crate) trait ReadAt: std::fmt::Debug + Send + Sync {
-    /// All of its bytes.
+pub trait ReadAt: std::fmt::Debug + Send + Sync {
+    /// The number of its bytes.
+    ///
+    /// # Errors
+    ///
+    /// The system does not tell.
     fn length(&self) -> io::Result<u64>;
 
     /// Fills `out` with the bytes from `at` on, without moving a cursor: handles share what is open.
+    ///
+    /// # Errors
+    ///
+    /// It ends before, or cannot be read.
     fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()>;
 }
 
@@ -33,7 +41,10 @@ impl ReadAt for File {
 
 /// An open file, or an object that lies elsewhere.
 #[derive(Clone, Debug)]
-pub(crate) enum Readable {
+pub struct Readable(Source);
+
+#[derive(Clone, Debug)]
+enum Source {
     File(Arc<File>),
     #[cfg(feature = "remote")]
     Object(Arc<crate::remote::Object>),
@@ -41,58 +52,79 @@ pub(crate) enum Readable {
 
 impl Readable {
     /// Opens a regular file, or what lies at an address.
-    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+    ///
+    /// # Errors
+    ///
+    /// It is a folder or something else, or cannot be opened.
+    pub fn open(path: &Path) -> io::Result<Self> {
         #[cfg(feature = "remote")]
         if crate::remote::is_remote(path) {
             return match crate::remote::Found::at(path)? {
-                crate::remote::Found::Object(object) => Ok(Self::Object(object)),
+                crate::remote::Found::Object(object) => Ok(Self(Source::Object(object))),
                 crate::remote::Found::Folder(_) => {
                     Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder"))
                 }
             };
         }
-        Ok(Self::File(Arc::new(open_regular(path)?)))
+        Ok(open_regular(path)?.into())
+    }
+}
+
+impl From<File> for Readable {
+    fn from(file: File) -> Self {
+        Self(Source::File(Arc::new(file)))
     }
 }
 
 impl ReadAt for Readable {
     fn length(&self) -> io::Result<u64> {
-        match self {
-            Self::File(file) => file.length(),
+        match &self.0 {
+            Source::File(file) => file.length(),
             #[cfg(feature = "remote")]
-            Self::Object(object) => Ok(object.length()),
+            Source::Object(object) => Ok(object.length()),
         }
     }
 
     fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()> {
-        match self {
-            Self::File(file) => file.read_exact_at(out, at),
+        match &self.0 {
+            Source::File(file) => file.read_exact_at(out, at),
             #[cfg(feature = "remote")]
-            Self::Object(object) => object.read_exact_at(out, at),
+            Source::Object(object) => object.read_exact_at(out, at),
         }
     }
 }
 
 /// Fills `out` with the bytes from `at` on.
-pub(crate) fn read_exact_at(file: &dyn ReadAt, out: &mut [u8], at: u64) -> io::Result<()> {
+///
+/// # Errors
+///
+/// As of [`ReadAt::read_exact_at`].
+pub fn read_exact_at(file: &dyn ReadAt, out: &mut [u8], at: u64) -> io::Result<()> {
     file.read_exact_at(out, at)
 }
 
 /// A cursor over what is read by position. Clones do not move each other's.
 #[derive(Clone, Debug)]
-pub(crate) struct Cursor {
+pub struct Cursor {
     file: Readable,
     length: u64,
     at: u64,
 }
 
 impl Cursor {
-    pub(crate) fn new(file: Readable) -> io::Result<Self> {
+    /// A cursor at the beginning.
+    ///
+    /// # Errors
+    ///
+    /// As of [`ReadAt::length`].
+    pub fn new(file: Readable) -> io::Result<Self> {
         let length = file.length()?;
         Ok(Self { file, length, at: 0 })
     }
 
-    pub(crate) fn length(&self) -> u64 {
+    /// The number of all bytes.
+    #[must_use]
+    pub fn length(&self) -> u64 {
         self.length
     }
 }
@@ -170,7 +202,11 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
 const MAX_WHOLE: u64 = 1 << 30;
 
 /// All of a file that [`open_regular`] opens, up to the length that it has now.
-pub(crate) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+///
+/// # Errors
+///
+/// It cannot be read, or is too large to be read at once.
+pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let file = open_regular(path)?;
     let length = file.metadata()?.len();
     if length > MAX_WHOLE {

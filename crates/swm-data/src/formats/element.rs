@@ -5,26 +5,36 @@ use crate::error::{FormatError, Result, invalid, unsupported, wrong_type};
 use swm_core::{Dtype, SliceMut};
 
 /// Values of a column of u64 that are looked at where it is opened.
-pub(crate) const LOOKED_AT: usize = 1 << 16;
+pub const LOOKED_AT: usize = 1 << 16;
 
 /// How the elements of a column stand in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Element {
+pub enum Element {
     /// One byte, 0 or 1: h5py's enumeration.
     Bool,
+    /// One byte with a sign.
     I8,
+    /// Two bytes with a sign.
     I16,
+    /// Four bytes with a sign.
     I32,
+    /// Eight bytes with a sign.
     I64,
+    /// One byte.
     U8,
+    /// Two bytes.
     U16,
+    /// Four bytes.
     U32,
+    /// Eight bytes.
     U64,
     /// IEEE 754's half precision, read as f32.
     F16,
     /// The upper half of an f32.
     Bf16,
+    /// IEEE 754's single precision.
     F32,
+    /// IEEE 754's double precision.
     F64,
     /// So many bytes of UTF-8, padded with zeros.
     FixedText(usize),
@@ -36,7 +46,8 @@ pub(crate) enum Element {
 
 impl Element {
     /// The column type that holds every value: small numbers are widened; a u64 beyond the range of i64 is an error of reading.
-    pub(crate) fn dtype(self) -> Dtype {
+    #[must_use]
+    pub fn dtype(self) -> Dtype {
         match self {
             Element::Bool => Dtype::Bool,
             Element::U8 => Dtype::U8,
@@ -49,7 +60,8 @@ impl Element {
     }
 
     /// Bytes per element in the file; `None` for what stands on the heap.
-    pub(crate) fn size(self) -> Option<usize> {
+    #[must_use]
+    pub fn size(self) -> Option<usize> {
         match self {
             Element::Bool | Element::I8 | Element::U8 => Some(1),
             Element::I16 | Element::U16 | Element::F16 | Element::Bf16 => Some(2),
@@ -62,7 +74,11 @@ impl Element {
 }
 
 /// Fills `out`, which has as many values as `bytes` holds elements.
-pub(crate) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
+///
+/// # Errors
+///
+/// `out` is of another type, or a value is none that columns hold.
+pub fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
     macro_rules! numbers {
         ($out:ident, $from:ty, $size:literal) => {
             for (value, bytes) in $out.iter_mut().zip(bytes.as_chunks::<$size>().0) {
@@ -121,7 +137,11 @@ pub(crate) fn long_text(length: usize, most: usize, unit: &str) -> FormatError {
 }
 
 /// A u64 as the i64 that columns hold.
-pub(crate) fn signed(value: u64) -> Result<i64> {
+///
+/// # Errors
+///
+/// It is beyond the range.
+pub fn signed(value: u64) -> Result<i64> {
     i64::try_from(value).map_err(|_| {
         unsupported(format!(
             "it holds the u64 {value}, and whole numbers are read up to {}; store it as text or f64",
@@ -132,7 +152,8 @@ pub(crate) fn signed(value: u64) -> Result<i64> {
 
 /// Why a column of u64 is left out, if one of its first `looked_at` values is beyond the range of i64. A look at all of them would cost
 /// as much as reading the file: one that lies further behind is an error of [`read_rows`].
-pub(crate) fn too_large(
+#[must_use]
+pub fn too_large(
     looked_at: usize,
     rows: usize,
     dim: usize,
@@ -159,7 +180,7 @@ pub(crate) fn read_rows(
 }
 
 /// The row of the u64 beyond the range of i64 for which `read` failed, if that is its error.
-pub(crate) fn failing_row(
+pub fn failing_row(
     error: &FormatError,
     dtype: Dtype,
     steps: Steps,
@@ -184,7 +205,8 @@ fn first_failing(steps: Steps, dim: usize, mut read: impl FnMut(Steps, SliceMut<
 }
 
 /// A number of half precision: 1 bit of sign, 5 of exponent, 10 of fraction.
-pub(crate) fn half(bits: u16) -> f32 {
+#[must_use]
+pub fn half(bits: u16) -> f32 {
     let (sign, exponent, fraction) = (u32::from(bits >> 15) << 31, bits >> 10 & 31, u32::from(bits & 1023));
     match exponent {
         // Subnormal: so many 2⁻²⁴.

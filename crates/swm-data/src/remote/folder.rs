@@ -22,7 +22,7 @@ type Names = fn(&Json) -> Option<BTreeSet<String>>;
 
 /// An open folder.
 #[derive(Debug)]
-pub(crate) struct Folder {
+pub struct Folder {
     pub(super) remote: Arc<Remote>,
     /// With a commit, where it is of the Hub.
     pub(super) address: Address,
@@ -74,7 +74,8 @@ impl Folder {
     }
 
     /// The paths of its files; at least of those that describe a Zarr store.
-    pub(crate) fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
+    #[must_use]
+    pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match &self.contents {
             Contents::Listed(files) => Box::new(files.keys().map(String::as_str)),
             Contents::Known(names) => Box::new(names.iter().map(String::as_str)),
@@ -82,12 +83,17 @@ impl Folder {
     }
 
     /// Its address.
-    pub(crate) fn name(&self) -> String {
+    #[must_use]
+    pub fn name(&self) -> String {
         self.address.name()
     }
 
     /// Another folder of the same server; `None` if nothing is there.
-    pub(crate) fn beside(&self, path: &Path) -> io::Result<Option<Arc<Self>>> {
+    ///
+    /// # Errors
+    ///
+    /// It cannot be reached.
+    pub fn beside(&self, path: &Path) -> io::Result<Option<Arc<Self>>> {
         match Address::of(path).and_then(|address| self.remote.find(&address)) {
             Ok(Found::Folder(folder)) => Ok(Some(folder)),
             Ok(Found::Object(_)) => Ok(None),
@@ -143,17 +149,26 @@ impl Folder {
     }
 
     /// Whether a file is there.
-    pub(crate) fn has(&self, path: &str) -> bool {
+    #[must_use]
+    pub fn has(&self, path: &str) -> bool {
         self.length(path).is_ok_and(|length| length.is_some())
     }
 
     /// Bytes of a file; `None` if there is none.
-    pub(crate) fn length(&self, path: &str) -> io::Result<Option<u64>> {
+    ///
+    /// # Errors
+    ///
+    /// It cannot be reached.
+    pub fn length(&self, path: &str) -> io::Result<Option<u64>> {
         Ok(self.object(path)?.map(|object| object.length()))
     }
 
     /// A part of a file; `None` if there is no such file. `within` says which, by its length.
-    pub(crate) fn part<E: From<io::Error>>(
+    ///
+    /// # Errors
+    ///
+    /// It cannot be reached, or was changed after it was opened; or an error of `within`.
+    pub fn part<E: From<io::Error>>(
         &self,
         path: &str,
         within: impl FnOnce(u64) -> Result<Range<u64>, E>,

@@ -52,6 +52,15 @@ pub(crate) fn opened(path: &Path) -> Option<Found> {
     }
 }
 
+/// The folder of objects that is open at a path, for readers of formats and layouts: its files are read one by one.
+#[must_use]
+pub fn folder(path: &Path) -> Option<Arc<Folder>> {
+    match opened(path)? {
+        Found::Folder(folder) => Some(folder),
+        Found::Object(_) => None,
+    }
+}
+
 /// Extensions of folders, whose names look like those of files.
 const FOLDERS: [&str; 6] = ["zarr", "lerobot", "folder", "video", "lance", "lance-video"];
 

@@ -48,8 +48,8 @@ mod s3;
 mod settings;
 #[cfg(feature = "remote")]
 mod sign;
-#[cfg(all(test, feature = "remote"))]
-mod test_server;
+#[cfg(all(any(test, feature = "testing"), feature = "remote"))]
+pub mod testing;
 #[cfg(all(test, feature = "remote"))]
 mod tests;
 
@@ -60,11 +60,12 @@ pub use error::{RemoteError, RemoteErrorKind};
 #[cfg(feature = "remote")]
 pub use fetch::{Fetched, fetch};
 #[cfg(feature = "remote")]
-pub use found::digest;
+pub use folder::Folder;
+#[cfg(feature = "remote")]
+pub use found::{digest, folder};
 #[cfg(feature = "remote")]
 pub(crate) use {
-    folder::Folder,
-    found::{Found, opened},
+    found::Found,
     object::Object,
     open::{open, side_file},
 };

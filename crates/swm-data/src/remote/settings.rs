@@ -97,7 +97,7 @@ impl Settings {
     }
 }
 
-#[cfg(test)]
+#[cfg(any(test, feature = "testing"))]
 impl Settings {
     /// For a server on this machine.
     pub(super) fn of_test(cache: &std::path::Path) -> Self {

@@ -11,13 +11,9 @@ mod codecs;
 mod crash;
 mod damage;
 mod damage_mcap;
-#[cfg(feature = "video")]
-mod dreamer;
 #[cfg(unix)]
 mod exhaustion;
 mod exits;
-#[cfg(feature = "video")]
-mod field;
 mod folders;
 mod golden;
 mod hostile_hdf5;
@@ -26,9 +22,6 @@ mod hostile_places;
 #[cfg(unix)]
 mod hostile_writes;
 mod index;
-#[cfg(feature = "video")]
-mod lance;
-mod layouts;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;
@@ -40,18 +33,13 @@ mod mutations;
 mod parts;
 #[cfg(target_os = "linux")]
 mod power_loss;
-#[cfg(feature = "video")]
-mod rlds;
 mod round_trip;
 mod statistics;
 mod streams;
 mod texts;
 mod tools;
 mod types;
-#[cfg(feature = "video")]
-mod varied;
-#[cfg(feature = "video")]
-mod zarr;
+mod unread;
 
 use std::fs;
 use std::path::Path;

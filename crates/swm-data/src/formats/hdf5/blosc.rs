@@ -130,8 +130,9 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// First the lowest byte of every element, then the next, …; a rest that fills no element stands as it is.
-pub(crate) fn unshuffle(shuffled: &[u8], element: usize, out: &mut [u8]) {
+/// First the lowest byte of every element, then the next, …; a rest that fills no element stands as it is. `shuffled` is as long
+/// as `out`, and an element has at least one byte.
+pub fn unshuffle(shuffled: &[u8], element: usize, out: &mut [u8]) {
     let elements = out.len() / element;
     for byte in 0..element {
         let lane = &shuffled[byte * elements..(byte + 1) * elements];

@@ -13,7 +13,7 @@ const LONG: usize = 8 * WIDE;
 
 /// Decodes `source` into `out` and returns how many bytes it filled; `None` for damaged input or too small an `out`.
 /// Bytes of `out` behind those may have changed too.
-pub(crate) fn decode(source: &[u8], out: &mut [u8]) -> Option<usize> {
+pub fn decode(source: &[u8], out: &mut [u8]) -> Option<usize> {
     let (mut read, mut written) = (0_usize, 0_usize);
     loop {
         let token = usize::from(*source.get(read)?);

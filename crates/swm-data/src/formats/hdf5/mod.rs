@@ -25,12 +25,20 @@ mod torn;
 mod tree;
 mod writer;
 
+use std::path::Path;
+
 use crate::entry::Format;
 use crate::recording::BackendWriter;
 
-pub(crate) use blosc::unshuffle;
-pub(crate) use storage::Scratch;
-pub(crate) use tree::{Bytes, Table, Tree};
+pub use blosc::unshuffle;
+pub use storage::Scratch;
+pub use tree::{Bytes, Table, Tree};
+
+/// Names in a file, as [`members::Members::names`] has them. What is no HDF5 file, or cannot be opened, has none.
+pub(crate) fn names(path: &Path) -> Vec<String> {
+    let tree = superblock::detect(path).then(|| Tree::open(path).ok()).flatten();
+    tree.map(|tree| tree.names()).unwrap_or_default()
+}
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format::new(

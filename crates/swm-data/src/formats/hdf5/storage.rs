@@ -66,7 +66,7 @@ struct Chunk {
 
 /// Buffers of one reader.
 #[derive(Debug, Default)]
-pub(crate) struct Scratch {
+pub struct Scratch {
     fetched: Fetched,
     rows: Vec<u8>,
     blosc: blosc::Scratch,

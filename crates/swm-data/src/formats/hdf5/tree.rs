@@ -13,7 +13,7 @@ use swm_core::{Dtype, Field, SliceMut};
 use super::attributes::text;
 use super::handles::library_error;
 use super::layout::element_of;
-use super::members::foreign_part;
+use super::members::{Members, foreign_part};
 use super::reader::{MAX_ROW_BYTES, open_library};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
@@ -31,7 +31,7 @@ const MAX_MEMBERS: usize = 1 << 20;
 
 /// An open file, whose groups are walked.
 #[derive(Clone, Debug)]
-pub(crate) struct Tree {
+pub struct Tree {
     library: h5::File,
     file: Arc<File>,
     length: u64,
@@ -39,7 +39,7 @@ pub(crate) struct Tree {
 
 /// An array of numbers, marks or texts.
 #[derive(Debug)]
-pub(crate) struct Table {
+pub struct Table {
     field: Field,
     rows: usize,
     storage: ColumnStorage,
@@ -48,14 +48,19 @@ pub(crate) struct Table {
 
 /// An array whose rows are lists of bytes, each of any length: encoded images.
 #[derive(Debug)]
-pub(crate) struct Bytes {
+pub struct Bytes {
     rows: usize,
     storage: ColumnStorage,
     file: Arc<File>,
 }
 
 impl Tree {
-    pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    ///
+    /// It is another file, was cut short, or cannot be opened.
+    pub fn open(path: &Path) -> Result<Self, DataError> {
         let unclean = superblock::ensure_readable(path)?.is_unclean();
         let library = open_library(path, unclean)?;
         let io = |source| DataError::io(path, "open", source);
@@ -65,8 +70,17 @@ impl Tree {
     }
 
     /// The groups and the arrays in a group, by name, as bytes are sorted; the root is `/`.
-    pub(crate) fn members(&self, group: &str) -> Result<(Vec<String>, Vec<String>)> {
+    ///
+    /// # Errors
+    ///
+    /// There is no such group, or it cannot be read.
+    pub fn members(&self, group: &str) -> Result<(Vec<String>, Vec<String>)> {
         self.entries(group).map(|[groups, tables, _]| (groups, tables))
+    }
+
+    /// Names in it as signs of a layout.
+    pub(super) fn names(&self) -> Vec<String> {
+        Members::names(&self.library)
     }
 
     /// The groups, the arrays and the links by name in a group.
@@ -97,7 +111,11 @@ impl Tree {
 
     /// Paths of all arrays below a group, which is at this path, relative to it, and of links by name, which are refused when they are
     /// opened.
-    pub(crate) fn tables(&self, group: &str) -> Result<Vec<String>> {
+    ///
+    /// # Errors
+    ///
+    /// As of [`Tree::members`]; groups are nested too deeply, or hold too many arrays.
+    pub fn tables(&self, group: &str) -> Result<Vec<String>> {
         let mut found = Vec::new();
         self.walk(group, "", 0, &mut found)?;
         Ok(found)
@@ -140,7 +158,11 @@ impl Tree {
     }
 
     /// An array of a group.
-    pub(crate) fn table(&self, group: &str, below: &str) -> Result<Table> {
+    ///
+    /// # Errors
+    ///
+    /// It is missing, no array of rows, of a type that is not read, behind a link by name, or was cut short.
+    pub fn table(&self, group: &str, below: &str) -> Result<Table> {
         let dataset = self.dataset(group, below)?;
         let shape = dataset.space().map_err(library_error)?.shape();
         let element = element_of(&dataset.dtype().map_err(library_error)?)?;
@@ -166,7 +188,11 @@ impl Tree {
     }
 
     /// An array of a group whose rows are lists of bytes; `None` if it is none.
-    pub(crate) fn bytes(&self, group: &str, below: &str) -> Result<Option<Bytes>> {
+    ///
+    /// # Errors
+    ///
+    /// As of [`Tree::table`].
+    pub fn bytes(&self, group: &str, below: &str) -> Result<Option<Bytes>> {
         let dataset = self.dataset(group, below)?;
         let kind = dataset.dtype().map_err(library_error)?.to_descriptor();
         let is_bytes = matches!(kind, Ok(TypeDescriptor::VarLenArray(inner)) if *inner == TypeDescriptor::Unsigned(IntSize::U1));
@@ -185,42 +211,66 @@ impl Tree {
     }
 
     /// A text in an attribute of a group; `None` if there is no such attribute, or it is no text.
-    pub(crate) fn attribute(&self, group: &str, name: &str) -> Result<Option<String>> {
+    ///
+    /// # Errors
+    ///
+    /// There is no such group, or the text cannot be read.
+    pub fn attribute(&self, group: &str, name: &str) -> Result<Option<String>> {
         let attribute = self.library.group(group).and_then(|group| group.attr(name));
         attribute.map_or(Ok(None), |attribute| text(&attribute, &self.file))
     }
 }
 
 impl Table {
-    pub(crate) fn dtype(&self) -> Dtype {
+    /// The type of its columns.
+    #[must_use]
+    pub fn dtype(&self) -> Dtype {
         self.field.dtype
     }
 
-    pub(crate) fn shape(&self) -> &[usize] {
+    /// Of one row.
+    #[must_use]
+    pub fn shape(&self) -> &[usize] {
         &self.field.shape
     }
 
-    pub(crate) fn len(&self) -> usize {
+    /// Its rows.
+    #[must_use]
+    #[expect(clippy::len_without_is_empty, reason = "rows are counted, and no caller asks for none")]
+    pub fn len(&self) -> usize {
         self.rows
     }
 
-    pub(crate) fn is_u64(&self) -> bool {
+    /// Whether the file has numbers of u64, of which some may be none of the i64 that columns hold.
+    #[must_use]
+    pub fn is_u64(&self) -> bool {
         self.storage.element() == Element::U64
     }
 
     /// Reads rows that exist into `out`, which fits.
-    pub(crate) fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
+    ///
+    /// # Errors
+    ///
+    /// They are damaged, or hold values that columns do not.
+    pub fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
         self.storage.read(&self.file, &self.field, rows, out, scratch)
     }
 }
 
 impl Bytes {
-    pub(crate) fn len(&self) -> usize {
+    /// Its rows.
+    #[must_use]
+    #[expect(clippy::len_without_is_empty, reason = "rows are counted, and no caller asks for none")]
+    pub fn len(&self) -> usize {
         self.rows
     }
 
     /// The bytes of some rows.
-    pub(crate) fn read(&self, first: usize, count: usize) -> Result<Vec<Vec<u8>>> {
+    ///
+    /// # Errors
+    ///
+    /// They are damaged.
+    pub fn read(&self, first: usize, count: usize) -> Result<Vec<Vec<u8>>> {
         self.storage.read_lists(&self.file, Steps { first, count, stride: 1 }, &mut Scratch::default())
     }
 }

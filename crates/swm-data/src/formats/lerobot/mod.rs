@@ -26,17 +26,18 @@ mod tasks;
 mod values;
 mod writer;
 
-pub(crate) use table::Table;
+pub use table::Table;
 
 use crate::adapt;
 use crate::entry::{Format, StoredImages};
+use crate::foreign;
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format::new(
     "lerobot",
     "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
-    |path| path.join(info::INFO).is_file() && !crate::foreign::is_lerobot_in_lance(path),
+    |path| path.join(info::INFO).is_file() && !foreign::is_lerobot_in_lance(path),
     |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
 )
 .opener(|path, options| {

@@ -43,8 +43,8 @@ pub(super) fn is_no_column(error: &FormatError) -> bool {
     }
 }
 
-/// An open file.
-pub(crate) struct Table {
+/// An open file of Parquet.
+pub struct Table {
     reader: SerializedFileReader<File>,
     /// By name: where the column stands, and how many parts a value has.
     columns: BTreeMap<String, (usize, usize)>,
@@ -52,7 +52,12 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    pub(crate) fn open(path: &Path) -> Result<Self> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    ///
+    /// It is no Parquet file, is damaged, or is compressed by what is not read.
+    pub fn open(path: &Path) -> Result<Self> {
         let file = open_regular(path).at(path.display())?;
         let reader = guarded(|| SerializedFileReader::new(file).map_err(not_parquet));
         let reader = reader.at(path.display())?;
@@ -69,7 +74,9 @@ impl Table {
         Ok(Self { reader, columns, rows })
     }
 
-    pub(crate) fn rows(&self) -> usize {
+    /// Its rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
         self.rows
     }
 
@@ -92,7 +99,8 @@ impl Table {
 
     /// The columns of structures and of lists, by their paths without the levels of lists, and whether their values are bytes that are no
     /// text.
-    pub(crate) fn leaves(&self) -> Vec<(String, bool)> {
+    #[must_use]
+    pub fn leaves(&self) -> Vec<(String, bool)> {
         let schema = self.reader.metadata().file_metadata().schema_descr();
         let of = |leaf: &std::sync::Arc<parquet::schema::types::ColumnDescriptor>| {
             let mut parts = leaf.path().parts();
@@ -106,12 +114,20 @@ impl Table {
     }
 
     /// All values of a leaf, row after row.
-    pub(crate) fn leaf(&self, leaf: usize) -> Result<Column> {
+    ///
+    /// # Errors
+    ///
+    /// They are damaged, or of a type that is not read.
+    pub fn leaf(&self, leaf: usize) -> Result<Column> {
         guarded(|| self.read(leaf))
     }
 
     /// The bytes of all rows of a leaf.
-    pub(crate) fn bytes(&self, leaf: usize) -> Result<Vec<Vec<u8>>> {
+    ///
+    /// # Errors
+    ///
+    /// They are damaged, missing, or no bytes.
+    pub fn bytes(&self, leaf: usize) -> Result<Vec<Vec<u8>>> {
         let all = guarded(|| self.read_bytes(leaf, 0..self.rows))?;
         let bytes = |(row, bytes): (usize, Option<ByteArray>)| match bytes {
             Some(bytes) => Ok(bytes.data().to_vec()),

@@ -3,7 +3,6 @@
 
 use std::io::{self, BufReader, Read};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use swm_core::SliceMut;
@@ -35,7 +34,7 @@ static SPOOLED: AtomicUsize = AtomicUsize::new(0);
 
 /// An open array: rows of one shape.
 #[derive(Debug)]
-pub(crate) struct Array {
+pub struct Array {
     elements: ArrayType,
     /// Whether the values have to be [swapped](ArrayType::swap) where they are read.
     is_big_endian: bool,
@@ -60,7 +59,11 @@ impl Array {
 
     /// Opens an array of an archive of several. A compressed one that is too large for memory is decoded into a file of the folder
     /// `storage`, which has no name.
-    pub(crate) fn open_member(path: &Path, member: &str, storage: Option<&Path>) -> Result<Self> {
+    ///
+    /// # Errors
+    ///
+    /// It is missing, damaged, of a type that is not read, or too large for memory without `storage`.
+    pub fn open_member(path: &Path, member: &str, storage: Option<&Path>) -> Result<Self> {
         let file = Readable::open(path)?;
         let length = file.length()?;
         check_end(&file, length)?;
@@ -125,7 +128,7 @@ impl Array {
             ));
         }
         let (start, available) = (head.bytes as u64, size.saturating_sub(head.bytes as u64));
-        Self::new(head, available, Values::File(Readable::File(Arc::new(file)), start))
+        Self::new(head, available, Values::File(Readable::from(file), start))
     }
 
     /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
@@ -139,7 +142,7 @@ impl Array {
             None => return Err(unsupported("it is a single value, not one per row")),
         }
         let start = growing::VALUES;
-        let file = Readable::File(Arc::new(file));
+        let file = Readable::from(file);
         Self::new(head, length.saturating_sub(start), Values::File(file, start))
     }
 
@@ -177,21 +180,30 @@ impl Array {
         }
     }
 
-    pub(crate) fn elements(&self) -> ArrayType {
+    /// The type of its values.
+    #[must_use]
+    pub fn elements(&self) -> ArrayType {
         self.elements
     }
 
-    pub(crate) fn rows(&self) -> usize {
+    /// Its rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
         self.shape[0]
     }
 
     /// Shape of one row.
-    pub(crate) fn row_shape(&self) -> &[usize] {
+    #[must_use]
+    pub fn row_shape(&self) -> &[usize] {
         &self.shape[1..]
     }
 
     /// Reads rows `first`, `first + stride`, …, `count` of them.
-    pub(crate) fn read(
+    ///
+    /// # Errors
+    ///
+    /// They are damaged, or hold values that columns do not.
+    pub fn read(
         &self,
         (first, count, stride): (usize, usize, usize),
         mut out: SliceMut<'_>,
@@ -212,7 +224,7 @@ impl Array {
     }
 
     /// Why it is left out, if it holds u64: see [`element::too_large`].
-    pub(crate) fn too_large(&self) -> Option<String> {
+    pub fn too_large(&self) -> Option<String> {
         if self.elements != ArrayType::Plain(Element::U64) {
             return None;
         }
@@ -222,12 +234,11 @@ impl Array {
     }
 
     /// All values of so many rows, as they are stored but for the order of bytes.
-    pub(crate) fn bytes<'a>(
-        &'a self,
-        first: usize,
-        count: usize,
-        scratch: &'a mut Vec<u8>,
-    ) -> Result<&'a [u8]> {
+    ///
+    /// # Errors
+    ///
+    /// They are damaged.
+    pub fn bytes<'a>(&'a self, first: usize, count: usize, scratch: &'a mut Vec<u8>) -> Result<&'a [u8]> {
         if first.checked_add(count).is_none_or(|end| end > self.rows()) {
             return Err(invalid(format!("it has {} rows, not {count} from row {first} on", self.rows())));
         }
@@ -246,7 +257,7 @@ impl Array {
     }
 
     /// All rows as integers; `None` for other types.
-    pub(crate) fn integers(&self) -> Result<Vec<i64>> {
+    pub fn integers(&self) -> Result<Vec<i64>> {
         let mut scratch = Vec::new();
         let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
         if rows.saturating_mul(width) > MAX_INTEGERS {
@@ -281,7 +292,11 @@ fn by_row(bytes: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
 }
 
 /// Names of the arrays of an archive, without `.npy`.
-pub(crate) fn members(path: &Path) -> Result<Vec<String>> {
+///
+/// # Errors
+///
+/// It is no archive, or damaged.
+pub fn members(path: &Path) -> Result<Vec<String>> {
     let file = Readable::open(path)?;
     check_end(&file, file.length()?)?;
     let archive =
@@ -293,7 +308,11 @@ pub(crate) fn members(path: &Path) -> Result<Vec<String>> {
 }
 
 /// Whether a zip archive ends here. The zip crate would look for the record through all of the file, however large.
-pub(crate) fn check_end(file: &dyn ReadAt, length: u64) -> Result<()> {
+///
+/// # Errors
+///
+/// It is no archive, or was cut short.
+pub fn check_end(file: &dyn ReadAt, length: u64) -> Result<()> {
     let count = length.min(MAX_END);
     let mut tail = vec![0; count as usize];
     read_exact_at(file, &mut tail, length - count)?;

@@ -17,7 +17,7 @@ pub(super) const TEXT_CHARACTERS: usize = 256;
 
 /// The elements of an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ArrayType {
+pub enum ArrayType {
     /// Numbers, and text of one byte per character.
     Plain(Element),
     /// Text of so many characters, four bytes each.
@@ -26,7 +26,11 @@ pub(crate) enum ArrayType {
 
 impl ArrayType {
     /// The elements that a descriptor of numpy names, and whether they are big-endian.
-    pub(crate) fn parse(descriptor: &str) -> Result<(Self, bool)> {
+    ///
+    /// # Errors
+    ///
+    /// It names a type that is not read.
+    pub fn parse(descriptor: &str) -> Result<(Self, bool)> {
         let unknown = || unsupported(format!("elements of type `{descriptor}` are not supported"));
         let (order, name) = descriptor.split_at_checked(1).ok_or_else(unknown)?;
         let size = || name.get(1..).and_then(|size| size.parse::<usize>().ok());
@@ -63,7 +67,8 @@ impl ArrayType {
     }
 
     /// The column type that holds every value.
-    pub(crate) fn dtype(self) -> Dtype {
+    #[must_use]
+    pub fn dtype(self) -> Dtype {
         match self {
             Self::Plain(element) => element.dtype(),
             Self::Wide(_) => Dtype::Str,
@@ -71,7 +76,8 @@ impl ArrayType {
     }
 
     /// Bytes of one element.
-    pub(crate) fn size(self) -> usize {
+    #[must_use]
+    pub fn size(self) -> usize {
         match self {
             Self::Plain(element) => element.size().unwrap_or(0),
             Self::Wide(characters) => 4 * characters,
@@ -79,7 +85,7 @@ impl ArrayType {
     }
 
     /// Makes big-endian elements little-endian.
-    pub(crate) fn swap(self, bytes: &mut [u8]) {
+    pub fn swap(self, bytes: &mut [u8]) {
         let size = match self {
             Self::Plain(Element::FixedText(_)) => 1,
             Self::Plain(element) => element.size().unwrap_or(1),
@@ -89,7 +95,11 @@ impl ArrayType {
     }
 
     /// Fills `out`, which has as many values as `bytes` holds elements.
-    pub(crate) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
+    ///
+    /// # Errors
+    ///
+    /// `out` is of another type, or a value is none that columns hold.
+    pub fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
         match (self, out) {
             (Self::Plain(element), out) => element::from_bytes(element, bytes, out),
             (Self::Wide(_), SliceMut::Str(out)) => {

@@ -4,6 +4,6 @@ mod archive;
 mod growing;
 mod header;
 
-pub(crate) use archive::{Array, check_end, members};
+pub use archive::{Array, check_end, members};
 pub(super) use growing::GrowingArray;
-pub(crate) use header::ArrayType;
+pub use header::ArrayType;

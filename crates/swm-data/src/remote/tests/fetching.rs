@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use super::super::fetch::fetch_from;
-use super::super::test_server::Fault;
+use super::super::testing::Fault;
 use super::*;
+use crate::testing::mutations::seed;
 
 #[test]
 fn fetching_continues_and_refuses_what_is_there() {
@@ -98,15 +99,16 @@ fn what_changed_meanwhile_is_not_continued() {
 
 #[test]
 fn two_processes_make_one_copy() {
-    let (name, path) = ("robomimic_can.hdf5", "/robomimic_can.hdf5");
-    let test = Test::http(&[(path, std::fs::read(golden(name)).unwrap())]);
-    let options = OpenOptions::default().camera(Some("agentview".to_owned()));
+    let (folder, path) = (tempfile::tempdir().unwrap(), "/x.h5");
+    let here = folder.path().join("x.h5");
+    seed(&here);
+    let test = Test::http(&[(path, std::fs::read(&here).unwrap())]);
     let (cache, address) = (test.cache.path(), test.at(path));
     std::thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
                 let other = Remote::new(Settings::of_test(cache)).unwrap();
-                let mut dataset = open_from(&other, built_in(), &address, &options).unwrap();
+                let mut dataset = open_from(&other, built_in(), &address, &OpenOptions::default()).unwrap();
                 rows(dataset.as_mut()).unwrap();
             });
         }

@@ -17,7 +17,7 @@ use super::address::Address;
 use super::found::{Found, Remote};
 use super::open::open_from;
 use super::settings::{Credentials, Hub, Settings};
-use super::test_server::Server;
+use super::testing::Server;
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
 use crate::format::built_in;
@@ -84,8 +84,8 @@ fn same(a: &[Column], b: &[Column]) -> bool {
     format!("{a:?}") == format!("{b:?}")
 }
 
-fn local(name: &str) -> Vec<Column> {
-    rows(crate::open(&golden(name)).unwrap().as_mut()).unwrap()
+fn local(path: &Path) -> Vec<Column> {
+    rows(crate::open(path).unwrap().as_mut()).unwrap()
 }
 
 /// The files of a folder, below a path.
@@ -127,43 +127,6 @@ fn blocks_are_fetched_as_they_are_read() {
 }
 
 #[test]
-fn stores_of_s3_are_listed_and_signed() {
-    let name = "pusht_cchi_v7_replay.zarr";
-    let test = Test::new(&[("/bucket/other/file", bytes(10))], |settings, url| {
-        settings.s3.endpoint = Some(url.to_owned());
-        settings.s3.credentials = Some(Credentials {
-            key: "KEY".to_owned(),
-            secret: "SECRET".to_owned(),
-            session: Some("SESSION".to_owned()),
-        });
-    });
-    put_all(&test.server, name, "/bucket/sets/pusht.zarr");
-    *test.server.state.wants.lock().unwrap() = Some("AWS4-HMAC-SHA256 Credential=KEY/");
-    let path = Path::new("s3://bucket/sets/pusht.zarr");
-    let mut dataset = test.open(path).unwrap();
-    assert!(same(&rows(dataset.as_mut()).unwrap(), &local(name)));
-    assert_eq!(dataset.path(), path);
-    assert!(!test.cache.path().join("copies").exists(), "its chunks are read one by one");
-    drop(dataset);
-    let asked = |test: &Test| {
-        test.server.state.asked.lock().unwrap().iter().filter(|(target, _)| !target.contains('?')).count()
-    };
-    let before = asked(&test);
-    rows(test.open(path).unwrap().as_mut()).unwrap();
-    assert_eq!(asked(&test), before + 1, "chunks that are on disk are not fetched again");
-    *test.server.state.wants.lock().unwrap() = Some("AWS4-HMAC-SHA256 Credential=OTHER/");
-    let message = test.open(Path::new("s3://bucket/sets/none.zarr")).err().unwrap().to_string();
-    assert!(message.contains("denied (403, AccessDenied)") && message.contains("AWS_REGION"), "{message}");
-    assert!(!["SECRET", "SESSION", "KEY,"].iter().any(|secret| message.contains(secret)), "{message}");
-    for (path, content) in files_of(test.cache.path(), "") {
-        for secret in ["KEY", "SECRET", "SESSION"] {
-            let is_in = content.windows(secret.len()).any(|part| part == secret.as_bytes());
-            assert!(!path.contains(secret) && !is_in, "{path}");
-        }
-    }
-}
-
-#[test]
 fn a_bucket_without_credentials_names_the_variables() {
     let test = Test::new(&[], |settings, url| settings.s3.endpoint = Some(url.to_owned()));
     *test.server.state.wants.lock().unwrap() = Some("AWS4");
@@ -178,26 +141,6 @@ fn of_hub(files: &[(&str, Vec<u8>)], token: Option<&str>) -> Test {
     Test::new(files, |settings, url| {
         settings.hub = Hub { endpoint: url.to_owned(), token: token.map(str::to_owned) };
     })
-}
-
-#[test]
-fn repositories_of_the_hub_are_read_at_a_commit() {
-    let test = of_hub(&[("/data/p.npz", std::fs::read(golden("pldm_maze.npz")).unwrap())], Some("TOKEN"));
-    *test.server.state.wants.lock().unwrap() = Some("Bearer TOKEN");
-    put_all(&test.server, "v3_sharded.zarr", "/s.zarr");
-    put_all(&test.server, "dinowm_pusht_noise", "/noise");
-    for (path, name) in [
-        ("hf://datasets/user/repo/data/p.npz", "pldm_maze.npz"),
-        ("hf://datasets/user/repo@main/s.zarr", "v3_sharded.zarr"),
-        ("hf://datasets/user/repo/noise", "dinowm_pusht_noise"),
-    ] {
-        let mut dataset = test.open(Path::new(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
-        assert!(same(&rows(dataset.as_mut()).unwrap(), &local(name)), "{path}");
-    }
-    *test.server.state.wants.lock().unwrap() = Some("Bearer OTHER");
-    let message = test.open(Path::new("hf://datasets/user/repo/x.npz")).err().unwrap().to_string();
-    assert!(message.contains("the token of HF_TOKEN") && !message.contains("TOKEN\""), "{message}");
-    assert!(!message.contains("Bearer"), "{message}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::{Evaluate, Evaluated};
 use crate::request::{Fix, MakeManifest, Message, Request as _, TaskError};
 
 fn registry() -> Registry {
-    Registry::new().with(swm_data::FORMATS).with(swm_data::LAYOUTS).with(&[TOY])
+    Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS).with(&[TOY])
 }
 
 fn object(json: Json) -> Map<String, Json> {

@@ -1,0 +1,253 @@
+//! Archives of OGBench and PLDM: flat arrays of all steps, with a mark in the last row of each episode.
+//!
+//! Sources of the layouts: ogbench 1.2.2, `data_gen_scripts`; PLDM cbaf674, `prepare_npz.py`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use swm_core::{Dtype, SliceMut};
+use swm_data::OpenOptions;
+use swm_data::dataset::{Dataset, Steps};
+use swm_data::element::Element;
+use swm_data::error::{At as _, DataError, FormatError, Result, invalid};
+use swm_data::files::Readable;
+use swm_data::npz::{self, ArrayType};
+use swm_data::remote::is_remote;
+
+use super::array::{Array, Memory, Scratch, Shared, numbers};
+use super::dataset::Span;
+use super::found::{Found, Source};
+
+pub(super) const NAME: &str = "ogbench";
+
+/// Arrays that both have.
+const SIGNS: [&str; 3] = ["observations", "actions", "terminals"];
+/// The array that only PLDM has.
+const PLDM: &str = "proprio_states";
+/// Archives of a folder that are looked at.
+const MAX_FILES: usize = 10_000;
+/// What follows the name of the training part in that of the other.
+const VALIDATION: &str = "-val";
+
+pub(super) fn detect(path: &Path) -> bool {
+    let first = if path.is_dir() { files(path).into_iter().next() } else { Some(path.to_owned()) };
+    first.is_some_and(|first| {
+        swm_data::files::is_zip(&first)
+            && npz::members(&first)
+                .is_ok_and(|names| SIGNS.iter().all(|sign| names.iter().any(|name| name == sign)))
+    })
+}
+
+/// The archives of a folder, in the order of the numbers in their names; those of the validation part are another dataset.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(MAX_FILES);
+    let mut files: Vec<PathBuf> = entries
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|kind| kind == "npz") && !is_validation(path))
+        .collect();
+    files.sort_by_key(|path| super::natural(&stem(path)));
+    files
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn is_validation(path: &Path) -> bool {
+    stem(path).ends_with(VALIDATION)
+}
+
+pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
+    let (part, note) = part(path, options.split.as_deref())?;
+    let files = if part.is_dir() { files(&part) } else { vec![part.clone()] };
+    let found = find(&files, options.storage.as_deref());
+    let mut found = found.map_err(|error| DataError::damaged(&part, error))?;
+    found.notes.extend(note);
+    found.notes.extend(environment(&stem(&files[0])));
+    found.open(&part, NAME, options, &["split", "storage"])
+}
+
+/// The file of a part, and a note about the other one.
+fn part(path: &Path, split: Option<&str>) -> Result<(PathBuf, Option<String>), DataError> {
+    let name = stem(path);
+    let beside = |name: String| path.with_file_name(name).with_extension("npz");
+    let (train, val) = match name.strip_suffix(VALIDATION) {
+        Some(train) => (beside(train.to_owned()), path.to_owned()),
+        None => (path.to_owned(), beside(format!("{name}{VALIDATION}"))),
+    };
+    let chosen = match split {
+        None => {
+            let note = (path != val && val.is_file())
+                .then(|| format!("the part `val` is beside it, {}; the option `split` names it", stem(&val)));
+            return Ok((path.to_owned(), note));
+        }
+        Some("train") => train,
+        Some("val") => val,
+        Some(other) => {
+            let reason = format!("there is no part `{other}`; datasets of OGBench have train and val");
+            return Err(DataError::Option { option: "split", reason });
+        }
+    };
+    let is_there = chosen.exists() || is_remote(&chosen) && Readable::open(&chosen).is_ok();
+    match is_there {
+        true => Ok((chosen, None)),
+        false => {
+            let reason = format!("the file of this part, {}, is missing", chosen.display());
+            Err(DataError::Option { option: "split", reason })
+        }
+    }
+}
+
+/// An array of an archive.
+#[derive(Debug)]
+struct Member(npz::Array);
+
+impl Array for Member {
+    fn dtype(&self) -> Dtype {
+        self.0.elements().dtype()
+    }
+
+    fn rows(&self) -> usize {
+        self.0.rows()
+    }
+
+    fn shape(&self) -> &[usize] {
+        self.0.row_shape()
+    }
+
+    fn is_u64(&self) -> bool {
+        self.0.elements() == ArrayType::Plain(Element::U64)
+    }
+
+    fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
+        self.0.read((rows.first, rows.count, rows.stride), out, &mut scratch.bytes)
+    }
+}
+
+/// The new names of arrays that are not images.
+const NAMES: &[(&str, &str)] =
+    &[("observations", "observation"), ("actions", "action"), ("rewards", "reward"), (PLDM, "proprio")];
+
+fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
+    let first = files.first().ok_or_else(|| invalid("the folder has no archive"))?;
+    let names = npz::members(first)?;
+    let open = |path: &Path, name: &str| {
+        npz::Array::open_member(path, &format!("{name}.npy"), storage).at(format_args!("array `{name}`"))
+    };
+    let mut found = Found::default();
+    let mut starts: Vec<(usize, usize)> = Vec::new();
+    let (mut rows, mut last_rows) = (Vec::new(), Vec::new());
+    for (file, path) in files.iter().enumerate() {
+        let ends =
+            numbers(&Member(open(path, "terminals")?), &mut Scratch::default()).at("array `terminals`")?;
+        let mut first = 0;
+        for row in 0..ends.len() {
+            // The mark of the last episode may be missing.
+            if ends[row] != 0.0 || row + 1 == ends.len() {
+                starts.push((file, first));
+                found.lengths.push(row + 1 - first);
+                last_rows.push(ends[row] != 0.0);
+                first = row + 1;
+            }
+        }
+        rows.push(ends.len());
+    }
+    let spans = |missing: usize| -> Vec<Span> {
+        let lengths = starts.iter().zip(&found.lengths);
+        lengths
+            .map(|(&(array, first), &length)| Span {
+                array,
+                first,
+                count: length.saturating_sub(missing),
+                tail: None,
+            })
+            .collect()
+    };
+    let (whole, without_last) = (spans(0), spans(1));
+    for name in names.iter().filter(|name| *name != "terminals") {
+        let mut arrays: Vec<Shared> = Vec::new();
+        let mut wrong = None;
+        for (path, &rows) in files.iter().zip(&rows) {
+            let opened = open(path, name);
+            match opened {
+                Ok(array) if array.rows() != rows => {
+                    wrong = Some(format!("it has {} rows, `terminals` has {rows}", array.rows()));
+                }
+                Ok(array) => arrays.push(Arc::new(Member(array))),
+                Err(FormatError::At { source, .. })
+                    if matches!(*source, FormatError::Unsupported(_)) && !SIGNS.contains(&name.as_str()) =>
+                {
+                    wrong = Some(source.to_string());
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        if let Some(reason) = wrong {
+            match SIGNS.contains(&name.as_str()) {
+                true => return Err(invalid(reason).at(format_args!("array `{name}`"))),
+                false => found.skipped.push((name.clone(), reason)),
+            }
+            continue;
+        }
+        let (is_action, new) = (name == "actions", NAMES.iter().find(|(old, _)| old == name));
+        let new = new.map_or(name.as_str(), |(_, new)| new);
+        found.sources.push(Source::step(
+            name,
+            new,
+            arrays,
+            if is_action { without_last.clone() } else { whole.clone() },
+        ));
+    }
+    let ends = found
+        .lengths
+        .iter()
+        .zip(last_rows)
+        .flat_map(|(&length, is_end)| (0..length).map(move |row| is_end && row + 1 == length));
+    let (ends, spans) = (Memory::marks(ends.collect()), found.end_to_end());
+    found.sources.push(Source::step("terminals", "truncated", vec![ends], spans));
+    found.notes.push(
+        "`terminals` mark the ends of trajectories, not of tasks: they are `truncated` here; the action of the last row of an episode \
+         leads nowhere and is missing"
+            .to_owned(),
+    );
+    Ok(found)
+}
+
+/// Names of OGBench's datasets, and our environments of them.
+const ENVIRONMENTS: &[(&str, &str, &str)] = &[
+    ("pointmaze-", "swm/OGBPointMaze-v0", "maze_type"),
+    ("antmaze-", "swm/OGBAntMaze-v0", "maze_type"),
+    ("humanoidmaze-", "swm/OGBHumanoidMaze-v0", "maze_type"),
+    ("antsoccer-", "swm/OGBAntSoccer-v0", "maze_type"),
+    ("cube-", "swm/OGBCube-v0", "env_type"),
+    ("scene-", "swm/OGBScene-v0", ""),
+];
+
+/// Which environment of ours the name of a dataset is of.
+fn environment(name: &str) -> Option<String> {
+    let plain = name.strip_prefix("visual-").unwrap_or(name);
+    let (start, env, setting) = ENVIRONMENTS.iter().find(|(start, ..)| plain.starts_with(start))?;
+    let kind = plain[start.len()..].split('-').next().unwrap_or_default();
+    let settings = match *setting {
+        "" => String::new(),
+        setting => format!(" with `env_options` {setting}={kind}"),
+    };
+    Some(format!("its name is that of a dataset of {env}{settings}; the option `env` records that it is"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_to_environments() {
+        let of = |name: &str| environment(name).unwrap_or_default();
+        assert!(of("cube-single-play-v0").contains("swm/OGBCube-v0 with `env_options` env_type=single"));
+        assert!(of("visual-cube-double-noisy-v0-val").contains("env_type=double"));
+        assert!(
+            of("pointmaze-medium-navigate-v0")
+                .contains("swm/OGBPointMaze-v0 with `env_options` maze_type=medium")
+        );
+        assert_eq!(of("powderworld-easy-play-v0"), "");
+    }
+}

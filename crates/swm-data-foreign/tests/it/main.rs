@@ -1,0 +1,55 @@
+//! Datasets of other programs as a user sees them: what their own packages wrote, what differs from it, damage, and what is not read.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
+#[cfg(feature = "video")]
+mod dreamer;
+#[cfg(feature = "video")]
+mod field;
+#[cfg(feature = "video")]
+mod lance;
+mod layouts;
+#[cfg(all(feature = "remote", feature = "video"))]
+mod remote;
+#[cfg(feature = "video")]
+mod rlds;
+#[cfg(feature = "video")]
+mod varied;
+#[cfg(feature = "video")]
+mod zarr;
+
+use std::fs;
+use std::path::Path;
+use std::sync::LazyLock;
+
+use swm_core::Registry;
+use swm_data::testing::mutations::{mutate_for, play_in};
+use swm_data::{DataError, Dataset, open_in};
+
+/// The formats, and the layouts of this crate.
+fn registry() -> &'static Registry {
+    static REGISTRY: LazyLock<Registry> =
+        LazyLock::new(|| Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS));
+    &REGISTRY
+}
+
+fn open(path: &Path) -> Result<Box<dyn Dataset>, DataError> {
+    open_in(registry(), path)
+}
+
+/// Damages the files of a dataset, of which everything is read.
+fn mutate(name: &str, path: &Path) {
+    mutate_for(name, path, &mut |path| play_in(registry(), path));
+}
+
+/// Copies a folder.
+fn copied(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copied(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
