@@ -37,7 +37,8 @@ pub const FORMATS: &[&str] = &[
 
 /// The formats, and the layouts of other programs.
 pub fn registry() -> Registry {
-    let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS);
+    let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_lerobot::FORMATS);
+    let registry = registry.with(swm_data_foreign::LAYOUTS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     registry

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use serde_json::Value as Json;
 use swm_core::{Column, Dtype, SliceMut};
 use swm_data::OpenOptions;
-use swm_data::Table;
 use swm_data::dataset::{Dataset, Steps, copy_rows};
 use swm_data::error::{At as _, DataError, FormatError, Result, invalid, unsupported, wrong_type};
+use swm_data_lerobot::Table;
 
 use super::array::{Array, Scratch, Shared, new_key};
 use super::dataset::Span;

@@ -189,6 +189,7 @@ pub fn pieces(schema: &Schema, len: usize) -> impl Iterator<Item = Range<usize>>
 }
 
 /// Bytes of a row in memory; texts are guessed.
-pub(crate) fn row_bytes(fields: &[Field]) -> usize {
+#[must_use]
+pub fn row_bytes(fields: &[Field]) -> usize {
     fields.iter().map(|field| field.dtype.bytes().unwrap_or(TEXT_BYTES) * field.dim()).sum()
 }

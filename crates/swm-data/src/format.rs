@@ -32,8 +32,6 @@ pub const FORMATS: &[Format] = &[
     #[cfg(feature = "video")]
     formats::folder::VIDEO,
     formats::mcap::FORMAT,
-    #[cfg(feature = "lerobot")]
-    formats::lerobot::FORMAT,
 ];
 
 /// What a crate that depends on this one does for the formats that its build lacks.
@@ -43,7 +41,11 @@ const ABSENT: &[Absent] = &[
         "lance",
         "add the crate `swm-data-lance`, and its formats to the registry that reads",
     ),
-    Absent::of::<Format>("lerobot", "lerobot", "add `lerobot` to the features of `swm-data` in Cargo.toml"),
+    Absent::of::<Format>(
+        "lerobot",
+        "lerobot",
+        "add the crate `swm-data-lerobot`, and its formats to the registry that reads",
+    ),
     Absent::of::<Format>("video", "video", "add `video` to the features of `swm-data` in Cargo.toml"),
 ];
 

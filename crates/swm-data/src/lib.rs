@@ -73,8 +73,6 @@ pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetInfo, DatasetWriter, LastRow, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
 pub use format::{FORMATS, Format, Layout, create, create_in, create_with, open, open_in, open_with};
-#[cfg(feature = "lerobot")]
-pub use formats::lerobot::Table;
 pub use loader::{BatchOptions, CacheOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
 pub use open_options::{Flip, OpenOptions};

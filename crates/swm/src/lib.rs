@@ -30,6 +30,8 @@ pub use swm_core as core;
 pub use swm_data_foreign as data_foreign;
 #[cfg(feature = "lance")]
 pub use swm_data_lance as data_lance;
+#[cfg(feature = "lerobot")]
+pub use swm_data_lerobot as data_lerobot;
 pub use swm_envs_2d as envs_2d;
 #[cfg(feature = "rapier")]
 pub use swm_envs_3d as envs_3d;
@@ -67,6 +69,8 @@ pub fn registry() -> Registry {
     #[cfg(feature = "onnx")]
     let registry = registry.with(swm_onnx::POLICIES);
     let registry = registry.with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS);
+    #[cfg(feature = "lerobot")]
+    let registry = registry.with(swm_data_lerobot::FORMATS);
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);

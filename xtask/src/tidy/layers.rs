@@ -17,7 +17,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
     ("swm-data", &["swm-core", "swm-media", "swm-render"]),
-    ("swm-data-foreign", &["swm-core", "swm-lance", "swm-media", "swm-data"]),
+    ("swm-data-lerobot", &["swm-core", "swm-media", "swm-data"]),
+    ("swm-data-foreign", &["swm-core", "swm-lance", "swm-media", "swm-data", "swm-data-lerobot"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-nn", &["swm-core"]),
     // Tests of settings open datasets of other programs.

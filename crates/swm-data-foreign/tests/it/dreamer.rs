@@ -5,7 +5,7 @@ use std::fs;
 use swm_core::Column;
 use swm_data::{Dataset, OpenOptions};
 
-use crate::field::{check, column_of, golden, lengths, numbers, opened, rows};
+use crate::published::{check, column_of, golden, lengths, numbers, opened, rows};
 use crate::{copied, open};
 
 const SAMPLE: &str = "dreamer_toy";

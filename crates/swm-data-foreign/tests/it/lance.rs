@@ -8,7 +8,7 @@ use swm_data::tools::compare::compare;
 use swm_data::tools::verify::verify;
 use swm_data::{DataError, Dataset, OpenOptions, Steps};
 
-use crate::field::{check, column_of, lengths, numbers, opened, rows};
+use crate::published::{check, column_of, lengths, numbers, opened, rows};
 use crate::{mutate, open};
 
 fn table(name: &str) -> PathBuf {

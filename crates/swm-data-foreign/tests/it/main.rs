@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
+#[cfg(feature = "lerobot")]
+mod codecs;
 #[cfg(feature = "video")]
 mod dreamer;
 #[cfg(feature = "video")]
@@ -9,6 +11,8 @@ mod field;
 #[cfg(feature = "video")]
 mod lance;
 mod layouts;
+#[cfg(feature = "video")]
+mod published;
 #[cfg(all(feature = "remote", feature = "video"))]
 mod remote;
 #[cfg(feature = "video")]
@@ -28,8 +32,12 @@ use swm_data::{DataError, Dataset, open_in};
 
 /// The formats, and the layouts of this crate.
 fn registry() -> &'static Registry {
-    static REGISTRY: LazyLock<Registry> =
-        LazyLock::new(|| Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS));
+    static REGISTRY: LazyLock<Registry> = LazyLock::new(|| {
+        let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS);
+        #[cfg(feature = "lerobot")]
+        let registry = registry.with(swm_data_lerobot::FORMATS);
+        registry
+    });
     &REGISTRY
 }
 

@@ -9,7 +9,7 @@ use swm_data::stats::{Statistics, StatisticsOptions, side_file};
 use swm_data::{DataError, Dataset, OpenOptions, Steps, open_with};
 use tempfile::TempDir;
 
-use crate::field::golden;
+use crate::published::golden;
 use crate::registry;
 
 const NPZ: &str = "pointmaze-medium-navigate-v0.npz";

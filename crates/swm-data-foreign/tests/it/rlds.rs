@@ -7,7 +7,7 @@ use serde_json::json;
 use swm_core::Column;
 use swm_data::OpenOptions;
 
-use crate::field::{check, column_of, golden, lengths, numbers, opened, rows};
+use crate::published::{check, column_of, golden, lengths, numbers, opened, rows};
 
 const SAMPLE: &str = "rlds_toy";
 

@@ -11,7 +11,7 @@ use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
 use swm_data::{Dataset, OpenOptions, Steps, WriteOptions};
 
-use crate::field::{column_of, golden, lengths, numbers, opened, rows};
+use crate::published::{column_of, golden, lengths, numbers, opened, rows};
 use crate::zarr::{Files, floats};
 use crate::{copied, open};
 

@@ -13,8 +13,8 @@ use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
 use swm_data::{OpenOptions, WriteOptions};
 
-use crate::field::{check, column_of, golden, lengths, numbers, opened, rows};
 use crate::open;
+use crate::published::{check, column_of, golden, lengths, numbers, opened, rows};
 
 /// As their own packages wrote them, with what these read from them.
 const SAMPLES: [&str; 4] =

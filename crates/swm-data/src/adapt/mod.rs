@@ -18,7 +18,7 @@ pub use columns::Columns;
 pub use concat::Concat;
 pub use constants::{Constants, fill_factors};
 pub use joined::Joined;
-pub(crate) use opened::opened_with;
+pub use opened::opened_with;
 pub use resized::{Fit, Resized};
 pub use subset::{Subset, split_episodes};
 pub use watched::Watched;

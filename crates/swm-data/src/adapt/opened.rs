@@ -17,7 +17,11 @@ struct Opened {
 }
 
 /// The dataset as the options describe it. Those in `known` acted already; others that only files of other programs need are refused.
-pub(crate) fn opened_with(
+///
+/// # Errors
+///
+/// [`DataError::Option`]: an option is wrong, or would not act.
+pub fn opened_with(
     inner: Box<dyn Dataset>,
     options: &OpenOptions,
     known: &[&str],

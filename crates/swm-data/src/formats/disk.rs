@@ -251,7 +251,11 @@ pub(crate) fn open_own(path: &Path, create: bool) -> io::Result<File> {
 }
 
 /// Makes a new file. What had its name is removed: a link is not followed.
-pub(crate) fn new_file(path: &Path) -> io::Result<File> {
+///
+/// # Errors
+///
+/// It cannot be made.
+pub fn new_file(path: &Path) -> io::Result<File> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
@@ -342,7 +346,11 @@ pub fn sync(files: &[PathBuf]) -> io::Result<()> {
 }
 
 /// Puts `bytes` in the place of the file at `path`: at any moment either the old content stands there or the new.
-pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+///
+/// # Errors
+///
+/// It cannot be written.
+pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.as_os_str().to_owned();
     name.push(".new");
     write_new(Path::new(&name), bytes)?;
@@ -350,7 +358,11 @@ pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
 }
 
 /// As [`replace`], with a value as indented JSON.
-pub(super) fn replace_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
+///
+/// # Errors
+///
+/// It cannot be written.
+pub fn replace_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
     let bytes = serde_json::to_vec_pretty(value).map_err(|error| DataError::record(path, error))?;
     replace(path, &bytes).map_err(|source| DataError::io(path, "write", source))
 }

@@ -5,7 +5,5 @@ pub(crate) mod element;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
 mod labels;
-#[cfg(feature = "lerobot")]
-pub(crate) mod lerobot;
 pub(crate) mod mcap;
 pub(crate) mod npz;

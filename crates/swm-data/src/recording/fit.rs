@@ -130,7 +130,11 @@ pub(crate) fn check_own(path: &Path) -> Result<(), DataError> {
 }
 
 /// The dataset itself, if `path` is a link to it, so that the lock is on it and not on one of its names.
-pub(crate) fn resolve(path: &Path) -> Result<PathBuf, DataError> {
+///
+/// # Errors
+///
+/// A link leads nowhere, or to itself.
+pub fn resolve(path: &Path) -> Result<PathBuf, DataError> {
     if path.exists() {
         return std::fs::canonicalize(path).map_err(|source| DataError::io(path, "open", source));
     }

@@ -22,13 +22,13 @@ use crate::dataset::{Dataset, DatasetWriter, EncodedBatch, RowEncoder, WriteMode
 use crate::error::{At as _, DataError, Result, invalid};
 use crate::format;
 use crate::formats::disk;
-pub use crate::formats::disk::sync as sync_files;
+pub use crate::formats::disk::{new_file, replace, replace_json, sync as sync_files};
 pub use crate::lock::WriterLock;
 
 pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex, remove_file};
 pub use self::end::end_all;
-pub use self::fit::{check_fit, foreign, with_run};
-pub(crate) use self::fit::{check_own, difference, resolve};
+pub use self::fit::{check_fit, foreign, resolve, with_run};
+pub(crate) use self::fit::{check_own, difference};
 pub use self::writer::BackendWriter;
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.

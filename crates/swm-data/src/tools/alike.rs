@@ -126,13 +126,15 @@ fn rate_of_timestamps(source: &mut dyn Dataset, episode: usize) -> Option<f64> {
 }
 
 /// Rows per second of so many rows, by the times of the first and the last in seconds.
-pub(crate) fn rate(rows: usize, begin: f32, end: f32) -> f64 {
+#[must_use]
+pub fn rate(rows: usize, begin: f32, end: f32) -> f64 {
     rows.saturating_sub(1) as f64 / (f64::from(end) - f64::from(begin))
 }
 
 /// The rate of the timestamps of so many rows, if it is not the one that is said of them. Clocks jitter: the last row of a short episode
 /// may be early or late by a part of a row.
-pub(crate) fn other_rate(found: f64, said: f64, rows: usize) -> Option<f64> {
+#[must_use]
+pub fn other_rate(found: f64, said: f64, rows: usize) -> Option<f64> {
     // What is no number differs, too.
     let is_near = (found / said - 1.0).abs() <= RATE_TOLERANCE;
     let is_jitter = (said / found - 1.0).abs() * rows.saturating_sub(1) as f64 <= JITTER;
@@ -140,7 +142,8 @@ pub(crate) fn other_rate(found: f64, said: f64, rows: usize) -> Option<f64> {
 }
 
 /// A rate as people write it: whole where it is nearly so.
-pub(crate) fn told(rate: f64) -> String {
+#[must_use]
+pub fn told(rate: f64) -> String {
     let whole = rate.round();
     match (rate / whole - 1.0).abs() <= RATE_TOLERANCE / 10.0 {
         true => whole.to_string(),
@@ -149,7 +152,8 @@ pub(crate) fn told(rate: f64) -> String {
 }
 
 /// Whether the rate of timestamps can be one.
-pub(crate) fn is_rate(rate: f64) -> bool {
+#[must_use]
+pub fn is_rate(rate: f64) -> bool {
     rate.is_finite() && rate > 0.0
 }
 

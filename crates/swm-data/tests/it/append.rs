@@ -4,11 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::{Batch, Dtype, Field, FieldKind, Metadata, Schema};
-use swm_data::{WriteMode, WriteOptions, create, create_with, open};
+use swm_data::{Format, WriteMode, WriteOptions};
 
 use crate::support::{
     assert_same, contents, episode, fail_before_the_first_episode, metadata, record, schema,
 };
+use crate::{FORMATS, create, create_with, open, registry};
 
 #[test]
 fn appending_equals_recording_at_once() {
@@ -27,7 +28,7 @@ fn appending_equals_recording_at_once() {
 
 #[test]
 fn in_every_format_a_writer_knows_the_columns_that_it_continues() {
-    for format in swm_data::FORMATS {
+    for format in FORMATS {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(format.extensions[0]);
         assert!(
@@ -90,7 +91,7 @@ fn tree(path: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 #[test]
 fn in_every_format_what_is_no_dataset_is_neither_continued_nor_replaced_nor_called_damaged() {
-    for format in swm_data::FORMATS {
+    for format in registry().all::<Format>() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(format.extensions[0]);
         record(&path, WriteMode::Error, 0..1).unwrap();
@@ -107,7 +108,7 @@ fn in_every_format_what_is_no_dataset_is_neither_continued_nor_replaced_nor_call
             fs::write(&foreign[0], "my notes").unwrap();
             fs::write(&foreign[1], [7; 5000]).unwrap();
         }
-        for other in swm_data::FORMATS.iter().filter(|other| other.name != format.name) {
+        for other in registry().all::<Format>().filter(|other| other.name != format.name) {
             let there = folder.path().join(format!("other.{}", other.extensions[0]));
             record(&there, WriteMode::Error, 0..1).unwrap();
             if there.is_dir() == is_folder {
@@ -137,7 +138,12 @@ fn in_every_format_what_is_no_dataset_is_neither_continued_nor_replaced_nor_call
             }
             assert!(tree(folder.path()) == before, "{}: {}", format.name, there.display());
         }
-        assert_eq!(others, if is_folder { swm_data::FORMATS.len() - 3 } else { 1 }, "{}", format.name);
+        assert_eq!(
+            others,
+            if is_folder { registry().all::<Format>().count() - 3 } else { 1 },
+            "{}",
+            format.name
+        );
         if !is_folder {
             // An empty file, as `mktemp` makes, holds nothing that could be lost.
             fs::write(&path, "").unwrap();
@@ -165,7 +171,7 @@ fn a_second_writer_is_refused_while_the_first_lives() {
 
 #[test]
 fn in_every_format_the_second_writer_learns_who_the_first_is() {
-    for format in swm_data::FORMATS {
+    for format in FORMATS {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(format.extensions[0]);
         // A lock that a killed process left is none.
@@ -182,10 +188,10 @@ fn in_every_format_the_second_writer_learns_who_the_first_is() {
 
 #[test]
 fn in_every_format_nothing_is_left_of_a_recording_without_an_episode() {
-    for format in swm_data::FORMATS {
+    for format in FORMATS {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(format.extensions[0]);
-        fail_before_the_first_episode(swm_data::format::built_in(), &path);
+        fail_before_the_first_episode(registry(), &path);
     }
     // A folder that was there stays, with what is not the recording's.
     let folder = tempfile::tempdir().unwrap();

@@ -45,15 +45,6 @@ fn killed_videos_keep_what_they_committed_and_can_be_continued() {
     kill_each("data.video", assert_whole);
 }
 
-#[cfg(feature = "lerobot")]
-#[test]
-fn a_killed_lerobot_folder_keeps_what_it_committed_and_can_be_continued() {
-    kill_each("data.lerobot", |path, episodes| {
-        let mut dataset = open(path).unwrap();
-        (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
-    });
-}
-
 #[test]
 fn a_killed_log_keeps_what_it_committed_and_can_be_continued() {
     kill_each("data.mcap", |path, episodes| {

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::process::exit;
 use std::time::Duration;
 
+use swm_data::WriteMode;
 use swm_data::recording::end_all;
 use swm_data::testing::kills::{TARGET, child};
-use swm_data::{WriteMode, create};
 
 use crate::support::{assert_alike, contents, episode, metadata, record, schema};
+use crate::{FORMATS, create};
 
 /// How far the recording of the child has come when it exits.
 const STAGE: &str = "SWM_DATA_TEST_STAGE";
@@ -39,7 +40,7 @@ fn exit_while_a_writer_waits() {
 
 #[test]
 fn in_every_format_an_exit_leaves_what_was_committed_and_nothing_else() {
-    for format in swm_data::FORMATS {
+    for format in FORMATS {
         for stage in STAGES {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("data").with_extension(format.extensions[0]);

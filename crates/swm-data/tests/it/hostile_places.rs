@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use swm_data::testing::mutations::{files, play, seed};
-use swm_data::{FORMATS, WriteMode, create, format, open};
+use swm_data::testing::mutations::files;
+use swm_data::{WriteMode, format};
 
 use crate::support::{episode, metadata};
+use crate::{FORMATS, create, open, play, registry, seed};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trick {
@@ -106,7 +107,7 @@ fn what_stands_in_the_place_of_a_file_does_no_harm() {
                 trick.play(&join(&path), &text, &join(&other));
                 let start = Instant::now();
                 play(&path);
-                if let Some(format) = format::detect(format::built_in(), &path) {
+                if let Some(format) = format::detect(registry(), &path) {
                     let _ = format.repair(&path, true);
                 }
                 if let Ok(mut writer) = create(&path, WriteMode::Append, None)

@@ -5,18 +5,19 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use swm_data::format::{built_in, by_name, detect};
-use swm_data::{DataError, FORMATS, WriteMode, create, open};
+use swm_data::format::{by_name, detect};
+use swm_data::{DataError, WriteMode};
 
 use crate::support::{assert_alike, contents, episode, metadata, mutations, record, rows_of, schema};
+use crate::{FORMATS, create, open, registry};
 
 /// The formats of this build that are folders of arrays.
 fn folders() -> Vec<&'static str> {
-    ["folder", "video"].into_iter().filter(|name| by_name(built_in(), name).is_ok()).collect()
+    ["folder", "video"].into_iter().filter(|name| by_name(registry(), name).is_ok()).collect()
 }
 
 fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
-    detect(built_in(), path).unwrap().repair(path, apply)
+    detect(registry(), path).unwrap().repair(path, apply)
 }
 
 /// Every file of a folder with its content.

@@ -8,9 +8,10 @@ use swm_core::{Batch, ImageSize};
 use swm_data::adapt::{Concat, Subset};
 use swm_data::loader::{CacheOptions, ClipOptions, GoalOptions, Images, Loader};
 use swm_data::testing::kills::{TARGET, child};
-use swm_data::{Dataset, MemoryDataset, WriteMode, open};
+use swm_data::{Dataset, MemoryDataset, WriteMode};
 
 use crate::support::{assert_same, contents, metadata, record};
+use crate::{FORMATS, open};
 
 /// The test that is the process which is killed.
 const TEST: &str = "loader_cache::decode_once";
@@ -50,18 +51,10 @@ fn files(path: &Path) -> usize {
 
 #[test]
 fn clips_are_equal_for_every_format() {
-    let names: &[&str] = &[
-        "data.h5",
-        "data.folder",
-        "data.mcap",
-        #[cfg(feature = "video")]
-        "data.video",
-        #[cfg(feature = "lerobot")]
-        "data.lerobot",
-    ];
-    for name in names {
+    for format in FORMATS {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(name);
+        let name = format.name;
+        let path = folder.path().join("data").with_extension(format.extensions[0]);
         record(&path, WriteMode::Append, 0..4).unwrap();
         let open = || open(&path).unwrap();
         let cached = assert_equal(open, &with_cache());

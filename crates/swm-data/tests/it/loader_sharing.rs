@@ -5,9 +5,10 @@ use std::path::Path;
 
 use swm_core::{Batch, RowsMut, Schema};
 use swm_data::loader::{BatchOptions, ClipOptions, GoalOptions, Loader, Position, Table};
-use swm_data::{FORMATS, RenderOptions, WriteMode, WriteOptions, open};
+use swm_data::{RenderOptions, WriteMode, WriteOptions};
 
 use crate::support::record;
+use crate::{FORMATS, open};
 
 fn loader(path: &Path) -> Loader {
     let options = ClipOptions::default().num_steps(2).keys(Some(vec!["state".to_owned()])).threads(Some(2));

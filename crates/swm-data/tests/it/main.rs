@@ -6,8 +6,6 @@ mod adapt;
 mod alike;
 mod append;
 mod buffer;
-#[cfg(feature = "lerobot")]
-mod codecs;
 mod crash;
 mod damage;
 mod damage_mcap;
@@ -22,8 +20,6 @@ mod hostile_places;
 #[cfg(unix)]
 mod hostile_writes;
 mod index;
-#[cfg(feature = "lerobot")]
-mod lerobot;
 mod loader;
 mod loader_cache;
 mod loader_properties;
@@ -44,7 +40,12 @@ mod unread;
 use std::fs;
 use std::path::Path;
 
+// Other crates run the tests of every format on theirs: they have these names, too.
+use swm_data::format::built_in as registry;
 use swm_data::testing as support;
+use swm_data::testing::mutations::{mutate, play, seed};
+use swm_data::tools::copy::copy;
+use swm_data::{FORMATS, create, create_with, open};
 
 /// Copies a folder.
 fn copied(from: &Path, to: &Path) {

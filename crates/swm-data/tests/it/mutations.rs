@@ -2,8 +2,7 @@
 
 use std::fs;
 
-use swm_data::testing::mutations::{mutate, seed};
-use swm_data::{FORMATS, open};
+use crate::{FORMATS, mutate, open, seed};
 
 #[test]
 fn no_reader_of_ours_trips_over_foreign_bytes() {

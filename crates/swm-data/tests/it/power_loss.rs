@@ -11,11 +11,12 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use swm_core::Batch;
+use swm_data::WriteMode;
 use swm_data::testing::kills::last;
 use swm_data::testing::mutations::files;
-use swm_data::{FORMATS, WriteMode, create, open};
 
 use crate::support::{assert_alike, contents, episode, metadata, record, rounds, rows_of, schema};
+use crate::{FORMATS, create, open};
 
 /// Names the dataset to the process that records.
 const TARGET: &str = "SWM_DATA_TEST_POWER";
@@ -74,7 +75,7 @@ impl Lost {
     fn record(name: &str, ends: bool) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let [library, disk, here] = ["keep.so", "disk", "here"].map(|name| folder.path().join(name));
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/power_loss.c");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../swm-data/tests/it/power_loss.c");
         let compiled = Command::new("cc")
             .args(["-shared", "-fPIC", "-O1", "-o"])
             .args([&library, &source])

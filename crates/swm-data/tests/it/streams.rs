@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
-use swm_data::tools::copy::{all, copy};
-use swm_data::{DataError, Dataset, DatasetInfo, FORMATS, Steps, WriteMode, WriteOptions, create, open};
+use swm_data::tools::copy::all;
+use swm_data::{DataError, Dataset, DatasetInfo, Steps, WriteMode, WriteOptions};
 
 use crate::support::{assert_same, contents, episode, metadata, schema};
+use crate::{FORMATS, copy, create, open};
 
 /// Bytes of the long episode, and what copying it may hold.
 const EPISODE_BYTES: usize = 400 << 20;

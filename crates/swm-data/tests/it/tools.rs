@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
 use swm_data::tools::compare::compare;
-use swm_data::tools::copy::{Copied, all, copy};
+use swm_data::tools::copy::{Copied, all};
 use swm_data::tools::verify::verify;
-use swm_data::{DataError, FORMATS, WriteMode, WriteOptions, create, open};
+use swm_data::{DataError, WriteMode, WriteOptions};
 
 use crate::support::{self, assert_alike, assert_same, contents, metadata, record};
+use crate::{FORMATS, copy, create, open};
 
 fn convert(from: &Path, to: &Path) -> Result<Copied, DataError> {
     let mut sources = vec![open(from)?];

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 use swm_core::{Batch, Column, Dtype};
-use swm_data::open;
-use swm_data::testing::mutations::mutate;
 use swm_data::tools::verify::verify;
 
 use crate::copied;
 use crate::support::contents;
+use crate::{mutate, open};
 
 /// A file or folder that `tests/golden/others/make.py` made.
 pub(crate) fn others(name: &str) -> PathBuf {

@@ -34,9 +34,10 @@ const CRATES: [&str; 12] = [
     "swm-tasks",
 ];
 /// The others, of which cargo would warn that nothing uses them.
-const FURTHER: [&str; 8] = [
+const FURTHER: [&str; 9] = [
     "swm-baselines",
     "swm-data-lance",
+    "swm-data-lerobot",
     "swm-envs-3d",
     "swm-envs-mujoco",
     "swm-mujoco",
