@@ -11,7 +11,7 @@ use std::sync::Arc;
 use rand::RngExt as _;
 use swm_core::error::BoxError;
 use swm_core::seed::keyed;
-use swm_core::{Batch, EpisodeSink, Metadata, Schema};
+use swm_core::{Batch, EpisodeSink, Metadata, Registry, Schema};
 
 use crate::dataset::{Dataset, WriteMode};
 use crate::error::DataError;
@@ -110,12 +110,27 @@ impl ReplayBuffer {
         MemoryDataset::new(NAME, schema.clone(), Some(metadata.clone()), self.episodes.iter().cloned())
     }
 
-    /// Writes its episodes to a file or folder of any format (`None`: by the extension).
+    /// Writes its episodes to a file or folder of any format of this crate (`None`: by the extension).
     ///
     /// # Errors
     ///
     /// Nothing was recorded yet, no format has this name or extension, or writing fails.
     pub fn dump(&self, path: &Path, mode: WriteMode, format: Option<&str>) -> Result<(), DataError> {
+        self.dump_in(format::built_in(), path, mode, format)
+    }
+
+    /// As [`ReplayBuffer::dump`], in any format of a registry.
+    ///
+    /// # Errors
+    ///
+    /// As of [`ReplayBuffer::dump`].
+    pub fn dump_in(
+        &self,
+        registry: &Registry,
+        path: &Path,
+        mode: WriteMode,
+        format: Option<&str>,
+    ) -> Result<(), DataError> {
         let Some((schema, metadata)) = &self.content else {
             return Err(DataError::request(Path::new(NAME), "nothing was recorded into it yet"));
         };
@@ -123,7 +138,7 @@ impl ReplayBuffer {
             Ok(error) => *error,
             Err(error) => DataError::record(path, error.to_string()),
         };
-        let mut writer = format::create(path, mode, format)?;
+        let mut writer = format::create_in(registry, path, &mode.into(), format)?;
         writer.begin(schema, metadata).map_err(failed)?;
         for episode in &self.episodes {
             writer.write_episode(episode).map_err(failed)?;

@@ -50,7 +50,6 @@ impl Hosted {
         })
     }
 
-    #[expect(clippy::expect_used, reason = "helpers of tests panic as tests do")]
     fn new(files: &[(&str, Vec<u8>)], cache: &Path, change: impl FnOnce(&mut Settings, &str)) -> Self {
         let server = Server::start(files);
         let mut settings = Settings::of_test(cache);
