@@ -22,11 +22,13 @@ mod varied;
 #[cfg(feature = "video")]
 mod zarr;
 
+#[cfg(feature = "video")]
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
 use swm_core::Registry;
+#[cfg(feature = "video")]
 use swm_data::testing::mutations::{mutate_for, play_in};
 use swm_data::{DataError, Dataset, open_in};
 
@@ -46,11 +48,13 @@ fn open(path: &Path) -> Result<Box<dyn Dataset>, DataError> {
 }
 
 /// Damages the files of a dataset, of which everything is read.
+#[cfg(feature = "video")]
 fn mutate(name: &str, path: &Path) {
     mutate_for(name, path, &mut |path| play_in(registry(), path));
 }
 
 /// Copies a folder.
+#[cfg(feature = "video")]
 fn copied(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
