@@ -1,24 +1,18 @@
 //! Published datasets of other programs, as their own packages wrote them. Beside each is what these packages read from it.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use serde_json::Value;
-use sha2::{Digest as _, Sha256};
 use swm_core::Column;
 use swm_data::loader::{ClipOptions, Loader, Rewards};
 use swm_data::testing::mutations::mutate_for;
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{all, copy};
 use swm_data::tools::verify::verify;
-use swm_data::{DataError, Dataset, Flip, OpenOptions, Steps, WriteOptions, open_with};
+use swm_data::{DataError, Dataset, Flip, OpenOptions, WriteOptions};
 
-use crate::{open, registry};
-
-/// The lengths of all episodes.
-pub(crate) fn lengths(dataset: &dyn Dataset) -> Vec<usize> {
-    (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).collect()
-}
+use crate::open;
+use crate::published::{check, column_of, golden, json_of, lengths, naturals, numbers, opened, rows};
 
 /// Whether the last row of a column is missing in every episode, and no other is.
 fn assert_only_last_is_missing(dataset: &mut dyn Dataset, name: &str) {

@@ -43,11 +43,11 @@ pub(crate) fn column_of(dataset: &dyn Dataset, name: &str) -> usize {
     dataset.schema().index(name).unwrap_or_else(|| panic!("no column `{name}` in {:?}", dataset.schema()))
 }
 
-fn json_of(name: &str) -> Value {
+pub(crate) fn json_of(name: &str) -> Value {
     serde_json::from_slice(&fs::read(golden(&format!("{name}.expected.json"))).unwrap()).unwrap()
 }
 
-fn naturals(value: &Value) -> Vec<usize> {
+pub(crate) fn naturals(value: &Value) -> Vec<usize> {
     value.as_array().unwrap().iter().map(|value| value.as_u64().unwrap() as usize).collect()
 }
 
@@ -98,4 +98,9 @@ pub(crate) fn check(sample: &str, options: &OpenOptions, names: &[(&str, &str, f
         assert_eq!(dataset_ref.schema().fields()[column].shape, naturals(&image["shape"]));
     }
     dataset
+}
+
+/// The lengths of all episodes.
+pub(crate) fn lengths(dataset: &dyn Dataset) -> Vec<usize> {
+    (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).collect()
 }

@@ -270,15 +270,6 @@ fn another_policy_may_continue_and_the_first_stays_on_record() {
 }
 
 #[test]
-fn a_file_of_the_reference_is_not_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = crate::golden::unpacked("tworoom_v1_64.h5", folder.path());
-    let mut writer = create(&path, WriteMode::Append, None).unwrap();
-    let message = writer.begin(&schema(), &metadata()).unwrap_err().to_string();
-    assert!(message.contains("another program"), "{message}");
-}
-
-#[test]
 fn columns_that_cannot_be_stored_and_wrong_calls() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");

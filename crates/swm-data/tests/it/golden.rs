@@ -10,9 +10,9 @@ use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 use swm_core::Column;
 use swm_data::loader::{ClipOptions, Clips, Images, Loader};
-use swm_data::open;
+use swm_data::{WriteMode, create, open};
 
-use crate::support::{bits, contents};
+use crate::support::{bits, contents, metadata, schema};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets")
@@ -116,4 +116,13 @@ fn the_loader_gives_the_items_of_the_reference() {
         }
     }
     assert!(settings == 24 && items > 400, "{settings} settings, {items} items");
+}
+
+#[test]
+fn a_file_of_the_reference_is_not_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = unpacked("tworoom_v1_64.h5", folder.path());
+    let mut writer = create(&path, WriteMode::Append, None).unwrap();
+    let message = writer.begin(&schema(), &metadata()).unwrap_err().to_string();
+    assert!(message.contains("another program"), "{message}");
 }

@@ -257,7 +257,7 @@ impl Array {
     }
 
     /// All rows as integers; `None` for other types.
-    pub fn integers(&self) -> Result<Vec<i64>> {
+    pub(crate) fn integers(&self) -> Result<Vec<i64>> {
         let mut scratch = Vec::new();
         let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
         if rows.saturating_mul(width) > MAX_INTEGERS {
