@@ -7,6 +7,7 @@ use swm_core::{BoxError, WorldError};
 use swm_data::DataError;
 use swm_solvers::PlanError;
 use swm_tasks::request::TaskError;
+use swm_weights::WeightsError;
 use thiserror::Error;
 
 /// A baseline cannot be made, trained, saved, or asked.
@@ -181,6 +182,15 @@ impl BaselineError {
     /// A file of weights that cannot be used.
     pub(crate) fn weights(path: &Path, reason: impl Into<String>) -> Self {
         Self::Weights { path: path.to_owned(), reason: reason.into() }
+    }
+}
+
+impl From<WeightsError> for BaselineError {
+    fn from(error: WeightsError) -> Self {
+        match error {
+            WeightsError::Unusable { path, reason } => Self::Weights { path, reason },
+            WeightsError::Write { path, source } => Self::Io { action: "write", path, source },
+        }
     }
 }
 

@@ -281,11 +281,11 @@ impl<N: Network> Baseline for Learner<N> {
                 tensors.push((format!("{ONLINE}.{}", spec.name), spec.shape.clone(), values));
             });
         }
-        weights::write(path, tensors)
+        Ok(swm_weights::write(path, tensors)?)
     }
 
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {
-        let mut tensors = weights::read(path)?;
+        let mut tensors = swm_weights::read(path)?;
         let network = self.network.as_ref().expect("a step gives the network back");
         for (phase, optimizer) in self.phases.iter().zip(&mut self.optimizers) {
             *optimizer = AdamW::from_host(network, |name, count| {

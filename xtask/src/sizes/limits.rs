@@ -44,6 +44,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-jobs", &[HDF5], &[]),
     ("swm-ui", &[HDF5], &[]),
     ("swm-nn", &[TENSORS], &["swm-data", "swm-solvers"]),
+    ("swm-weights", &[], &["swm-core", "png"]),
     // CUDA's build script fetches LLVM.
     ("swm-baselines", &[TENSORS, HDF5, MATRICES, NETWORK, VIDEOS], &[]),
 ];

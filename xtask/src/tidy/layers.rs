@@ -21,8 +21,12 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-data-foreign", &["swm-core", "swm-lance", "swm-media", "swm-data", "swm-data-lerobot"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-nn", &["swm-core"]),
+    ("swm-weights", &[]),
     // Tests of settings open datasets of other programs.
-    ("swm-baselines", &["swm-core", "swm-nn", "swm-solvers", "swm-data", "swm-data-foreign", "swm-tasks"]),
+    (
+        "swm-baselines",
+        &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-data-foreign", "swm-tasks"],
+    ),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data", "swm-data-foreign"]),
     ("swm-jobs", &["swm-core", "swm-data", "swm-tasks"]),

@@ -221,11 +221,11 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
 }
 
 /// The weights that a model saves.
-fn weights(model: &dyn Baseline) -> std::collections::BTreeMap<String, crate::weights::Stored> {
+fn weights(model: &dyn Baseline) -> std::collections::BTreeMap<String, swm_weights::Stored> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     model.save_weights(&path).unwrap();
-    crate::weights::read(&path).unwrap()
+    swm_weights::read(&path).unwrap()
 }
 
 #[test]

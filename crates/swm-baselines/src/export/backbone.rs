@@ -7,8 +7,8 @@ use serde_json::{Value as Json, json};
 use super::layout::Unfit;
 use super::names::{Encoder, Generation};
 use crate::models::EncoderConfig;
-use crate::weights::{Saved, Stored, Values};
 use swm_nn::VitConfig;
+use swm_weights::{Saved, Stored, Values};
 
 /// The folder beside the weights.
 pub(super) const FOLDER: &str = "backbone";

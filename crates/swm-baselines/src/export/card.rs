@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::Exported;
 use super::form::Form;
-use crate::weights::Values;
+use swm_weights::Values;
 
 /// `README.md`: metadata between lines of dashes, then text.
 pub(super) fn text(form: &Form, exported: &Exported) -> String {

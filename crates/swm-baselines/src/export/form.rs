@@ -12,7 +12,7 @@ use super::{Export, joint, tdmpc2, tokens};
 use crate::error::BaselineError;
 use crate::online::{OnlineConfig, OnlineState, online_agent};
 use crate::train::{Imported, RunConfig, RunFolder, Scale, State, Which, step_of};
-use crate::weights::{self, Saved, Stored, Values};
+use swm_weights::{Saved, Stored, Values};
 
 /// All that an export writes.
 pub(super) struct Form {
@@ -67,7 +67,7 @@ impl Form {
         let config = RunConfig::read(run)?;
         let step = step_of(run, which, |last| Ok(run.checkpoint::<State>(last)?.state.best))?;
         let checkpoint = run.checkpoint::<State>(step)?;
-        let stored = weights::read(&run.checked_weights(&checkpoint)?)?;
+        let stored = swm_weights::read(&run.checked_weights(&checkpoint)?)?;
         let name = config.model_config.baseline.clone();
         let lacks = config.imported.as_ref().map_or(&[][..], |imported| &imported.lacks);
         let layout = match name.as_str() {
@@ -106,7 +106,7 @@ impl Form {
         let config = OnlineConfig::read(run)?;
         let step = step_of(run, which, |last| Ok(run.checkpoint::<OnlineState>(last)?.state.best))?;
         let checkpoint = run.checkpoint::<OnlineState>(step)?;
-        let stored = weights::read(&run.checked_weights(&checkpoint)?)?;
+        let stored = swm_weights::read(&run.checked_weights(&checkpoint)?)?;
         let name = config.agent.agent.clone();
         let layout = match name.as_str() {
             "tdmpc2" => tdmpc2::layout(&config),

@@ -8,8 +8,8 @@ use super::layout::{Layout, Unfit};
 use super::names::Encoder;
 use crate::baseline::ModelConfig;
 use crate::models::{EncoderConfig, JointConfig};
-use crate::weights::{Saved, Stored, Values};
 use swm_nn::VitConfig;
+use swm_weights::{Saved, Stored, Values};
 
 /// Dim, blocks and heads of the reference's sizes.
 const SIZES: [(&str, [usize; 3]); 5] = [

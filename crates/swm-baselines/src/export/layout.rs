@@ -3,7 +3,7 @@
 use serde_json::Value as Json;
 
 use super::names::Encoder;
-use crate::weights::Saved;
+use swm_weights::Saved;
 
 /// A model in the reference's words, as far as its family decides.
 #[derive(Default)]

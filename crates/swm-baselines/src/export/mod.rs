@@ -33,7 +33,6 @@ use swm_data::files;
 use swm_tasks::request::{Assignment, Fix, Message, Report, Request, TaskError};
 
 use crate::error::BaselineError;
-use crate::weights;
 use form::Form;
 use names::Generation;
 
@@ -145,14 +144,14 @@ fn write(form: &Form, folder: &Path) -> Result<Exported, BaselineError> {
     };
     fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
     let path = folder.join(WEIGHTS);
-    weights::save(&path, &form.tensors).map_err(|source| failed(&path, source))?;
+    swm_weights::save(&path, &form.tensors).map_err(|source| failed(&path, source))?;
     let sha256 = File::open(&path).and_then(sha256_of).map_err(|source| failed(&path, source))?;
     put("config.json", &json(&form.config))?;
     let mut names: Vec<String> = [WEIGHTS, "config.json", "swm.json", "README.md"].map(str::to_owned).into();
     if let Some(backbone) = &form.backbone {
         put(&format!("{}/config.json", backbone::FOLDER), &json(&backbone.config))?;
         let path = folder.join(backbone::FOLDER).join("model.safetensors");
-        weights::write_for_transformers(&path, backbone.tensors.clone())?;
+        swm_weights::write_for_transformers(&path, backbone.tensors.clone())?;
         names.push(format!("{}/config.json", backbone::FOLDER));
         names.push(format!("{}/model.safetensors", backbone::FOLDER));
     }

@@ -10,8 +10,8 @@ use super::names::Encoder;
 use crate::baseline::ModelConfig;
 use crate::data::Normalization;
 use crate::models::{DinoWmConfig, GoalConfig};
-use crate::weights::{Saved, Stored, Values};
 use swm_nn::{GoalTransformerConfig, Pool};
+use swm_weights::{Saved, Stored, Values};
 
 const PREJEPA: &str = "stable_worldmodel.wm.prejepa.module";
 const GCRL: &str = "stable_worldmodel.wm.gcrl.module";

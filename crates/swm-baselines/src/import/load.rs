@@ -18,6 +18,7 @@ use super::source::{self, Source, give};
 use super::{Description, Import, joint, tdmpc2, tokens};
 use crate::data::DataDims;
 use crate::device::Device;
+use crate::error::BaselineError;
 use crate::models::table::{MakeOptions, make};
 use crate::online::{
     AgentConfig, Interface, LearnedData, OnlineAgent, OnlineConfig, OnlineSettings, agent_of,
@@ -25,7 +26,8 @@ use crate::online::{
 use crate::train::{
     ACTION, DataConfig, FitSettings, ImageLooks, Imported, RUN_VERSION, RunConfig, Split, TrainedModel,
 };
-use crate::weights::{self, Contents, Of};
+use crate::weights;
+use swm_weights::{Contents, Of};
 
 /// A checkpoint that can be used.
 pub enum Loaded {
@@ -54,7 +56,7 @@ pub(super) fn load(
     registry: &Registry,
 ) -> Result<(Description, Option<Loaded>), TaskError> {
     let source = source::find(&request.from, request.file.as_deref())?;
-    let found = source.weights.as_deref().map(|path| weights::contents(path, Of::Shapes)).transpose()?;
+    let found = source.weights.as_deref().map(shapes_in).transpose()?;
     let set = set_of(request, &source);
     let recipe = recipe(request, &source, found.as_ref(), &set)?;
     let mut description = describe(&recipe, &source, found.as_ref())?;
@@ -122,6 +124,11 @@ pub(super) fn load(
     Ok((description, Some(loaded)))
 }
 
+/// The tensors of a file, without their values.
+fn shapes_in(path: &Path) -> Result<Contents, BaselineError> {
+    Ok(swm_weights::contents(path, Of::Shapes)?)
+}
+
 /// Settings of the model that were given; where its settings have no `model.` before them, that is left out.
 fn set_of(request: &Import, source: &Source) -> Json {
     let mut set = json!({});
@@ -145,7 +152,7 @@ fn recipe(
     if let Some(found) = found {
         tokens::check_names(&Shapes::of(found.tensors.clone()))?;
     }
-    let encoder = request.encoder.as_deref().map(|path| weights::contents(path, Of::Shapes)).transpose()?;
+    let encoder = request.encoder.as_deref().map(shapes_in).transpose()?;
     let encoder = encoder.map_or_else(Shapes::default, |found| Shapes::of(weights::to_ours(found.tensors)));
     let config = source.config.as_ref().map(|config| Node::root(&config.name, &config.value)).transpose()?;
     let model = config.as_ref().map(Node::model).transpose()?.flatten();

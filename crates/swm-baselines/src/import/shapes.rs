@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Value as Json, json};
 use swm_tasks::request::{Fix, Message, TaskError};
 
-use crate::weights::Stored;
+use swm_weights::Stored;
 
 /// Shapes of the tensors of a file, by our names; empty where there is no file.
 #[derive(Clone, Debug, Default)]

@@ -10,7 +10,6 @@ use super::agent::{AgentConfig, Observation};
 use crate::baseline::Losses;
 use crate::error::BaselineError;
 use crate::reading::{finite, read};
-use crate::weights;
 use swm_nn::losses::Terms;
 use swm_nn::optim::{AdamW, Gradients};
 use swm_nn::params;
@@ -71,7 +70,7 @@ pub(super) fn trainable<M: Module>(network: &M, targets: &[(&str, &str)]) -> usi
 ///
 /// The file cannot be read, or is of another agent.
 pub(super) fn load_optimizer<M: Module>(network: &M, path: &Path) -> Result<AdamW, BaselineError> {
-    let mut tensors = weights::read(path)?;
+    let mut tensors = swm_weights::read(path)?;
     let optimizer = AdamW::from_host(network, |name, count| {
         tensors.get(name).filter(|tensor| tensor.values.len() == count)?;
         tensors.remove(name).map(|tensor| tensor.values)

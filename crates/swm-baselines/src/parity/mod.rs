@@ -40,7 +40,7 @@ fn fixture_path(file: &str) -> PathBuf {
 
 /// A fixture.
 struct Fixture {
-    tensors: BTreeMap<String, weights::Stored>,
+    tensors: BTreeMap<String, swm_weights::Stored>,
     device: Device,
 }
 
@@ -50,7 +50,7 @@ impl Fixture {
     }
 
     fn read(path: &Path) -> Self {
-        let tensors = weights::read(path).unwrap_or_else(|error| panic!("{error}"));
+        let tensors = swm_weights::read(path).unwrap_or_else(|error| panic!("{error}"));
         let ours = |name: String| match name.split_once('.') {
             Some((section @ ("gradients" | "stepped"), name)) => format!("{section}.{}", weights::ours(name)),
             _ => name,
@@ -68,7 +68,7 @@ impl Fixture {
     }
 
     fn tensor<const D: usize>(&self, name: &str) -> Tensor<D> {
-        let weights::Stored { shape, values, .. } = &self.tensors[name];
+        let swm_weights::Stored { shape, values, .. } = &self.tensors[name];
         Tensor::from_data(TensorData::new(values.clone(), shape.clone()), &self.device)
     }
 
@@ -81,7 +81,7 @@ impl Fixture {
             let name = name.strip_prefix(&prefix)?;
             Some((name.to_owned(), tensor.shape.clone(), tensor.values.clone()))
         });
-        weights::write(&path, tensors.collect()).expect("weights can be written");
+        swm_weights::write(&path, tensors.collect()).expect("weights can be written");
         weights::load_network(network, &path).unwrap_or_else(|error| panic!("{error}"))
     }
 

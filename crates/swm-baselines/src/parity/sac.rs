@@ -65,7 +65,7 @@ fn sac_learns_as_the_reference() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     sac.save_weights(&path).unwrap();
-    let stepped = crate::weights::read(&path).unwrap();
+    let stepped = swm_weights::read(&path).unwrap();
     let mut compared = 0;
     for (name, tensor) in stepped.iter().filter(|(name, _)| !name.starts_with("observation.")) {
         let differs = worst(&tensor.values, fixture.values(&format!("stepped.{name}")));

@@ -180,7 +180,7 @@ fn learns_as_the_reference(name: &str, image: Option<usize>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     agent.save_weights(&path).unwrap();
-    let stepped = crate::weights::read(&path).unwrap();
+    let stepped = swm_weights::read(&path).unwrap();
     for (name, tensor) in &stepped {
         let differs = worst(&tensor.values, fixture.values(&format!("stepped.{name}")));
         assert!(differs < STEPPED, "{name} after an update: {differs}");

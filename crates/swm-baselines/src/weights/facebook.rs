@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::file::Stored;
+use swm_weights::Stored;
 
 /// What marks such names: behind it comes nothing else.
 const MARK: &str = "patch_embed.proj.weight";

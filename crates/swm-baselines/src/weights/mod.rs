@@ -1,17 +1,10 @@
-//! Files of weights: safetensors and PyTorch's `.pt` both ways, its `.pth` and `.ckpt` one way. A pickle is parsed, and nothing in it is
-//! executed.
+//! From files of weights to networks and back. Files have the names of their writers, networks those of transformers 5.
 //!
 //! A network takes all tensors of a file or none: what is missing, left over, or of another shape is an error that
 //! lists it.
 
-mod archive;
 mod facebook;
-mod file;
-mod pickle;
-mod refusal;
 mod rename;
-mod saved;
-mod torch;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,12 +13,11 @@ use burn::module::Module;
 
 use crate::error::BaselineError;
 use swm_nn::params;
+use swm_weights::{Stored, read, write};
 
-pub(crate) use file::{Contents, Of, Stored, contents, read, write, write_for_transformers};
 #[cfg(test)]
 pub(crate) use rename::ours;
 pub(crate) use rename::{averaged, to_ours, vector_keys};
-pub(crate) use saved::{Saved, Values, save};
 
 /// Writes all tensors of a network.
 pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), BaselineError> {
@@ -33,7 +25,7 @@ pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), Ba
     params::visit(network, |spec, tensor| {
         tensors.push((spec.name.clone(), spec.shape.clone(), params::to_host(spec, tensor)));
     });
-    write(path, tensors)
+    Ok(write(path, tensors)?)
 }
 
 /// A copy of the network with the weights of a file.

@@ -5,8 +5,9 @@
 
 use std::collections::BTreeMap;
 
+use swm_weights::Stored;
+
 use super::facebook;
-use super::file::Stored;
 
 /// What is put before all names by Lightning and by compiled or distributed modules.
 const PREFIXES: [&str; 4] = ["model.", "_orig_mod.", "module.", "state_dict."];

@@ -44,6 +44,7 @@ const FURTHER: [&str; 9] = [
     "swm-nn",
     "swm-onnx",
     "swm-ui",
+    "swm-weights",
 ];
 
 /// Names that cargo refuses, or that would hide a crate that the template uses.

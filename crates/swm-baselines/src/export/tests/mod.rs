@@ -16,7 +16,8 @@ use crate::import::{Description, Import};
 use crate::online::TrainedAgent;
 use crate::plane::{PLANE, registry};
 use crate::train::{RunFolder, TrainedModel, Which};
-use crate::weights::{self, Of, Saved, Stored, Values};
+use crate::weights;
+use swm_weights::{Of, Saved, Stored, Values};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints").join(name)
@@ -54,7 +55,7 @@ fn imported_from(from: &Path, name: &str, kind: Option<&str>, out: &Path) -> Des
 
 /// Values of the vector that a model observes.
 fn vector_of(name: &str) -> Option<usize> {
-    let expected = weights::read(&golden(name).join("expected.safetensors")).unwrap();
+    let expected = swm_weights::read(&golden(name).join("expected.safetensors")).unwrap();
     let vector = expected.get("proprio").or(expected.get("state"))?;
     vector.shape.last().copied()
 }
@@ -65,13 +66,13 @@ fn export(run: &Path, out: &Path, transformers: Option<usize>) -> Exported {
 }
 
 fn stored(run: &Path) -> BTreeMap<String, Stored> {
-    weights::read(&RunFolder::open(run).unwrap().weights(0)).unwrap()
+    swm_weights::read(&RunFolder::open(run).unwrap().weights(0)).unwrap()
 }
 
 /// Costs of some candidates for the golden images.
 fn costs(name: &str, run: &Path) -> Vec<u64> {
     let model = TrainedModel::open(run, Which::Last, Device::Cpu).unwrap();
-    let expected = weights::read(&golden(name).join("expected.safetensors")).unwrap();
+    let expected = swm_weights::read(&golden(name).join("expected.safetensors")).unwrap();
     let pixels: Vec<u8> = expected["pixels"].values.iter().map(|value| *value as u8).collect();
     let half = pixels.len() / 2;
     let side = (half / 3).isqrt();
@@ -166,7 +167,7 @@ fn one_head_as_wide_as_a_token_is_imported_and_exported() {
         if backbone.exists() {
             std::fs::copy(backbone, at("published/backbone/config.json")).unwrap();
         }
-        let tensors = weights::contents(&golden(name).join("weights.pt"), Of::Values).unwrap().tensors;
+        let tensors = swm_weights::contents(&golden(name).join("weights.pt"), Of::Values).unwrap().tensors;
         let tensors = tensors.into_iter().filter(|(tensor, _)| !tensor.contains(".to_out."));
         let tensors: Vec<Saved> = tensors
             .map(|(tensor, Stored { mut shape, mut values, is_whole })| {
@@ -180,7 +181,7 @@ fn one_head_as_wide_as_a_token_is_imported_and_exported() {
                 (tensor, shape, if is_whole { whole(values) } else { Values::Floats(values) })
             })
             .collect();
-        weights::save(&at("published/weights.pt"), &tensors).unwrap();
+        swm_weights::save(&at("published/weights.pt"), &tensors).unwrap();
         let first = imported_from(&at("published/weights.pt"), name, None, &at("run"));
         assert_eq!(first.missing, Vec::<String>::new(), "{name}");
         export(&at("run"), &at("out"), None);
@@ -202,12 +203,12 @@ fn a_frozen_vit_is_imported_and_exported() {
         std::fs::create_dir_all(at("published")).unwrap();
         std::fs::copy(golden(name).join("config.json"), at("published/config.json")).unwrap();
         // A DINOv2 without its scales is a ViT but for an epsilon.
-        let tensors = weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
+        let tensors = swm_weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
         let tensors = tensors.into_iter().filter(|(_, stored)| !stored.is_whole);
         let tensors = tensors.filter(|(tensor, _)| !tensor.contains(".layer_scale"));
         let tensors: Vec<Saved> =
             tensors.map(|(tensor, stored)| (tensor, stored.shape, Values::Floats(stored.values))).collect();
-        weights::save(&at("published/weights.pt"), &tensors).unwrap();
+        swm_weights::save(&at("published/weights.pt"), &tensors).unwrap();
         let place = if name == "gcbc" { "model.encoder.heads" } else { "encoder.heads" };
         let request = Import {
             from: at("published").display().to_string(),
@@ -228,7 +229,7 @@ fn a_frozen_vit_is_imported_and_exported() {
             let backbone: Json = serde_json::from_slice(&backbone).unwrap();
             let wanted = json!({ "model_type": "vit", "intermediate_size": 36, "num_attention_heads": 3 });
             check_within(&wanted, &backbone, name);
-            let written = weights::contents(&out.join("weights.pt"), Of::Shapes).unwrap().tensors;
+            let written = swm_weights::contents(&out.join("weights.pt"), Of::Shapes).unwrap().tensors;
             assert_eq!(written[&format!("{prefix}pooler.dense.weight")].shape, [18, 18], "{name}");
             assert!(!written.contains_key(&format!("{prefix}embeddings.mask_token")), "{name}");
             let again = at(&format!("again-{version}"));
@@ -253,8 +254,8 @@ fn files_have_the_tensors_and_settings_that_the_reference_wrote() {
         let (run, out) = (folder.path().join("run"), folder.path().join("out"));
         imported(name, file, kind, &run);
         export(&run, &out, Some(version));
-        let theirs = weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
-        let mut ours = weights::contents(&out.join("weights.pt"), Of::Values).unwrap().tensors;
+        let theirs = swm_weights::contents(&golden(name).join(file), Of::Values).unwrap().tensors;
+        let mut ours = swm_weights::contents(&out.join("weights.pt"), Of::Values).unwrap().tensors;
         assert_eq!(theirs.keys().collect::<Vec<_>>(), ours.keys().collect::<Vec<_>>(), "{name}");
         for (tensor, value) in &theirs {
             let own = ours.remove(tensor).unwrap();

@@ -17,8 +17,9 @@ use crate::data::{Images, Observations, PlanningBatch, Vectors};
 use crate::online::tdmpc2::{Observed, Tdmpc2Config, Tdmpc2Network};
 use crate::plane::{PLANE, registry};
 use crate::train::{TrainedModel, Which};
-use crate::weights::{self, Stored};
+use crate::weights;
 use swm_nn::params::host;
+use swm_weights::Stored;
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints")
@@ -209,7 +210,7 @@ fn models_compute_what_the_reference_computes() {
     let mut compared = 0;
     for folder in cases() {
         let name = folder.file_name().unwrap().to_string_lossy().into_owned();
-        let case = Case { expected: weights::read(&folder.join("expected.safetensors")).unwrap(), name };
+        let case = Case { expected: swm_weights::read(&folder.join("expected.safetensors")).unwrap(), name };
         let mut files: Vec<PathBuf> =
             std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         files.push(folder.join("checkpoints/model_latest.pth"));

@@ -8,8 +8,9 @@ use swm_tasks::request::Request as _;
 use super::super::{Description, Import, Loaded};
 use super::{PLANE, golden, registry, request};
 use crate::train::{TrainedModel, Which};
-use crate::weights::{self, Of, Saved, Values};
+use crate::weights;
 use crate::{BaselineError, Device};
+use swm_weights::{Of, Saved, Values};
 
 #[test]
 fn what_no_file_says_is_asked_for() {
@@ -139,13 +140,13 @@ fn folders_that_are_not_whole_are_refused_with_what_they_lack() {
 fn values_that_pool_by_attention_are_refused_by_name() {
     let (from, folder) = (golden().join("gcivl_policy"), tempfile::tempdir().unwrap());
     std::fs::copy(from.join("config.json"), folder.path().join("config.json")).unwrap();
-    let tensors = weights::contents(&from.join("weights_epoch_3.pt"), Of::Values).unwrap().tensors;
+    let tensors = swm_weights::contents(&from.join("weights_epoch_3.pt"), Of::Values).unwrap().tensors;
     let floats = tensors.into_iter().filter(|(_, stored)| !stored.is_whole);
     let mut tensors: Vec<Saved> =
         floats.map(|(name, stored)| (name, stored.shape, Values::Floats(stored.values))).collect();
     let added = "value_predictor.backbone.transformer.layers.2.0.frame_tokens".to_owned();
     tensors.push((added, vec![1, 2, 3], Values::Floats(vec![0.5; 6])));
-    weights::save(&folder.path().join("weights.pt"), &tensors).unwrap();
+    swm_weights::save(&folder.path().join("weights.pt"), &tensors).unwrap();
     let mut request = Import { check_only: true, ..request(folder.path(), Some("gcivl")) };
     request.out = folder.path().join("run");
     let message = request.run(&registry(), &mut ()).unwrap_err().to_string();
@@ -191,7 +192,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
     std::fs::copy(good.join("config.json"), folder.path().join("config.json")).unwrap();
     let whole = std::fs::read(good.join("weights.pt")).unwrap();
     let tensors = || -> Vec<Named> {
-        let read = weights::contents(&good.join("weights.pt"), Of::Values).unwrap().tensors;
+        let read = swm_weights::contents(&good.join("weights.pt"), Of::Values).unwrap().tensors;
         let floats = read.into_iter().filter(|(_, stored)| !stored.is_whole);
         floats.map(|(name, stored)| (name, stored.shape, stored.values)).collect()
     };
@@ -231,7 +232,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
         told(name, &|file: &Path| {
             let mut all = tensors();
             change(&mut all);
-            weights::write(file, all)
+            swm_weights::write(file, all)
         })
     };
     let missing = changed(&|all| drop(all.pop()), "missing.safetensors");

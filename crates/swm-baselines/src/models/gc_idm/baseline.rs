@@ -17,7 +17,8 @@ use crate::learner::Learner;
 use crate::models::lewm;
 use crate::models::table::{made_on, settings_of};
 use crate::precision::Precision;
-use crate::weights::{self, Stored};
+use crate::weights;
+use swm_weights::Stored;
 
 /// What the names of the world model's tensors begin with.
 const WORLD: &str = "world.";
@@ -119,7 +120,7 @@ type Halves = [BTreeMap<String, Stored>; 2];
 
 fn halves(path: &Path) -> Result<Halves, BaselineError> {
     let mut halves = Halves::default();
-    for (name, tensor) in weights::read(path)? {
+    for (name, tensor) in swm_weights::read(path)? {
         match name.strip_prefix(WORLD) {
             Some(inner) => halves[1].insert(inner.to_owned(), tensor),
             None => halves[0].insert(name, tensor),
@@ -217,9 +218,9 @@ impl Baseline for IdmBaseline {
         let part = |name: &str| folder.path().join(name);
         self.learner.save_weights(&part("network"))?;
         self.world.save_weights(&part("world"))?;
-        let mut tensors = written(weights::read(&part("network"))?, "");
-        tensors.extend(written(weights::read(&part("world"))?, WORLD));
-        weights::write(path, tensors)
+        let mut tensors = written(swm_weights::read(&part("network"))?, "");
+        tensors.extend(written(swm_weights::read(&part("world"))?, WORLD));
+        Ok(swm_weights::write(path, tensors)?)
     }
 
     fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError> {
@@ -227,7 +228,7 @@ impl Baseline for IdmBaseline {
         let network = weights::load_stored(self.learner.network(), path, own)?;
         let folder = scratch(&std::env::temp_dir().join("world"))?;
         let part = folder.path().join("world");
-        weights::write(&part, written(of_world, ""))?;
+        swm_weights::write(&part, written(of_world, ""))?;
         self.load_encoder(&part)?;
         self.learner.replace(network);
         Ok(())

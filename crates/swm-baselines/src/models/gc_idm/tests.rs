@@ -157,8 +157,8 @@ fn a_run_has_the_weights_of_its_world_model() {
     train(model.as_mut(), 3);
     model.save_weights(&all).unwrap();
     // Training leaves them alone.
-    let stored = crate::weights::read(&all).unwrap();
-    for (name, tensor) in crate::weights::read(&of_world).unwrap() {
+    let stored = swm_weights::read(&all).unwrap();
+    for (name, tensor) in swm_weights::read(&of_world).unwrap() {
         assert_eq!(stored[&format!("world.{name}")], tensor, "{name}");
     }
     assert_eq!(stored.len(), model.tensors().len());

@@ -228,7 +228,7 @@ impl OnlineAgent for Sac {
     }
 
     fn save_training(&self, path: &Path) -> Result<(), BaselineError> {
-        weights::write(path, self.optimizer.to_host(&self.network))
+        Ok(swm_weights::write(path, self.optimizer.to_host(&self.network))?)
     }
 
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {

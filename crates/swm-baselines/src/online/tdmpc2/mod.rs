@@ -290,7 +290,7 @@ impl OnlineAgent for Tdmpc2 {
     }
 
     fn save_training(&self, path: &Path) -> Result<(), BaselineError> {
-        weights::write(path, self.optimizer.to_host(&self.network))
+        Ok(swm_weights::write(path, self.optimizer.to_host(&self.network))?)
     }
 
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {

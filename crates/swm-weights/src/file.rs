@@ -9,36 +9,39 @@ use std::path::Path;
 use safetensors::Dtype;
 use safetensors::tensor::View;
 
-use super::{refusal, torch};
-use crate::error::BaselineError;
+use crate::error::WeightsError;
+use crate::{refusal, torch};
+
+/// How the names of files of weights end.
+pub const ENDINGS: [&str; 5] = ["pt", "pth", "ckpt", "safetensors", "tar"];
 
 /// A tensor of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Stored {
+pub struct Stored {
     /// Its shape.
-    pub(crate) shape: Vec<usize>,
+    pub shape: Vec<usize>,
     /// Its values, row-major; none where only shapes were asked for.
-    pub(crate) values: Vec<f32>,
+    pub values: Vec<f32>,
     /// Whether the file holds whole numbers.
-    pub(crate) is_whole: bool,
+    pub is_whole: bool,
 }
 
 /// What is in a file.
 #[derive(Debug, Default)]
-pub(crate) struct Contents {
+pub struct Contents {
     /// Its tensors, by their names in the file.
-    pub(crate) tensors: BTreeMap<String, Stored>,
+    pub tensors: BTreeMap<String, Stored>,
     /// `safetensors`, or the container of PyTorch: `zip`, `legacy`, `tar`, `pickle`.
-    pub(crate) format: &'static str,
+    pub format: &'static str,
     /// Functions that Python would call if it loaded the file.
-    pub(crate) calls: Vec<String>,
+    pub calls: Vec<String>,
     /// Classes of objects that were passed over, such as optimizers.
-    pub(crate) passed_over: Vec<String>,
+    pub passed_over: Vec<String>,
 }
 
 /// What is read of tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Of {
+pub enum Of {
     /// Shapes alone.
     Shapes,
     /// Shapes and values.
@@ -52,13 +55,21 @@ const MOST_VALUES: usize = 4_000_000_000;
 const LONGEST_NAME: usize = 512;
 
 /// All tensors of a `.safetensors` file or of one that PyTorch wrote; its content decides, not its name.
-pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
+///
+/// # Errors
+///
+/// As of [`contents`].
+pub fn read(path: &Path) -> Result<BTreeMap<String, Stored>, WeightsError> {
     Ok(contents(path, Of::Values)?.tensors)
 }
 
 /// What is in a file of weights.
-pub(crate) fn contents(path: &Path, of: Of) -> Result<Contents, BaselineError> {
-    let wrong = |reason: String| BaselineError::weights(path, reason);
+///
+/// # Errors
+///
+/// [`WeightsError::Unusable`]: it cannot be read, is cut off or larger than any that is read, or holds something else than dense tensors of numbers.
+pub fn contents(path: &Path, of: Of) -> Result<Contents, WeightsError> {
+    let wrong = |reason: String| WeightsError::unusable(path, reason);
     let mut file = File::open(path).map_err(|error| wrong(error.to_string()))?;
     let len = file.metadata().map_err(|error| wrong(error.to_string()))?.len();
     let mut start = Vec::with_capacity(refusal::START);
@@ -77,10 +88,10 @@ pub(crate) fn contents(path: &Path, of: Of) -> Result<Contents, BaselineError> {
 }
 
 /// Refuses a file of too many tensors, or with such names.
-pub(super) fn check_sizes<'a>(
+pub(crate) fn check_sizes<'a>(
     path: &Path,
     tensors: impl Iterator<Item = (&'a str, &'a [usize])>,
-) -> Result<(), BaselineError> {
+) -> Result<(), WeightsError> {
     let (mut count, mut values) = (0, 0_usize);
     for (name, shape) in tensors {
         count += 1;
@@ -88,26 +99,26 @@ pub(super) fn check_sizes<'a>(
         let size = size.filter(|&size| size <= MOST_VALUES);
         let Some(size) = size else {
             let reason = format!("`{name}` of shape {shape:?} is larger than any tensor that is read");
-            return Err(BaselineError::weights(path, reason));
+            return Err(WeightsError::unusable(path, reason));
         };
         values = values.saturating_add(size);
         if count > MOST_TENSORS || values > MOST_VALUES {
             let reason =
                 format!("holds more than the {MOST_TENSORS} tensors or {MOST_VALUES} values that are read");
-            return Err(BaselineError::weights(path, reason));
+            return Err(WeightsError::unusable(path, reason));
         }
         if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
             let start: String = name.chars().filter(|letter| !letter.is_control()).take(32).collect();
             let reason =
                 format!("a tensor's name, `{start}…`, is longer than {LONGEST_NAME} bytes or not plain text");
-            return Err(BaselineError::weights(path, reason));
+            return Err(WeightsError::unusable(path, reason));
         }
     }
     Ok(())
 }
 
 /// A number with a comma between thousands.
-pub(super) fn spaced(number: u64) -> String {
+pub(crate) fn spaced(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (index, digit) in digits.chars().enumerate() {
@@ -119,14 +130,14 @@ pub(super) fn spaced(number: u64) -> String {
     text
 }
 
-fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, BaselineError> {
-    let wrong = |error: &dyn std::fmt::Display| BaselineError::weights(path, error.to_string());
+fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, WeightsError> {
+    let wrong = |error: &dyn std::fmt::Display| WeightsError::unusable(path, error.to_string());
     let len = file.metadata().map_err(|error| wrong(&error))?.len();
-    let mut read_at = |at: u64, count: u64| -> Result<Vec<u8>, BaselineError> {
+    let mut read_at = |at: u64, count: u64| -> Result<Vec<u8>, WeightsError> {
         if at.checked_add(count).is_none_or(|end| end > len) {
             let reason =
                 format!("is cut off: {} bytes, and its header names more; fetch it again", spaced(len));
-            return Err(BaselineError::weights(path, reason));
+            return Err(WeightsError::unusable(path, reason));
         }
         let mut bytes = vec![0; count as usize];
         file.seek(SeekFrom::Start(at))
@@ -162,7 +173,7 @@ fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, Ba
         if of == Of::Values && values.len() != info.shape.iter().product::<usize>() {
             let reason =
                 format!("is damaged: `{name}` of shape {:?} has {} values", info.shape, values.len());
-            return Err(BaselineError::weights(path, reason));
+            return Err(WeightsError::unusable(path, reason));
         }
         let is_whole = matches!(info.dtype, Dtype::I64 | Dtype::I32 | Dtype::BOOL | Dtype::U8);
         tensors.insert(name, Stored { shape: info.shape.clone(), values, is_whole });
@@ -170,21 +181,21 @@ fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, Ba
     Ok(Contents { tensors, format: "safetensors", ..Contents::default() })
 }
 
-pub(super) fn kind(path: &Path, name: &str, kind: &str) -> BaselineError {
-    BaselineError::weights(path, format!("`{name}` is of type {kind}; store weights as 32- or 16-bit floats"))
+pub(crate) fn kind(path: &Path, name: &str, kind: &str) -> WeightsError {
+    WeightsError::unusable(path, format!("`{name}` is of type {kind}; store weights as 32- or 16-bit floats"))
 }
 
-pub(super) fn floats<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+pub(crate) fn floats<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
     let (chunks, _) = bytes.as_chunks::<N>();
     chunks.iter().map(|chunk| convert(*chunk)).collect()
 }
 
-pub(super) fn brain(bytes: [u8; 2]) -> f32 {
+pub(crate) fn brain(bytes: [u8; 2]) -> f32 {
     f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16)
 }
 
 /// IEEE 754 binary16.
-pub(super) fn half(bytes: [u8; 2]) -> f32 {
+pub(crate) fn half(bytes: [u8; 2]) -> f32 {
     let bits = u16::from_le_bytes(bytes);
     let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f32::from(bits & 0x3ff));
     let size = match exponent {
@@ -221,15 +232,23 @@ impl View for Written {
 }
 
 /// Writes safetensors: name, shape, values. The file appears whole or not at all.
-pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<(), BaselineError> {
+///
+/// # Errors
+///
+/// [`WeightsError::Write`]: the operating system refuses.
+pub fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<(), WeightsError> {
     write_with(path, tensors, None)
 }
 
 /// As [`write`], with the note that transformers wants in a model's file.
-pub(crate) fn write_for_transformers(
+///
+/// # Errors
+///
+/// As of [`write`].
+pub fn write_for_transformers(
     path: &Path,
     tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
-) -> Result<(), BaselineError> {
+) -> Result<(), WeightsError> {
     write_with(path, tensors, Some(HashMap::from([("format".to_owned(), "pt".to_owned())])))
 }
 
@@ -237,21 +256,17 @@ fn write_with(
     path: &Path,
     tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
     notes: Option<HashMap<String, String>>,
-) -> Result<(), BaselineError> {
+) -> Result<(), WeightsError> {
     let views = tensors.into_iter().map(|(name, shape, values)| (name, Written { shape, values }));
     let part = path.with_extension("part");
     let written = safetensors::serialize_to_file(views, notes, &part);
     written.map_err(|error| match error {
         safetensors::SafeTensorError::IoError(source) => {
-            BaselineError::Io { action: "write", path: path.to_owned(), source }
+            WeightsError::Write { path: path.to_owned(), source }
         }
-        error => BaselineError::weights(path, error.to_string()),
+        error => WeightsError::unusable(path, error.to_string()),
     })?;
-    fs::rename(&part, path).map_err(|source| BaselineError::Io {
-        action: "write",
-        path: path.to_owned(),
-        source,
-    })
+    fs::rename(&part, path).map_err(|source| WeightsError::Write { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -282,7 +297,7 @@ mod tests {
         assert_eq!(stored["a.b"], Stored { shape: vec![2, 1], values: vec![1.5, -2.0], is_whole: false });
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..bytes.len() - 3]).unwrap();
-        assert!(matches!(read(&path), Err(BaselineError::Weights { .. })));
+        assert!(matches!(read(&path), Err(WeightsError::Unusable { .. })));
         fs::write(&path, b"no weights at all").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("neither safetensors nor"));
     }

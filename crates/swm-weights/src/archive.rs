@@ -11,7 +11,7 @@ const END: u64 = 22 + 0xffff;
 
 /// Where an archive's pickle is.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pickle {
+pub(crate) struct Pickle {
     start: u64,
     len: u64,
     /// Where the archive keeps its checksum.
@@ -19,12 +19,12 @@ pub(super) struct Pickle {
 }
 
 /// Whether an archive has an end: it is cut off otherwise.
-pub(super) fn has_end(file: &mut File) -> io::Result<bool> {
+pub(crate) fn has_end(file: &mut File) -> io::Result<bool> {
     Ok(directory(file)?.is_some())
 }
 
 /// The entry `data.pkl` of an archive, where it is stored as it is.
-pub(super) fn find_pickle(file: &mut File) -> io::Result<Option<Pickle>> {
+pub(crate) fn find_pickle(file: &mut File) -> io::Result<Option<Pickle>> {
     let Some((mut at, count)) = directory(file)? else { return Ok(None) };
     for _ in 0..count {
         let mut head = [0; 46];
@@ -81,7 +81,7 @@ fn directory(file: &mut File) -> io::Result<Option<(u64, u64)>> {
 
 impl Pickle {
     /// Its bytes.
-    pub(super) fn read(&self, file: &mut File) -> io::Result<Vec<u8>> {
+    pub(crate) fn read(&self, file: &mut File) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         file.seek(SeekFrom::Start(self.start))?;
         file.take(self.len).read_to_end(&mut bytes)?;
@@ -89,7 +89,7 @@ impl Pickle {
     }
 
     /// A copy of the archive at `to` whose pickle is `bytes`, which are as many.
-    pub(super) fn copy_with(&self, from: &Path, to: &Path, bytes: &[u8]) -> io::Result<()> {
+    pub(crate) fn copy_with(&self, from: &Path, to: &Path, bytes: &[u8]) -> io::Result<()> {
         std::fs::copy(from, to)?;
         let mut file = File::options().write(true).open(to)?;
         file.seek(SeekFrom::Start(self.start))?;
@@ -124,15 +124,15 @@ const TABLE: [u32; 256] = {
 
 /// CRC-32 of what has been added.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Checksum(u32);
+pub(crate) struct Checksum(u32);
 
 impl Checksum {
-    pub(super) fn add(&mut self, bytes: &[u8]) {
+    pub(crate) fn add(&mut self, bytes: &[u8]) {
         self.0 =
             !bytes.iter().fold(!self.0, |sum: u32, byte| sum >> 8 ^ TABLE[usize::from(sum as u8 ^ byte)]);
     }
 
-    pub(super) fn value(self) -> u32 {
+    pub(crate) fn value(self) -> u32 {
         self.0
     }
 }

@@ -6,13 +6,13 @@ use std::rc::Rc;
 
 /// What was found in a pickle.
 #[derive(Debug, Default)]
-pub(super) struct Found {
+pub(crate) struct Found {
     /// Functions that Python would call and that make no tensor, such as `builtins.print`.
-    pub(super) calls: Vec<String>,
+    pub(crate) calls: Vec<String>,
     /// Tensors of a form that is not read: their name, and the form.
-    pub(super) strange: Vec<(String, &'static str)>,
+    pub(crate) strange: Vec<(String, &'static str)>,
     /// Where an object gets its attributes: its class, and the place of the opcode.
-    pub(super) built: Vec<(String, usize)>,
+    pub(crate) built: Vec<(String, usize)>,
 }
 
 /// A value on the stack.
@@ -62,7 +62,7 @@ const TYPES: [&str; 12] = [
 const MOST: usize = 32;
 
 /// Looks through a pickle, as far as it can be followed.
-pub(super) fn look_through(bytes: &[u8]) -> Found {
+pub(crate) fn look_through(bytes: &[u8]) -> Found {
     let mut machine =
         Machine { bytes, at: 0, stack: Vec::new(), memo: HashMap::new(), found: Found::default() };
     while machine.step().is_some() {}
@@ -70,7 +70,7 @@ pub(super) fn look_through(bytes: &[u8]) -> Found {
 }
 
 /// The pickle without the attributes of objects of these classes: where they would be set, they are dropped.
-pub(super) fn without(bytes: &[u8], found: &Found, classes: &[String]) -> Option<Vec<u8>> {
+pub(crate) fn without(bytes: &[u8], found: &Found, classes: &[String]) -> Option<Vec<u8>> {
     const POP: u8 = b'0';
     let places: Vec<usize> =
         found.built.iter().filter(|(class, _)| classes.contains(class)).map(|(_, place)| *place).collect();

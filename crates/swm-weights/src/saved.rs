@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::archive::Checksum;
+use crate::archive::Checksum;
 
 /// The folder within the archive.
 const ROOT: &str = "weights";
@@ -15,7 +15,7 @@ const LARGEST: u64 = u32::MAX as u64;
 
 /// The values of a tensor to write.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Values {
+pub enum Values {
     /// 32-bit floats.
     Floats(Vec<f32>),
     /// 64-bit whole numbers.
@@ -52,10 +52,14 @@ impl Values {
 }
 
 /// A tensor to write: its name, shape and values, row-major.
-pub(crate) type Saved = (String, Vec<usize>, Values);
+pub type Saved = (String, Vec<usize>, Values);
 
 /// Writes tensors, in this order.
-pub(crate) fn save(path: &Path, tensors: &[Saved]) -> io::Result<()> {
+///
+/// # Errors
+///
+/// The operating system refuses, or a zip archive cannot list so much.
+pub fn save(path: &Path, tensors: &[Saved]) -> io::Result<()> {
     let mut archive = Archive { out: BufWriter::new(File::create(path)?), at: 0, entries: Vec::new() };
     archive.add("data.pkl", &pickle(tensors))?;
     archive.add("byteorder", b"little")?;
@@ -207,7 +211,7 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::weights::{Of, Stored, contents};
+    use crate::{Of, Stored, contents};
 
     #[test]
     fn what_is_saved_is_read_again() {

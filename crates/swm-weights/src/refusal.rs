@@ -2,14 +2,14 @@
 
 use std::fs::File;
 
-use super::archive;
-use super::file::spaced;
+use crate::archive;
+use crate::file::spaced;
 
 /// Bytes of a file's start that tell.
-pub(super) const START: usize = 512;
+pub(crate) const START: usize = 512;
 
 /// Why a file is none of weights, by its start and length.
-pub(super) fn of(start: &[u8], len: u64, file: &mut File) -> Option<String> {
+pub(crate) fn of(start: &[u8], len: u64, file: &mut File) -> Option<String> {
     if start.is_empty() {
         return Some("is empty: the download failed; fetch it again".to_owned());
     }

@@ -6,17 +6,17 @@ use std::path::Path;
 
 use pytorch_reader::{DType, FileFormat, PickleError, PytorchError, PytorchReader};
 
-use super::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
-use super::{archive, pickle};
-use crate::error::BaselineError;
+use crate::error::WeightsError;
+use crate::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
+use crate::{archive, pickle};
 
 /// Keys under which trainers store the weights of a model.
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
 /// Classes of objects that hold tensors which are no weights; more than so many in a file are passed over by nobody.
 const MOST_CLASSES: usize = 16;
 
-pub(super) fn read(path: &Path, of: Of) -> Result<Contents, BaselineError> {
-    let mut file = File::open(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
+pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
+    let mut file = File::open(path).map_err(|error| WeightsError::unusable(path, error.to_string()))?;
     let place = archive::find_pickle(&mut file).ok().flatten();
     let bytes = place.and_then(|place| place.read(&mut file).ok()).unwrap_or_default();
     let found = pickle::look_through(&bytes);
@@ -29,17 +29,17 @@ pub(super) fn read(path: &Path, of: Of) -> Result<Contents, BaselineError> {
         }
         passed_over.push(class.clone());
         let Some(without) = pickle::without(&bytes, &found, &passed_over) else { break };
-        let folder = tempfile::tempdir().map_err(|error| BaselineError::weights(path, error.to_string()))?;
+        let folder = tempfile::tempdir().map_err(|error| WeightsError::unusable(path, error.to_string()))?;
         let copy = folder.path().join("copy");
         place
             .copy_with(path, &copy, &without)
-            .map_err(|error| BaselineError::weights(path, error.to_string()))?;
+            .map_err(|error| WeightsError::unusable(path, error.to_string()))?;
         opened = open(&copy, path, of);
     }
     let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
         (_, [(name, form), ..]) => {
             let reason = format!("`{name}` is {form}; store it as a dense tensor of 32- or 16-bit floats");
-            BaselineError::weights(path, reason)
+            WeightsError::unusable(path, reason)
         }
         (Failed::Object(class), _) => {
             let reason = format!(
@@ -47,7 +47,7 @@ pub(super) fn read(path: &Path, of: Of) -> Result<Contents, BaselineError> {
                  `ckpt = torch.load(FILE, weights_only=False)`, then `torch.save({{k: v.state_dict() for k, v in \
                  ckpt.items() if hasattr(v, \"state_dict\")}}, FILE)`"
             );
-            BaselineError::weights(path, reason)
+            WeightsError::unusable(path, reason)
         }
         (Failed::Other(error), _) => error,
     })?;
@@ -58,14 +58,14 @@ pub(super) fn read(path: &Path, of: Of) -> Result<Contents, BaselineError> {
 enum Failed {
     /// An object of this class holds tensors.
     Object(String),
-    Other(BaselineError),
+    Other(WeightsError),
 }
 
 /// The tensors of the file at `from`; errors are about `path`.
 fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
     let reason = "is neither safetensors nor a file of torch.save, or it is cut off";
     let broken = |error: &dyn std::fmt::Display| {
-        Failed::Other(BaselineError::weights(path, format!("{reason}: {error}")))
+        Failed::Other(WeightsError::unusable(path, format!("{reason}: {error}")))
     };
     let reader = PytorchReader::new(from).map_err(|error| match error {
         PytorchError::Pickle(PickleError::UnsupportedType(class)) => Failed::Object(class),
@@ -86,7 +86,7 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
     let reader = inside.unwrap_or(reader);
     // A file of ours can be empty: the state of a training before its first step.
     if reader.tensors().is_empty() {
-        return Err(Failed::Other(BaselineError::weights(path, "holds no tensors")));
+        return Err(Failed::Other(WeightsError::unusable(path, "holds no tensors")));
     }
     let all = reader.tensors().iter().map(|(name, tensor)| (name.as_str(), tensor.shape()));
     check_sizes(path, all).map_err(Failed::Other)?;

@@ -1,0 +1,23 @@
+//! Files of named tensors: safetensors and PyTorch's `.pt` both ways, its `.pth` and `.ckpt` one way. A pickle is parsed, and nothing in it is
+//! executed.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `file` | reading by content; safetensors |
+//! | `torch`, `archive`, `pickle` | what PyTorch wrote |
+//! | `saved` | writing as PyTorch does |
+//! | `refusal` | files that are none of weights |
+//!
+//! Names are those in the file, and values 32-bit floats. No model, no layer and no tensor library is known here.
+
+mod archive;
+mod error;
+mod file;
+mod pickle;
+mod refusal;
+mod saved;
+mod torch;
+
+pub use error::WeightsError;
+pub use file::{Contents, ENDINGS, Of, Stored, contents, read, write, write_for_transformers};
+pub use saved::{Saved, Values, save};
