@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use swm_baselines::import::Import;
 use swm_baselines::train::{RunFolder, TrainedModel, Which};
 use swm_baselines::Device;
+use swm_checkpoints::import::Import;
 use swm_core::Registry;
 use swm_tasks::request::Request as _;
 

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use swm_baselines::import::Import;
+use swm_checkpoints::import::Import;
 use swm_core::Registry;
 use swm_tasks::request::Request as _;
 use tempfile::TempDir;

@@ -7,7 +7,8 @@ use anyhow::Result;
 
 use crate::process;
 
-/// Their names. They are no default members of the workspace either, nor are `swm-baselines`, `swm-nn` and `swm-weights`, whose tensors few need.
+/// Their names. They are no default members of the workspace either, nor are `swm-baselines`, `swm-checkpoints`, `swm-nn` and
+/// `swm-weights`, whose tensors few need.
 pub(crate) const APART: &[&str] = &["swm-data-lance"];
 
 /// Cargo's options for the workspace without them.

@@ -89,7 +89,7 @@ fn packages() -> Vec<&'static str> {
     let mut all = apart::all_others();
     if !process::has_cxx() {
         // They have videos in MP4.
-        all.extend(["--exclude", "swm-baselines", "--exclude", "swm-py"]);
+        all.extend(["--exclude", "swm-baselines", "--exclude", "swm-checkpoints", "--exclude", "swm-py"]);
     }
     all
 }

@@ -33,9 +33,7 @@ mod data;
 mod device;
 mod dynamics;
 mod error;
-pub mod export;
 mod images;
-pub mod import;
 mod learner;
 mod models;
 mod network;
@@ -43,14 +41,13 @@ pub mod online;
 #[cfg(test)]
 mod parity;
 mod plan;
-#[cfg(test)]
-mod plane;
 mod precision;
 mod reading;
-pub mod reproduce;
+#[cfg(feature = "testing")]
+pub mod testing;
 pub mod train;
 pub mod trainer;
-mod weights;
+pub mod weights;
 
 pub use baseline::{
     Baseline, Canonicalizer, GoalPolicy, InputSpec, LatentPolicy, Losses, ModelConfig, Phase, PhaseGoals,

@@ -26,7 +26,7 @@ fn reproduce(
 #[cfg(feature = "baselines")]
 mod work {
     use pyo3::prelude::*;
-    use swm::baselines::reproduce::{Reproduce, recipes as all};
+    use swm::checkpoints::reproduce::{Reproduce, recipes as all};
 
     use crate::manifest::to_json;
     use crate::report::{Made, run};

@@ -26,6 +26,8 @@ pub mod doctor;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;
+#[cfg(feature = "baselines")]
+pub use swm_checkpoints as checkpoints;
 pub use swm_core as core;
 pub use swm_data_foreign as data_foreign;
 #[cfg(feature = "lance")]
@@ -63,8 +65,8 @@ pub fn registry() -> Registry {
     let registry = registry.with(swm_envs_mujoco::ENVS);
     #[cfg(feature = "baselines")]
     let registry = registry
-        .with(swm_baselines::acting::POLICIES)
-        .with(swm_baselines::acting::MODELS)
+        .with(swm_checkpoints::POLICIES)
+        .with(swm_checkpoints::MODELS)
         .with(swm_baselines::trainer::TRAINERS);
     #[cfg(feature = "onnx")]
     let registry = registry.with(swm_onnx::POLICIES);

@@ -45,6 +45,7 @@ const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-ui", &[HDF5], &[]),
     ("swm-nn", &[TENSORS], &["swm-data", "swm-solvers"]),
     ("swm-weights", &[], &["swm-core", "png"]),
+    ("swm-checkpoints", &[TENSORS, HDF5, MATRICES, NETWORK, VIDEOS], &[]),
     // CUDA's build script fetches LLVM.
     ("swm-baselines", &[TENSORS, HDF5, MATRICES, NETWORK, VIDEOS], &[]),
 ];

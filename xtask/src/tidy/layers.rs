@@ -27,6 +27,10 @@ const ARROWS: &[(&str, &[&str])] = &[
         "swm-baselines",
         &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-data-foreign", "swm-tasks"],
     ),
+    (
+        "swm-checkpoints",
+        &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-tasks", "swm-baselines"],
+    ),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data", "swm-data-foreign"]),
     ("swm-jobs", &["swm-core", "swm-data", "swm-tasks"]),

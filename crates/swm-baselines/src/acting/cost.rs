@@ -29,7 +29,7 @@ pub struct ModelCost {
 }
 
 /// The setting that says how costs are made: its name is that of planners on the true dynamics.
-pub(super) const AGGREGATE: &str = "aggregate";
+pub const AGGREGATE: &str = "aggregate";
 
 /// A copy of the model and the environments that it plans for.
 struct Copy {
@@ -96,7 +96,7 @@ impl ModelCost {
     }
 
     /// Settings of the plan, unless others are given.
-    pub(super) fn plan_settings(&self) -> Map<String, Json> {
+    pub fn plan_settings(&self) -> Map<String, Json> {
         self.model.baseline.plan_settings()
     }
 
@@ -123,7 +123,7 @@ impl ModelCost {
     }
 
     /// The most observations that the model makes use of.
-    pub(super) fn history(&self) -> usize {
+    pub fn history(&self) -> usize {
         self.copies[0].model.history().max(1)
     }
 }
@@ -219,7 +219,7 @@ impl Cost for ModelCost {
             settings.insert("proposal".to_owned(), proposal.name().into());
         }
         if let Some((_, name)) = &self.canonical {
-            settings.insert(CANONICAL.name.to_owned(), name.clone().into());
+            settings.insert(CANONICAL.to_owned(), name.clone().into());
         }
         if self.aggregate != Aggregate::default() {
             settings.insert(AGGREGATE.to_owned(), json!(self.aggregate));

@@ -4,37 +4,13 @@
 //! where an episode begins: what a history of more frames, or the last action, would add is not measured.
 
 use swm_core::env::PIXELS;
-use swm_core::evaluate::ModelEntry;
 use swm_core::evaluate::quality::WorldModel;
-use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Registry, Row};
+use swm_core::{Batch, BoxError, Row};
 
-use super::given::Given;
 use super::planning::{bytes, scaled, size_of, vector};
-use super::policies::{image_size, trained_in};
 use crate::baseline::{Baseline, InputSpec, PlanModel};
 use crate::data::{Images, Observations, Vectors};
-use crate::train::{ACTION, DataConfig, PROPRIO, Scale, TrainedModel};
-
-/// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
-pub const MODELS: &[ModelEntry] = &[
-    model(ANY, "any trained world model"),
-    model("conv-jepa", "a trained Conv-JEPA"),
-    model("lewm", "a trained LeWM"),
-    model("pldm", "a trained PLDM"),
-    model("dino-wm", "a trained DINO-WM"),
-    model("keypoint-wm", "a trained Keypoint-WM"),
-];
-
-const fn model(name: &'static str, summary: &'static str) -> ModelEntry {
-    ModelEntry::new(name, summary, |context, args| {
-        Ok(Box::new(LatentModel::within(args, context.env.id, context.registry)?))
-    })
-    .image(image_size)
-    .trained(trained_in)
-    .planned_by("mpc:RUN")
-}
-
-const ANY: &str = "model";
+use crate::train::{ACTION, DataConfig, PROPRIO, Scale};
 
 /// A trained world model by its latents.
 pub struct LatentModel {
@@ -47,41 +23,17 @@ pub struct LatentModel {
 }
 
 impl LatentModel {
-    /// The model that arguments name, such as `lewm:RUN,checkpoint=best`, for the environment `env`.
-    ///
-    /// # Errors
-    ///
-    /// [`PolicyError::Argument`]: no run, one that cannot be read, trained something else or in another environment, a model
-    /// that predicts nothing, or an unknown setting.
-    pub fn new(args: &PolicyArgs, env: &str) -> Result<Self, PolicyError> {
-        Self::within(args, env, None)
-    }
-
-    /// As [`Self::new`]; with a registry also of a published checkpoint, `lewm:FOLDER`.
-    fn within(args: &PolicyArgs, env: &str, registry: Option<&Registry>) -> Result<Self, PolicyError> {
-        let given = Given::of(args)?;
-        let TrainedModel { baseline, config, .. } = given.model(args, env, registry)?;
-        given.check_all_known(args, &[])?;
-        let found = baseline.name();
-        let Some(network) = baseline.planner() else {
-            let reason = format!("{found} is no world model and predicts nothing; name a run of one");
-            return Err(given.wrong(args, reason));
-        };
-        if args.name != ANY && args.name != found {
-            return Err(
-                given.wrong(args, format!("it trained {found}, not {}; use `{found}:RUN`", args.name))
-            );
-        }
-        Self::with_network(network, baseline.input_spec(), &config.data)
-            .ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))
-    }
-
     /// A model as it is now, which is trained on data of this form; `None` if it predicts nothing.
     pub fn of(baseline: &dyn Baseline, data: &DataConfig) -> Option<Self> {
         Self::with_network(baseline.planner()?, baseline.input_spec(), data)
     }
 
-    fn with_network(network: Box<dyn PlanModel>, input_spec: &InputSpec, data: &DataConfig) -> Option<Self> {
+    /// As [`Self::of`], with the planner of a model that takes such inputs; `None` without a scale of actions.
+    pub fn with_network(
+        network: Box<dyn PlanModel>,
+        input_spec: &InputSpec,
+        data: &DataConfig,
+    ) -> Option<Self> {
         let scale = |column: &str| data.scales.get(column).cloned();
         let (action, proprio) = (scale(ACTION)?, input_spec.proprio.then(|| scale(PROPRIO)).flatten());
         let frameskip = input_spec.frameskip;

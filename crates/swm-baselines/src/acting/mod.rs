@@ -1,4 +1,4 @@
-//! Trained models at work in environments: a cost for planners, a policy, and the lines of the table of policies.
+//! Trained models at work in environments: a cost for planners, and policies. `swm-checkpoints` makes them by name.
 //!
 //! | file | duty |
 //! |---|---|
@@ -7,26 +7,19 @@
 //! | `proposal` | plans that a policy over its latents proposes, where searches begin |
 //! | `goal_policy` | a policy that acts directly |
 //! | `agent_policy` | an agent that learned online |
+//! | `canonical` | what draws images in the canonical look |
 //! | `latents` | a world model for `swm quality` |
-//! | `foreign` | published checkpoints in the place of runs |
-//! | `given` | arguments that all policies of trained models share |
-//! | `zoo` | `zoo:NAME`: models that are shipped |
-//! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod agent_policy;
 mod canonical;
 mod cost;
-mod foreign;
-mod given;
 mod goal_policy;
 mod latents;
 mod planning;
-mod policies;
 mod proposal;
-mod zoo;
 
 pub use agent_policy::AgentPolicy;
-pub use cost::ModelCost;
+pub use canonical::CANONICAL;
+pub use cost::{AGGREGATE, ModelCost};
 pub use goal_policy::ModelPolicy;
-pub use latents::{LatentModel, MODELS};
-pub use policies::POLICIES;
+pub use latents::LatentModel;

@@ -46,7 +46,7 @@ impl EncoderConfig {
     }
 
     /// P and W: tokens of an image, and dim of each.
-    pub(crate) fn tokens(&self, image: usize) -> [usize; 2] {
+    pub fn tokens(&self, image: usize) -> [usize; 2] {
         match self {
             Self::Vit(config) => [config.patches([image; 2]), config.dim],
             Self::Cnn(config) => {

@@ -43,6 +43,11 @@ pub struct LearnedData {
 }
 
 impl LearnedData {
+    /// A dataset of so many episodes and rows, of which nothing else is known.
+    pub fn new(path: PathBuf, episodes: usize, rows: usize) -> Self {
+        Self { path, opening: OpenOptions::default(), episodes, rows, frame_skip: None, sample: None }
+    }
+
     pub(super) fn of(dataset: &dyn Dataset, interface: &Interface) -> Result<Self, BaselineError> {
         let episodes = dataset.num_episodes();
         let rows = (0..episodes).map(|episode| dataset.episode_len(episode)).sum();

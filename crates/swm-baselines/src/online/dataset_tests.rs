@@ -6,13 +6,12 @@ use std::sync::Arc;
 use serde_json::{Map, Value as Json, json};
 use swm_core::env::PIXELS;
 use swm_core::testing::TOY;
-use swm_core::{
-    Batch, Cancel, Dtype, EnvConfig, Field, ImageSize, PolicyContext, Rollout, Schema, World, WorldOptions,
-};
+use swm_core::{Batch, Cancel, Dtype, EnvConfig, Field, ImageSize, Rollout, Schema, World, WorldOptions};
 use swm_data::{Dataset, MemoryDataset, WriteMode};
 
 use super::*;
-use crate::train::End;
+use crate::acting::AgentPolicy;
+use crate::train::{End, Which};
 use crate::{BaselineError, Device};
 
 /// Writes 8 episodes of random actions, with images of this side.
@@ -74,18 +73,13 @@ fn a_run_on_a_dataset_goes_on_to_the_same_bits_and_acts() {
         let [whole_left, cut_left] = [&whole, &cut].map(|run| tests::left_of_run(run));
         assert_eq!(whole_left, cut_left);
 
-        let text = format!("tdmpc2:{}", whole.display());
+        let open = |which| TrainedAgent::open(&whole, which, Map::new(), Device::Cpu);
         let image = image.map(|side| ImageSize { height: side, width: side });
         let options = WorldOptions::new(2).max_episode_steps(20).threads(1);
         let mut world = World::new(&TOY, options.env(EnvConfig { image, ..EnvConfig::default() })).unwrap();
-        let config = EnvConfig::default();
-        world
-            .set_policy(tests::registry().policy(&text, PolicyContext::new(&TOY, &config)).unwrap())
-            .unwrap();
+        world.set_policy(Box::new(AgentPolicy::new(open(Which::Last).unwrap()))).unwrap();
         assert_eq!(world.evaluate(&Rollout::new(0..4).seed(3)).unwrap().episode_returns.len(), 4);
-        let best =
-            tests::registry().policy(&format!("{text},checkpoint=best"), PolicyContext::new(&TOY, &config));
-        assert!(best.err().unwrap().to_string().contains("checkpoint=last"));
+        assert!(open(Which::Best).err().unwrap().to_string().contains("checkpoint=last"));
     }
 }
 

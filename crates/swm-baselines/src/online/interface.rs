@@ -37,6 +37,11 @@ pub struct Interface {
 }
 
 impl Interface {
+    /// Vectors of these columns, O values together, and actions between these bounds, `[A]` each.
+    pub fn of_vectors(columns: Vec<String>, observation_dim: usize, [low, high]: [Vec<f64>; 2]) -> Self {
+        Self { columns, observation_dim, image: None, scale: None, low, high }
+    }
+
     /// That of an environment, with these columns observed, vectors and [`PIXELS`]; none: `observation`, `state` or `proprio`,
     /// whichever comes first.
     ///

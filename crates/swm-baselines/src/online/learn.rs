@@ -45,7 +45,7 @@ pub struct OnlineState {
 
 impl OnlineState {
     /// That of weights that were trained elsewhere.
-    pub(crate) fn imported() -> Self {
+    pub fn imported() -> Self {
         Self {
             step: 0,
             collected: 0,

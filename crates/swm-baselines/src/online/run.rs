@@ -41,6 +41,20 @@ pub struct OnlineConfig {
 }
 
 impl OnlineConfig {
+    /// That of an agent in an environment, or of one whose name is empty.
+    pub fn new(agent: AgentConfig, env: String, interface: Interface) -> Self {
+        Self {
+            version: RUN_VERSION,
+            agent,
+            env,
+            env_settings: Map::new(),
+            data: None,
+            interface,
+            fit: OnlineSettings::default(),
+            imported: None,
+        }
+    }
+
     /// That of a run.
     ///
     /// # Errors
@@ -82,7 +96,11 @@ pub fn is_online(run: &RunFolder) -> Result<bool, BaselineError> {
 }
 
 /// The name of the agent that a run taught online, if it did.
-pub(crate) fn online_agent(run: &RunFolder) -> Result<Option<String>, BaselineError> {
+///
+/// # Errors
+///
+/// Its `config.json` cannot be read.
+pub fn online_agent(run: &RunFolder) -> Result<Option<String>, BaselineError> {
     let config = run.config::<Json>()?;
     let name = |agent: &Json| agent["agent"].as_str().unwrap_or("AGENT").to_owned();
     Ok(config.get("agent").map(name))

@@ -18,7 +18,7 @@ use super::settings::{CollectConfig, OnlineSettings};
 use super::table::{AgentEntry, find, restore_agent};
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::train::{Checkpoint, JsonLines, MetricSink, RUN_VERSION, RunFolder, RunLock, TensorBoard};
+use crate::train::{Checkpoint, JsonLines, MetricSink, RunFolder, RunLock, TensorBoard};
 
 /// The run's dataset: every episode that was collected.
 const EPISODES: &str = "episodes.h5";
@@ -282,14 +282,9 @@ impl NewOnlineRun<'_> {
         agent: &dyn OnlineAgent,
     ) -> OnlineConfig {
         OnlineConfig {
-            version: RUN_VERSION,
-            agent: agent.config().clone(),
-            env: env.to_owned(),
             env_settings: env_settings.clone(),
-            data: None,
-            interface,
             fit: self.fit.clone(),
-            imported: None,
+            ..OnlineConfig::new(agent.config().clone(), env.to_owned(), interface)
         }
     }
 }

@@ -128,13 +128,22 @@ pub fn restore_agent(
 }
 
 /// All settings of an agent of this name, from the paper's for datasets and `changes`.
-pub(crate) fn agent_of(name: &str, env: &str, changes: &Json) -> Result<Json, BaselineError> {
+///
+/// # Errors
+///
+/// No such agent, or settings that it does not take.
+pub fn agent_of(name: &str, env: &str, changes: &Json) -> Result<Json, BaselineError> {
     let task = Task { from_dataset: true, ..Task::online(env, OnlineSettings::default().max_episode_steps) };
     let entry = find(name)?;
     entry.settings(entry.presets[0], changes, &task)
 }
 
-pub(crate) fn find(name: &str) -> Result<&'static AgentEntry, BaselineError> {
+/// The agent of this name.
+///
+/// # Errors
+///
+/// [`BaselineError::UnknownBaseline`].
+pub fn find(name: &str) -> Result<&'static AgentEntry, BaselineError> {
     AGENTS.iter().find(|entry| entry.name == name).ok_or_else(|| {
         let names: Vec<&str> = AGENTS.iter().map(|entry| entry.name).collect();
         BaselineError::UnknownBaseline {

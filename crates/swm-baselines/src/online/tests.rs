@@ -1,16 +1,15 @@
 //! What every line of [`AGENTS`] keeps to, in the toy environment, with every kind of observation that it learns from: runs that are
-//! killed, stopped, resumed, used as policies, refused. A new agent is tested by its line in [`TINY`].
+//! killed, stopped, resumed, refused. A new agent is tested by its line in [`TINY`].
 
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
 use swm_core::env::PIXELS;
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{Cancel, EnvConfig, EnvEntry, PolicyContext, Registry, Rollout, World, WorldOptions};
+use swm_core::{Cancel, EnvEntry, Registry, Rollout, World, WorldOptions};
 
 use super::*;
-use crate::acting::POLICIES;
-use crate::train::{Checkpoint, End, MetricSink, Record, RunFolder, Which};
+use crate::train::{Checkpoint, End, MetricSink, Record, RunFolder};
 use crate::{BaselineError, Device};
 
 /// Vectors, images, both.
@@ -18,7 +17,7 @@ const KINDS: [&[&str]; 3] = [&["state", "goal_state"], &["pixels"], &["goal_stat
 const STEPS: u64 = 130;
 
 pub(super) fn registry() -> Registry {
-    Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY]).with(swm_data::FORMATS)
+    Registry::new().with(&[TOY, DISCRETE_TOY]).with(swm_data::FORMATS)
 }
 
 /// What makes an agent tiny: for many short runs, and for one that learns.
@@ -271,94 +270,6 @@ fn learns_to_reach_the_goal(tiny: &Tiny) {
     assert!(value("success_rate") >= 0.9, "{}: {state:?}", tiny.agent);
     let mean = random.episode_returns.iter().sum::<f64>() / 20.0;
     assert!(value("return") > mean, "{}: {state:?}, random actions get {mean}", tiny.agent);
-}
-
-#[test]
-fn agents_act_as_policies() {
-    for_each_kind(acts_as_a_policy);
-}
-
-fn acts_as_a_policy(tiny: &Tiny, observe: &[&str]) {
-    let agent = tiny.agent;
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run");
-    begin(tiny, observe, &path).run(Vec::new(), &Cancel::new()).unwrap();
-    let run = path.display();
-    let (registry, config) = (registry(), EnvConfig::default());
-    let args = swm_core::PolicyArgs::parse(&format!("{agent}:{run}")).unwrap();
-    let image = registry.policy_entry(&TOY, agent).unwrap().image_size(&args);
-    assert_eq!(image.map(|size| size.width), observe.contains(&PIXELS).then_some(40));
-    let made = |text: String, env: &EnvEntry| {
-        registry.policy(&text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
-    };
-    let evaluated = |num_envs, image| {
-        let options = WorldOptions::new(num_envs).max_episode_steps(20).threads(1);
-        let config = EnvConfig { image, ..EnvConfig::default() };
-        let mut world = World::new(&TOY, options.env(config)).unwrap();
-        world.set_policy(made(format!("{agent}:{run}"), &TOY).unwrap()).unwrap();
-        world.evaluate(&Rollout::new(0..5).seed(3))
-    };
-    let returns = |num_envs| evaluated(num_envs, image).unwrap().episode_returns;
-    assert_eq!(returns(1), returns(4));
-    if image.is_some() {
-        let blind = evaluated(1, None).unwrap_err();
-        let blind = std::iter::successors(Some(&blind as &dyn std::error::Error), |error| error.source());
-        let blind: Vec<String> = blind.map(ToString::to_string).collect();
-        assert!(
-            blind.concat().contains("none are rendered; leave their size out, or make it 40x40"),
-            "{blind:?}"
-        );
-    }
-    // What it was trained in is compared with what it acts in.
-    let trained = registry.policy_entry(&TOY, agent).unwrap().trained_in(&args).unwrap();
-    assert_eq!(trained.differences(&PolicyContext::new(&TOY, &config)), []);
-    let settings = [("task".to_owned(), "run".into())].into_iter().collect();
-    let other = EnvConfig { settings, ..EnvConfig::default() };
-    let found = trained.differences(&PolicyContext::new(&TOY, &other).frame_skip(2));
-    let found: Vec<_> =
-        found.iter().map(|one| [&one.name, &one.trained, &one.used].map(String::as_str)).collect();
-    assert_eq!(found, [["task", "its default", "run"], ["frame skip", "1", "2"]]);
-
-    assert!(made(format!("{agent}:{run},checkpoint=best"), &TOY).is_ok());
-    let fails = |text: String, env: &EnvEntry| made(text, env).err().unwrap();
-    assert!(fails(format!("{agent}:{run}"), &DISCRETE_TOY).contains("transfer=true"));
-    assert!(fails(format!("{agent}:{run},checkpoint=41"), &TOY).contains("it has [40, 80, 120, 130]"));
-    assert!(fails(format!("policy:{run}"), &TOY).contains(&format!("use it as `{agent}:RUN`")));
-    assert!(fails(format!("{agent}:{run},checkpont=last"), &TOY).contains("did you mean `checkpoint`?"));
-    for other in AGENTS.iter().filter(|other| other.name != agent) {
-        let message = fails(format!("{}:{run}", other.name), &TOY);
-        assert!(
-            message.contains(&format!("it trained {agent}, not {}; use it as `{agent}:RUN`", other.name)),
-            "{message}"
-        );
-    }
-    assert_eq!(TrainedAgent::files(&path, Which::Last).unwrap().len(), 2);
-}
-
-#[test]
-fn options_of_a_plan_are_the_policys_settings() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run");
-    let tiny = TINY.iter().find(|tiny| tiny.agent == "tdmpc2").unwrap();
-    begin(tiny, KINDS[0], &path).run(Vec::new(), &Cancel::new()).unwrap();
-    let made = |options: &str| {
-        let (registry, config) = (registry(), EnvConfig::default());
-        let text = format!("tdmpc2:{}{options}", path.display());
-        registry.policy(&text, PolicyContext::new(&TOY, &config)).map_err(|error| error.to_string())
-    };
-    let returns = |options: &str| {
-        let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
-        world.set_policy(made(options).unwrap()).unwrap();
-        world.evaluate(&Rollout::new(0..3).seed(3)).unwrap().episode_returns
-    };
-    assert_ne!(returns(""), returns(",samples=40,iterations=5,temperature=null"));
-    assert_ne!(returns(""), returns(",mpc=false"));
-    let described = made(",samples=40,mpc=true").unwrap().describe();
-    assert!(described.ends_with(",samples=40,mpc=true"), "{described}");
-    let fails = |options: &str| made(options).err().unwrap();
-    assert!(fails(",samples=2").contains("`plan.samples` is 2; it must be at least 4"));
-    assert!(fails(",sampels=40").contains("did you mean `samples`?"));
-    assert!(fails(",elites=many").contains("`plan.elites` is \"many\"; it must be a whole number"));
 }
 
 #[test]

@@ -84,6 +84,27 @@ pub struct DataConfig {
     pub scales: BTreeMap<String, Scale>,
 }
 
+impl DataConfig {
+    /// That of a dataset of which nothing else is known: side of images, values of one action, and how vectors are scaled.
+    pub fn new(path: PathBuf, image: usize, action: usize, scales: BTreeMap<String, Scale>) -> Self {
+        Self {
+            path,
+            opening: OpenOptions::default(),
+            env: None,
+            env_settings: None,
+            frame_skip: None,
+            episodes: 0,
+            rows: 0,
+            sample: None,
+            split: Split::default(),
+            image,
+            action,
+            looks: ImageLooks::default(),
+            scales,
+        }
+    }
+}
+
 /// Loaders over the two parts of a dataset, for every phase of a training.
 #[non_exhaustive]
 pub struct TrainData {

@@ -119,7 +119,7 @@ fn begin(run: &RunFolder, model: &mut dyn Baseline, phases: usize) -> Result<Sta
 
 impl State {
     /// That of weights that were trained elsewhere.
-    pub(crate) fn imported() -> Self {
+    pub fn imported() -> Self {
         Self { end: Some(End::Complete), ..Self::new() }
     }
 

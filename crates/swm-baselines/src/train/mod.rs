@@ -8,6 +8,7 @@
 //! | `looks` | images that are rendered otherwise than they were recorded |
 //! | `latents` | clips whose images are encoded once |
 //! | `folder`, `checkpoints`, `run` | files that survive a kill, and what they say |
+//! | `foreign` | what is no run, but a checkpoint of others |
 //! | `diagnosis` | what a model is worth, measured while it trains |
 //! | `metrics`, `events` | metrics and their files |
 //!
@@ -20,6 +21,7 @@ mod diagnosis;
 mod events;
 mod fit;
 mod folder;
+mod foreign;
 mod latents;
 mod looks;
 mod metrics;
@@ -40,10 +42,11 @@ pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{RunFolder, RunLock};
+pub use foreign::{LONGEST_CONFIG, is_foreign};
 pub use looks::ImageLooks;
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
-pub use run::{Imported, RUN_VERSION, RunConfig, TrainedModel, Which};
-pub(crate) use run::{descriptions, step_of};
+pub(crate) use run::descriptions;
+pub use run::{Imported, RUN_VERSION, RunConfig, TrainedModel, Which, step_of};
 pub use scale::Scale;
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;

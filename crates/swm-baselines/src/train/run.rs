@@ -9,11 +9,11 @@ use super::checkpoints::Checkpoint;
 use super::data::{ACTION, DataConfig, PROPRIO};
 use super::fit::State;
 use super::folder::RunFolder;
+use super::foreign::is_foreign;
 use super::settings::FitSettings;
 use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::import::is_foreign;
 use crate::models::table::restore;
 use crate::online::online_agent;
 
@@ -63,6 +63,11 @@ pub struct Imported {
 }
 
 impl RunConfig {
+    /// That of a run of this version.
+    pub fn new(model_config: ModelConfig, data: DataConfig) -> Self {
+        Self { version: RUN_VERSION, model_config, data, fit: FitSettings::default(), imported: None }
+    }
+
     /// That of a run.
     ///
     /// # Errors
@@ -164,6 +169,11 @@ pub struct TrainedModel {
 }
 
 impl TrainedModel {
+    /// One whose weights, of this step and hash, are loaded.
+    pub fn new(baseline: Box<dyn Baseline>, config: RunConfig, step: u64, weights: String) -> Self {
+        Self { baseline, config, step, weights }
+    }
+
     /// Takes a checkpoint of the run in folder `path`, whose weights are those that were written.
     ///
     /// # Errors
@@ -215,7 +225,11 @@ pub(super) fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> 
 }
 
 /// The step of a checkpoint that is there; `best` tells the best one that the last knows.
-pub(crate) fn step_of(
+///
+/// # Errors
+///
+/// There is no checkpoint, not this one, or none that was validated.
+pub fn step_of(
     run: &RunFolder,
     which: Which,
     best: impl FnOnce(u64) -> Result<Option<(u64, f64)>, BaselineError>,

@@ -12,7 +12,7 @@ use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
 use super::looks::ImageLooks;
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
-use super::run::{RUN_VERSION, RunConfig, TrainedModel, Which};
+use super::run::{RunConfig, TrainedModel, Which};
 use super::settings::FitSettings;
 use super::world::FrozenWorld;
 use crate::baseline::Baseline;
@@ -101,8 +101,7 @@ impl PreparedRun {
             fit.batch = model.input_spec().batch;
         }
         let model_config = model.model_config().clone();
-        let config =
-            RunConfig { version: RUN_VERSION, model_config, data: data.config.clone(), fit, imported: None };
+        let config = RunConfig { fit, ..RunConfig::new(model_config, data.config.clone()) };
         Ok(Self { model, data, config })
     }
 

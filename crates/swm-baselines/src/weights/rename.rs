@@ -57,7 +57,7 @@ const IDLE: [&str; 6] = [
 ];
 
 /// All tensors under the names that they have here, without the idle ones.
-pub(crate) fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+pub fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
     let stored = without_prefixes(stored);
     let has = |prefix: &str| stored.keys().any(|name| name.starts_with(prefix));
     // LeWM has an encoder of actions, too, with more layers.
@@ -110,7 +110,7 @@ fn is_beside_a_model(stored: &BTreeMap<String, Stored>, prefix: &str) -> bool {
 }
 
 /// The name of a tensor in a copy of the model with averaged weights, if there is one.
-pub(crate) fn averaged<'a>(mut names: impl Iterator<Item = &'a String>) -> Option<&'a String> {
+pub fn averaged<'a>(mut names: impl Iterator<Item = &'a String>) -> Option<&'a String> {
     names.find(|name| AVERAGED.iter().any(|averaged| name.starts_with(averaged)))
 }
 
@@ -135,7 +135,7 @@ fn of_one_key(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
 }
 
 /// The columns of which TD-MPC2 has an encoder.
-pub(crate) fn vector_keys<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
+pub fn vector_keys<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
     let key = |name: &'a String| {
         Some(name.strip_prefix("extra_encoders.")?.strip_suffix(".0.ln.weight")?.to_owned())
     };
@@ -164,7 +164,7 @@ fn is_mask(name: &str, tensor: &Stored) -> bool {
 }
 
 /// The name here of a tensor of a file.
-pub(crate) fn ours(name: &str) -> String {
+pub fn ours(name: &str) -> String {
     PARTS.iter().fold(name.to_owned(), |name, (theirs, ours)| name.replacen(theirs, ours, 1))
 }
 

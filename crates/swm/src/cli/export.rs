@@ -34,7 +34,7 @@ pub(super) struct Export {
 
 #[cfg(feature = "baselines")]
 mod work {
-    use swm_baselines::export::{Export as Request, Exported};
+    use swm_checkpoints::export::{Export as Request, Exported};
     use swm_core::Registry;
     use swm_tasks::request::Request as _;
 

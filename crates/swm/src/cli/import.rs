@@ -74,7 +74,7 @@ pub(super) struct Import {
 
 #[cfg(feature = "baselines")]
 mod work {
-    use swm_baselines::import::{Description, Import as Request};
+    use swm_checkpoints::import::{Description, Import as Request};
     use swm_core::Registry;
     use swm_tasks::request::Request as _;
 

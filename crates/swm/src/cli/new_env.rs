@@ -34,8 +34,9 @@ const CRATES: [&str; 12] = [
     "swm-tasks",
 ];
 /// The others, of which cargo would warn that nothing uses them.
-const FURTHER: [&str; 9] = [
+const FURTHER: [&str; 10] = [
     "swm-baselines",
+    "swm-checkpoints",
     "swm-data-lance",
     "swm-data-lerobot",
     "swm-envs-3d",

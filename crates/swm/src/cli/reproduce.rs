@@ -65,7 +65,7 @@ pub(super) struct ReproduceCommand {
 #[cfg(feature = "baselines")]
 mod work {
     use serde_json::json;
-    use swm_baselines::reproduce::{Need, Reproduce, Reproduced, recipes};
+    use swm_checkpoints::reproduce::{Need, Reproduce, Reproduced, recipes};
     use swm_core::Registry;
     use swm_tasks::request::Request as _;
 

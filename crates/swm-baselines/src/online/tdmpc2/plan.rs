@@ -36,7 +36,7 @@ pub struct Tdmpc2Plan {
 }
 
 /// Settings of [`Tdmpc2Plan`] that the policy `tdmpc2:RUN` takes.
-pub(crate) const OPTIONS: &[Setting] = &[
+pub const OPTIONS: &[Setting] = &[
     Setting::new("mpc", "Plan; false: act as the policy prior says", "the run's"),
     Setting::new("horizon", "Steps of a plan", "the run's"),
     Setting::new("samples", "Candidate plans per iteration", "the run's"),
