@@ -60,10 +60,11 @@ impl Records {
             .with_context(|| format!("{} cannot be written", file.display()))
     }
 
-    /// Adds records, or puts them in the place of older ones.
+    /// Adds records, or puts them in the place of older ones. What was only read again keeps its machine and date.
     pub(super) fn insert(&mut self, made: Vec<Record>) {
         for record in made {
             match self.0.iter_mut().find(|other| other.is_of_what(&record)) {
+                Some(older) if older.has_result_of(&record) => {}
                 Some(older) => *older = record,
                 None => self.0.push(record),
             }
@@ -98,6 +99,11 @@ impl Record {
     fn is_of_what(&self, other: &Self) -> bool {
         (&self.table, &self.row, self.seed, &self.change)
             == (&other.table, &other.row, other.seed, &other.change)
+    }
+
+    /// Whether nothing but machine and date differ.
+    fn has_result_of(&self, other: &Self) -> bool {
+        *self == Self { machine: self.machine.clone(), date: self.date.clone(), ..other.clone() }
     }
 
     /// Success in percent.
@@ -192,7 +198,8 @@ static MACHINE: LazyLock<String> = LazyLock::new(|| {
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name =
         info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|(_, name)| name));
-    format!("{cores} cores of {}", name.unwrap_or(std::env::consts::ARCH).trim())
+    let plural = if cores == 1 { "" } else { "s" };
+    format!("{cores} core{plural} of {}", name.unwrap_or(std::env::consts::ARCH).trim())
 });
 
 static TODAY: LazyLock<String> = LazyLock::new(|| {
@@ -231,6 +238,9 @@ mod tests {
         let mut records = Records::read(folder.path(), "none").unwrap();
         records.insert(vec![record("b", 1, None, 5), record("a", 2, Some("x"), 6)]);
         records.insert(vec![record("b", 1, None, 7), record("a", 1, Some("x"), 8)]);
+        // The same result, read by another machine, is no newer one.
+        records.insert(vec![Record { machine: "another".into(), ..record("b", 1, None, 7) }]);
+        assert!(records.0.iter().all(|record| record.machine == "a machine"));
         let rates: Vec<(&str, u64, u64)> =
             records.0.iter().map(|r| (r.row.as_str(), r.seed, r.successes)).collect();
         assert_eq!(rates, [("a", 1, 8), ("a", 2, 6), ("b", 1, 7)]);
