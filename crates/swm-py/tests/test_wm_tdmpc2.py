@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,14 @@ def test_wrong_columns_and_actions_are_named() -> None:
             model.encode(infos)
     with pytest.raises(ValueError, match=r"candidates \[B, S, H, A\] = \[2, 4, 3, 4\], blocks of 4 values; the model takes 2, .*action_block=1"):
         model.get_cost({"pixels": pixels, "state": state}, candidates.repeat(1, 1, 1, 2))
+    wide, now = torch.zeros(2, 4), {"pixels": pixels[:, None], "state": state[:, None]}
+    wrongs: list[Callable[[], Any]] = [
+        lambda: model(model.encode({"pixels": pixels, "state": state}), wide),
+        lambda: model.get_action(now, 2, prefix_actions=wide[:, None]),
+    ]
+    for wrong in wrongs:
+        with pytest.raises(ValueError, match=r"actions \[2, 4\], of 4 values each; the model takes 2, cfg.action_dim"):
+            wrong()
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])

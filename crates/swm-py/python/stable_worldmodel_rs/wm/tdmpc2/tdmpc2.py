@@ -137,9 +137,20 @@ class TDMPC2(nn.Module):
     # The model.
 
     def forward(self, z: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Latents ``(B, Z)`` and actions ``(B, A)`` to the next latents ``(B, Z)`` and logits of the reward ``(B, num_bins)``."""
-        both = torch.cat([z, action], dim=-1)
+        """Latents ``(B, Z)`` and actions ``(B, A)`` to the next latents ``(B, Z)`` and logits of the reward ``(B, num_bins)``.
+
+        Raises:
+            ValueError: actions have another dim.
+        """
+        both = self._joined(z, action)
         return self.dynamics(both), self.reward(both)
+
+    def _joined(self, z: Tensor, action: Tensor) -> Tensor:
+        if action.shape[-1] != self.action_dim:
+            raise ValueError(
+                f"actions {list(action.shape)}, of {action.shape[-1]} values each; the model takes {self.action_dim}, cfg.action_dim"
+            )
+        return torch.cat([z, action], dim=-1)
 
     def rollout(self, z: Tensor, horizon: int, num_trajs: int = 1) -> Tensor:
         """The policy's own actions ``(B, horizon, A)`` from latents ``(B, Z)``: the mean of ``num_trajs`` samples, by the generator of torch."""
@@ -150,16 +161,20 @@ class TDMPC2(nn.Module):
                 mean, spread = self.pi(now).chunk(2, dim=-1)
                 action = torch.tanh(mean + log_std(spread).exp() * torch.randn_like(mean))
                 actions.append(action)
-                now = self.dynamics(torch.cat([now, action], dim=-1))
+                now = self.dynamics(self._joined(now, action))
             total = total + torch.stack(actions, dim=1)
         return total / num_trajs
 
     def get_action(self, info_dict: Mapping[str, Any], horizon: int = 1, prefix_actions: Tensor | None = None) -> Tensor:
-        """The policy's own actions ``(B, horizon, A)``, after ``prefix_actions`` ``(B, t, A)``: samples, with ``cfg.num_pi_trajs`` their mean."""
+        """The policy's own actions ``(B, horizon, A)``, after ``prefix_actions`` ``(B, t, A)``: samples, with ``cfg.num_pi_trajs`` their mean.
+
+        Raises:
+            ValueError: actions have another dim, or a column is missing.
+        """
         z = self._latent(info_dict, 1)
         if prefix_actions is not None:
             for action in cast("Any", prefix_actions).to(device=z.device, dtype=z.dtype).unbind(1):
-                z = self.dynamics(torch.cat([z, action], dim=-1))
+                z = self.dynamics(self._joined(z, action))
         return self.rollout(z, horizon, int(setting(self.cfg, "num_pi_trajs", 1)))
 
     def get_cost(self, info_dict: Mapping[str, Any], action_candidates: Tensor) -> Tensor:
