@@ -10,7 +10,7 @@ use crate::runs::{Given, foreign};
 use crate::world::registry;
 
 /// Evaluates a policy on a manifest: `request` is a JSON object of the settings of `Evaluate`. A policy in Python comes as `policy`.
-/// `begin` is called with what each progress bar is called and its length. Gives the receipt as JSON, `None` for a part, and notes.
+/// `begin` and `tick` are as of `run_request`. Gives the receipt as JSON, `None` for a part, and notes.
 #[pyfunction]
 #[pyo3(signature = (request, policy=None, begin=None, tick=None))]
 fn evaluate_manifest(

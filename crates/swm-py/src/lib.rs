@@ -6,8 +6,6 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod arrays;
-mod bundles;
-mod copies;
 mod cost;
 mod dataset;
 mod errors;
@@ -45,8 +43,6 @@ use pyo3::prelude::*;
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("HAS_TRAINING", cfg!(feature = "baselines"))?;
-    bundles::add(m)?;
-    copies::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;

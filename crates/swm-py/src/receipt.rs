@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
+use swm::bundle::receipt_to_repeat as open_receipt;
 use swm::core::Cancel;
 use swm::evaluation::{Receipt, RunOptions, Side, compare, read_receipt, result_differences};
 use swm::tasks::request::verify_foreign;
@@ -19,6 +20,14 @@ use crate::world::registry;
 #[pyfunction]
 fn receipt_json(path: PathBuf) -> PyResult<String> {
     to_json(&read_receipt(&path).or_raise()?)
+}
+
+/// The receipt of a file or folder as JSON, as it can be run again; of a bundle, after a comparison of the hashes of its files, with paths
+/// that can be opened from here.
+#[pyfunction]
+fn receipt_to_repeat(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    let (receipt, _) = py.detach(|| open_receipt(&path)).or_raise()?;
+    to_json(&receipt)
 }
 
 /// In what two receipts differ, wall times apart, as JSON: objects with `what`, `first` and `this`.
@@ -76,6 +85,7 @@ fn verify_receipt(
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(receipt_json, m)?)?;
+    m.add_function(wrap_pyfunction!(receipt_to_repeat, m)?)?;
     m.add_function(wrap_pyfunction!(receipt_differences, m)?)?;
     m.add_function(wrap_pyfunction!(compare_receipts, m)?)?;
     m.add_function(wrap_pyfunction!(verify_receipt, m)?)

@@ -15,7 +15,7 @@ use crate::world::registry;
 /// What was made as JSON, and notes.
 pub(crate) type Made = PyResult<(String, Vec<String>)>;
 
-/// Runs a request: a JSON object of its settings. `begin` is called with the name and the length of each progress bar.
+/// Runs a request: a JSON object of its settings. `begin` is called with the name, the length and the unit of each progress bar.
 pub(crate) fn run<R: Request>(
     py: Python<'_>,
     request: &str,
@@ -36,7 +36,7 @@ where
 pub(crate) struct Reporter<'a, 'py> {
     py: Python<'py>,
     request: &'static str,
-    /// Is called with the name and the length of each stage.
+    /// Is called with the name, the length and the unit of each stage.
     begin: Option<&'a Bound<'py, PyAny>>,
     tick: Option<&'a Bound<'py, PyAny>>,
     cancel: Cancel,
@@ -74,7 +74,7 @@ impl Report for Reporter<'_, '_> {
             None => stage.name.to_owned(),
         };
         self.progress.restart();
-        self.begin.map_or(Ok(()), |begin| begin.call1((label, stage.total)).map(drop))?;
+        self.begin.map_or(Ok(()), |begin| begin.call1((label, stage.total, stage.unit)).map(drop))?;
         Ok(Box::new(self.progress.clone()))
     }
 

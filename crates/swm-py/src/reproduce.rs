@@ -2,25 +2,12 @@
 
 use pyo3::prelude::*;
 
-use crate::report::Made;
+pub(crate) use work::reproduce;
 
 /// The recipes that there are as JSON.
 #[pyfunction]
 fn recipes() -> PyResult<String> {
     work::recipes()
-}
-
-/// Repeats a published result: `request` is a JSON object of the settings of `Reproduce`. `begin` is called with what each progress bar is
-/// called and its length. Gives what came out beside what was reported as JSON, and notes.
-#[pyfunction]
-#[pyo3(signature = (request, begin=None, tick=None))]
-fn reproduce(
-    py: Python<'_>,
-    request: &str,
-    begin: Option<&Bound<'_, PyAny>>,
-    tick: Option<&Bound<'_, PyAny>>,
-) -> Made {
-    work::reproduce(py, request, begin, tick)
 }
 
 #[cfg(feature = "baselines")]
@@ -35,7 +22,8 @@ mod work {
         to_json(&all())
     }
 
-    pub(super) fn reproduce(
+    /// Repeats a published result: what came out beside what was reported.
+    pub(crate) fn reproduce(
         py: Python<'_>,
         request: &str,
         begin: Option<&Bound<'_, PyAny>>,
@@ -63,7 +51,7 @@ mod work {
         Err(absent())
     }
 
-    pub(super) fn reproduce(
+    pub(crate) fn reproduce(
         _py: Python<'_>,
         _request: &str,
         _begin: Option<&Bound<'_, PyAny>>,
@@ -73,8 +61,7 @@ mod work {
     }
 }
 
-/// Adds this file's functions to the module.
+/// Adds this file's function to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(recipes, m)?)?;
-    m.add_function(wrap_pyfunction!(reproduce, m)?)
+    m.add_function(wrap_pyfunction!(recipes, m)?)
 }

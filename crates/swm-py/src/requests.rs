@@ -1,16 +1,20 @@
-//! Requests that are all in their settings: trainings, measures of world models, traces of planners, images of episodes,
-//! replays and comparisons of datasets.
+//! Requests that are all in their settings.
 
 use pyo3::prelude::*;
-use swm::tasks::request::{Diff, Measure, Plan, Preview, Render, Replay, Request as _, Train};
+use swm::tasks::request::{
+    Convert, Diff, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay, Request, Split,
+    Train, Verify,
+};
 
 use crate::errors::{OrRaise as _, SwmError, in_words};
 use crate::manifest::{from_json, to_json};
 use crate::report::{Made, Reporter, run};
+use crate::reproduce::reproduce;
 use crate::world::registry;
+use crate::writer::check_threads;
 
-/// Runs the request of this name: a JSON object of its settings. `begin` is called with the name and the length of each progress bar.
-/// Gives what was made as JSON, and notes.
+/// Runs the request of this name: a JSON object of its settings. `begin` is called with the name, the length and the unit of each progress
+/// bar. Gives what was made as JSON, and notes.
 #[pyfunction]
 #[pyo3(signature = (name, request, begin=None, tick=None))]
 fn run_request(
@@ -28,8 +32,30 @@ fn run_request(
         Preview::NAME => run::<Preview>(py, request, begin, tick),
         Replay::NAME => run::<Replay>(py, request, begin, tick),
         Diff::NAME => run::<Diff>(py, request, begin, tick),
+        Convert::NAME => write::<Convert>(py, request, begin, tick),
+        Merge::NAME => write::<Merge>(py, request, begin, tick),
+        Split::NAME => write::<Split>(py, request, begin, tick),
+        Verify::NAME => run::<Verify>(py, request, begin, tick),
+        MakeBundle::NAME => run::<MakeBundle>(py, request, begin, tick),
+        MakeBoard::NAME => run::<MakeBoard>(py, request, begin, tick),
+        "reproduce" => reproduce(py, request, begin, tick),
         _ => Err(SwmError::new_err(format!("`{name}` is no request of this function"))),
     }
+}
+
+/// As [`run`], where datasets are written: not everything can be in a fork.
+fn write<R: Request>(
+    py: Python<'_>,
+    request: &str,
+    begin: Option<&Bound<'_, PyAny>>,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> Made
+where
+    R::Outcome: serde::Serialize,
+{
+    let given: serde_json::Value = from_json("the request", request)?;
+    check_threads(given["format"].as_str())?;
+    run::<R>(py, request, begin, tick)
 }
 
 /// Plans; what was made is the summary, and the files that were written.

@@ -142,19 +142,19 @@ def test_a_conversion_shows_progress_and_may_be_stopped(tmp_path: Path) -> None:
     def to(name: str) -> str:
         return json.dumps({"source": str(source), "target": str(tmp_path / name)})
 
-    made, notes = _swm.convert_dataset(to("b.h5"), lambda _, total: told.append(-total), lambda rows, *_: told.append(rows))
+    made, notes = _swm.run_request("convert", to("b.h5"), lambda _, total, unit: told.append(-total), lambda rows, *_: told.append(rows))
     assert (json.loads(made)["episodes"], json.loads(made)["rows"], notes) == (4, 20, [])
     counts = told[told.index(-20) + 1 :]
     assert counts and counts == sorted(counts) and counts[-1] == 20
     # Once more: they are all there.
-    again = json.loads(_swm.convert_dataset(to("b.h5"))[0])
+    again = json.loads(_swm.run_request("convert", to("b.h5"))[0])
     assert (again["resumed"], again["rows"]) == (4, 0)
 
     def stop(*_: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _swm.convert_dataset(to("c.h5"), None, stop)
+        _swm.run_request("convert", to("c.h5"), None, stop)
 
 
 def test_lerobot_has_an_action_in_every_row_and_texts_of_tasks(tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ __all__ = [
     "collect",
     "compare_receipts",
     "contact_sheet",
-    "convert_dataset",
     "dataset_formats",
     "detect_dataset",
     "divisors",
@@ -42,16 +41,12 @@ __all__ = [
     "files",
     "held_out",
     "is_remote",
-    "make_board",
-    "make_bundle",
     "make_manifest",
     "manifest_json",
-    "merge_datasets",
     "receipt_differences",
     "receipt_json",
     "receipt_to_repeat",
     "recipes",
-    "reproduce",
     "row_statistics",
     "run_command",
     "run_request",
@@ -59,10 +54,8 @@ __all__ = [
     "set_files",
     "set_zoo",
     "solvers",
-    "split_dataset",
     "sweep_json",
     "sweep_manifest",
-    "verify_dataset",
     "verify_receipt",
     "wilson95",
     "zoo_model",
@@ -78,6 +71,7 @@ _Field: TypeAlias = tuple[str, str, list[int], str]
 # Chooses the actions of one step: gets nothing (the infos are written), returns (N, …).
 _Act: TypeAlias = Callable[..., Any]
 _Tick: TypeAlias = Callable[..., Any]
+_Begin: TypeAlias = Callable[[str, int, str], object]
 # A slot, the run's seed, the episode's index, the episode's own seed, reset options.
 _Reset: TypeAlias = tuple[int, int, int, int | None, Mapping[str, Any] | None]
 # Weights of four kinds of goals, the discount, the longest distance, columns, the seed.
@@ -295,9 +289,6 @@ def collect(
 ) -> tuple[str, list[str]]: ...
 def compare_receipts(sides: Sequence[tuple[str, Sequence[str]]]) -> str: ...
 def contact_sheet(frames: npt.NDArray[np.uint8]) -> bytes: ...
-def convert_dataset(
-    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
-) -> tuple[str, list[str]]: ...
 def divisors(
     centers: npt.NDArray[np.float64], scales: npt.NDArray[np.float64], absolute: float
 ) -> npt.NDArray[np.float64]: ...
@@ -330,27 +321,21 @@ def evaluate(
 def evaluate_manifest(
     request: str,
     policy: _Given | None = None,
-    begin: Callable[[str, int], object] | None = None,
+    begin: _Begin | None = None,
     tick: _Tick | None = None,
 ) -> tuple[str | None, list[str]]: ...
 def files() -> tuple[Path | None, Path | None, list[str]]: ...
 def held_out(episodes: list[int], share: float) -> list[bool]: ...
-def make_board(request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None) -> tuple[str, list[str]]: ...
-def make_bundle(request: str) -> tuple[str, list[str]]: ...
 def make_manifest(request: str) -> tuple[str, str, list[str]]: ...
 def manifest_json(path: _Path) -> tuple[str, str]: ...
-def merge_datasets(
-    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
-) -> tuple[str, list[str]]: ...
 def receipt_differences(first: str, this: str) -> str: ...
 def receipt_json(path: _Path) -> str: ...
 def receipt_to_repeat(path: _Path) -> str: ...
 def recipes() -> str: ...
-def reproduce(request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None) -> tuple[str, list[str]]: ...
 def row_statistics(rows: npt.NDArray[np.float64], dim: int, quantiles: list[float]) -> list[list[float]]: ...
 def run_command(arguments: Sequence[_Path], launcher: tuple[list[str], _Path] | None = None) -> int: ...
 def run_request(
-    name: str, request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
+    name: str, request: str, begin: _Begin | None = None, tick: _Tick | None = None
 ) -> tuple[str, list[str]]: ...
 def save_video(path: str, frames: npt.NDArray[np.uint8], frames_per_second: float) -> None: ...
 def set_files(
@@ -358,19 +343,13 @@ def set_files(
 ) -> None: ...
 def set_zoo(folders: Sequence[_Path], advice: str) -> None: ...
 def solvers() -> list[tuple[str, str, list[tuple[str, str, str]]]]: ...
-def split_dataset(
-    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
-) -> tuple[str, list[str]]: ...
 def sweep_json(path: _Path) -> str: ...
 def sweep_manifest(
     request: str,
     policy: _Given | None = None,
-    begin: Callable[[str, int], object] | None = None,
+    begin: _Begin | None = None,
     tick: _Tick | None = None,
 ) -> tuple[str | None, list[str]]: ...
-def verify_dataset(
-    request: str, begin: Callable[[str, int], None] | None = None, tick: _Tick | None = None
-) -> tuple[str, list[str]]: ...
 def verify_receipt(
     receipt: str,
     policy: tuple[str, _Given] | None = None,

@@ -9,11 +9,10 @@ from typing import Any, TypeAlias, cast
 
 from ._access import access_checked
 from ._arguments import home_path, kind_of
+from ._requests import asked
 from .track import Tracker
 from .track._follow import following
 from .world.ids import native_id
-from .world.progress import Progress
-from .world.requests import asked
 
 AnyPath: TypeAlias = str | PathLike[str]
 
@@ -153,15 +152,8 @@ def train(
         "threads": threads,
     }
     run = request["resume"] or request["out"]
-    with Progress("Training", 0, progress, parts=True, unit="steps") as bar:
-        with following(None if run is None else tracker, run or "") as follower:
-
-            def tick(episodes: int, successes: int, steps: int) -> None:
-                bar.tick(episodes, successes, steps)
-                if follower is not None:
-                    follower.poll()
-
-            state = asked("train", request, lambda run, total: bar.begin(Path(run).name, total), tick)
+    with following(None if run is None else tracker, run or "") as follower:
+        state = asked("train", request, progress, None if follower is None else follower.poll)
     for part in ("train", "validation", "evaluation"):
         if part in state:
             state[part] = dict(state[part])

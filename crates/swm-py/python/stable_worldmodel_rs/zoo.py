@@ -7,18 +7,17 @@ one is named, and ``"mpc:zoo:NAME"`` plans with the world model of that name.
 from __future__ import annotations
 
 import json
-import logging
 from pathlib import Path
 from typing import Any
 
 from ._core import core as _swm
+from ._requests import log_notes
 from .world.policies import NativePolicy
 from .world.receipts import read_receipt
 from .world.results import Receipt
 
 __all__ = ["ZooModel", "list_models", "load"]
 
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 class ZooModel(NativePolicy):
@@ -65,8 +64,7 @@ class ZooModel(NativePolicy):
 def list_models() -> list[dict[str, Any]]:
     """What is known of every model that is installed, by name. One whose files were changed is left out, with a warning."""
     models, notes = _swm.zoo_models()
-    for note in notes:
-        logger.warning("%s", note)
+    log_notes(notes)
     return list(json.loads(models))
 
 

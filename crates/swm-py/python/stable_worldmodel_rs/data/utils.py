@@ -10,7 +10,6 @@ import json
 import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,6 +19,8 @@ from .._access import access_checked, checked_access
 from .._arguments import as_json, chosen_episodes, named_list, path_of, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
+from .._progress import Progress
+from .._requests import asked
 from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, get_cache_dir
 from ._tensors import to_numpy
 from ._wrong import nearest_names, what_it_is
@@ -210,43 +211,6 @@ def split_held_out(dataset: NativeDataset, share: float = 0.2) -> tuple[NativeDa
     return dataset.subset(training), dataset.subset(evaluation)
 
 
-class _Bars:
-    """A bar of tqdm for each stage of the work, where that is installed."""
-
-    def __init__(self, shown: bool) -> None:
-        self.shown = shown and importlib.util.find_spec("tqdm") is not None
-        self.bar: Any = None
-
-    def begin(self, label: str, total: int, unit: str = " rows") -> None:
-        """A stage of so many units begins."""
-        self.close()
-        if self.shown:
-            self.bar = importlib.import_module("tqdm.auto").tqdm(total=total, desc=label, unit=unit)
-
-    def tick(self, done: int, _successes: int = 0, _steps: int = 0) -> None:
-        """So many units are done."""
-        if self.bar is not None:
-            self.bar.update(done - self.bar.n)
-
-    def close(self) -> None:
-        """The stage is over."""
-        if self.bar is not None:
-            self.bar.close()
-            self.bar = None
-
-
-def _run(work: Callable[..., tuple[str, list[str]]], request: Mapping[str, Any], progress: bool) -> Any:
-    """Runs a request of the core: what was made."""
-    bars = _Bars(progress)
-    try:
-        made, notes = work(json.dumps(request), bars.begin, bars.tick)
-    finally:
-        bars.close()
-    for note in notes:
-        logger.warning("%s", note)
-    return json.loads(made)
-
-
 @access_checked
 def convert(
     source: str | Path,
@@ -284,7 +248,7 @@ def convert(
     request = _copy_request([dataset], dest, dest_format, opening, image_size, fit, dest_kwargs)
     if request is not None:
         path, dataset = dataset.path, None
-        _run(_swm.convert_dataset, {"source": str(path), "target": str(dest), **request}, progress)
+        asked("convert", {"source": str(path), "target": str(dest), **request}, progress)
         return
     _check_size([dataset], image_size, fit)
     _copy([dataset if image_size is None else dataset.resized(image_size, fit)], dest, dest_format, progress, dest_kwargs)
@@ -346,7 +310,7 @@ def merge(
     if request is not None:
         paths = [str(dataset.path) for dataset in datasets]
         datasets.clear()
-        _run(_swm.merge_datasets, {"sources": paths, "out": str(dest), "partial": partial, **request}, progress)
+        asked("merge", {"sources": paths, "out": str(dest), "partial": partial, **request}, progress)
         return
     _check_size(datasets, image_size, fit)
     if image_size is not None:
@@ -402,7 +366,7 @@ def split_files(
         raise TypeError(f"{source} is not read by this package; convert it, and divide the copy")
     path, dataset = dataset.path, None
     named = [f"{name}={float(share)}" for name, share in shares.items()]
-    _run(_swm.split_dataset, {"source": str(path), "out": str(out), "parts": named, "seed": seed, **request}, progress)
+    asked("split", {"source": str(path), "out": str(out), "parts": named, "seed": seed, **request}, progress)
     return {name: Path(str(out).replace("{}", name)) for name in shares}
 
 
@@ -431,7 +395,7 @@ def verify(
     """
     path = _place("source", source, cache_dir)
     request = {"dataset": path, "fix": fix, "dry_run": dry_run, "opening": _json(opening)}
-    return dict(_run(_swm.verify_dataset, request, progress))
+    return dict(asked("verify", request, progress))
 
 
 def _place(name: str, source: str | Path, cache_dir: str | Path | None) -> str:
@@ -495,8 +459,7 @@ def preview(
         "image_size": None if size is None else {"height": size[0], "width": size[1]},
         "threads": None if threads is None else whole_number("threads", threads),
     }
-    given = {name: value for name, value in request.items() if value is not None}
-    return dict(_run(partial(_swm.run_request, "preview"), given, progress))
+    return dict(asked("preview", request, progress))
 
 
 @access_checked
@@ -543,7 +506,7 @@ def diff(
         "ignore": named_list("ignore", ignore or []),
         "opening": _json(opening),
     }
-    return dict(_run(partial(_swm.run_request, "diff"), request, progress))
+    return dict(asked("diff", request, progress))
 
 
 def _json(opening: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -622,13 +585,9 @@ def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progre
     lost = sorted({name for dataset in datasets for name in getattr(dataset, "episode_column_names", [])})
     if lost and not keeps:
         logger.warning("format %r does not support episode data; %s are left out", name, lost)
-    bars = _Bars(progress)
-    bars.begin(f"-> {name}", sum(len(dataset.lengths) for dataset in datasets), " episodes")
-    try:
-        with known.open_writer(target, **options) as writer:
-            writer.write_episodes(_episodes(datasets, keeps, bars.tick))
-    finally:
-        bars.close()
+    total = sum(len(dataset.lengths) for dataset in datasets)
+    with Progress(f"-> {name}", total, progress) as bar, known.open_writer(target, **options) as writer:
+        writer.write_episodes(_episodes(datasets, keeps, lambda done: bar.tick(done, 0, 0)))
 
 
 def _episodes(datasets: list[Any], keeps: bool, advance: Callable[[int], None]) -> Iterator[dict[str, Any]]:

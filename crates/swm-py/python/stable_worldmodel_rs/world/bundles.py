@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import logging
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import path_of, request_text
-from .._core import core as _swm
+from .._arguments import path_of
+from .._requests import asked
 from .manifests import AnyPath, existing
-from .progress import Progress
 
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 @access_checked
@@ -53,10 +49,7 @@ def bundle(
         "reported": reported,
         "source": source,
     }
-    made, notes = _swm.make_bundle(request_text(request))
-    for note in notes:
-        logger.warning("%s", note)
-    return dict(json.loads(made))
+    return dict(asked("bundle", request))
 
 
 @access_checked
@@ -99,8 +92,4 @@ def board(
         "num_envs": num_envs,
         "threads": threads,
     }
-    with Progress("Verifying", 0, progress, parts=True) as bar:
-        made, notes = _swm.make_board(request_text(request), bar.begin, bar.tick)
-    for note in notes:
-        logger.warning("%s", note)
-    return dict(json.loads(made))
+    return dict(asked("board", request, progress))

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from .._progress import Progress
 from .ids import native_id
 from .native import NativePool
 from .policies import NativePolicy, describe
-from .progress import Progress
 from .recording import EpisodeRecorder
 from .results import EvaluationResult
 from .rows import apply_callables, extract_init_goal

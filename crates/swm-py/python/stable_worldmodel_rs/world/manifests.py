@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -12,11 +11,11 @@ from typing import Any
 from .._access import access_checked
 from .._arguments import names_of, request_text
 from .._core import core as _swm
+from .._requests import log_notes
 from .ids import native_id
 from .native import checked_shape
 
 AnyPath = str | PathLike[str]
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 class Manifest(dict[str, Any]):
@@ -144,7 +143,6 @@ def make_manifest(
         "overwrite": overwrite,
     }
     text, hash, notes = _swm.make_manifest(request_text(request, _ARGUMENTS))
-    for note in notes:
-        logger.warning("%s", note)
+    log_notes(notes)
     return Manifest(json.loads(text), hash)
 

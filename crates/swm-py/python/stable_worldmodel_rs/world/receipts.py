@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -12,16 +11,16 @@ from typing import Any, Literal, overload
 from .._access import access_checked
 from .._arguments import path_of, request_text
 from .._core import core as _swm
+from .._progress import Progress
+from .._requests import log_notes
 from ..track import Tracker, tracked
 from .given import compared_by_name, given_policy, networks_of
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
 from .policies import NativePolicy, as_policy, explains_actions
-from .progress import Progress
 from .results import Comparison, Receipt, Verification
 
 REFERENCES = ("random", "no_op", "oracle")
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 @overload
@@ -161,7 +160,7 @@ def _evaluated(
     given = given_policy(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
-    with Progress("Evaluating", len(found["pairs"]), progress, parts=True) as bar, given as (text, seed, foreign):
+    with Progress("Evaluating", enabled=progress, parts=True) as bar, given as (text, seed, foreign):
         request = {
             "manifest": found,
             "policy": text,
@@ -177,8 +176,7 @@ def _evaluated(
             "join": join,
         }
         receipt, notes = _swm.evaluate_manifest(request_text(request, {"reference": "references"}), foreign, bar.begin, bar.tick)
-    for note in notes:
-        logger.warning("%s", note)
+    log_notes(notes)
     return receipt
 
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any, cast
 
 from .._access import access_checked
-from .._arguments import home_path, kind_of, request_text
+from .._arguments import home_path, kind_of
 from .._core import core as _swm
+from .._requests import asked
 from .manifests import AnyPath
-from .progress import Progress
 
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 def recipes() -> list[dict[str, Any]]:
@@ -96,8 +94,4 @@ def reproduce(
         "again": again,
         "check_only": check_only,
     }
-    with Progress("Evaluating", 0, progress, parts=True) as bar:
-        made, notes = _swm.reproduce(request_text(request, {"figure": "figures"}), bar.begin, bar.tick)
-    for note in notes:
-        logger.warning("%s", note)
-    return dict(json.loads(made))
+    return dict(asked("reproduce", request, progress))

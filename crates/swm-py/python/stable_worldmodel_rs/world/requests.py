@@ -3,45 +3,19 @@
 from __future__ import annotations
 
 import json
-import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import chosen_episodes, home_path, names_of, request_text
+from .._arguments import chosen_episodes, home_path, names_of
 from .._core import core as _swm
+from .._requests import asked
 from .ids import need, native_id
 from .manifests import Manifest, existing
 from .native import checked_shape
-from .progress import Progress
 
 AnyPath = str | PathLike[str]
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
-
-
-def asked(
-    name: str,
-    request: Mapping[str, Any],
-    begin: Callable[[str, int], None] | None = None,
-    tick: Callable[[int, int, int], None] | None = None,
-) -> Any:
-    """What the core makes of a request of this name; settings that are None have their defaults. Notes are logged."""
-    given = {setting: value for setting, value in request.items() if value is not None}
-    made, notes = _swm.run_request(name, request_text(given, _ARGUMENTS.get(name)), begin, tick)
-    for note in notes:
-        logger.warning("%s", note)
-    return json.loads(made)
-
-
-# The arguments of settings that have another name in the core.
-_ARGUMENTS = {
-    "train": {"set": "settings", "env_option": "env_options"},
-    "measure": {"env_option": "settings"},
-    "plan": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
-    "render": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
-    "replay": {"env_option": "settings", "set": "variation_values"},
-}
 
 
 def _size(image_shape: tuple[int, int] | None) -> dict[str, int] | None:
@@ -119,8 +93,7 @@ def measure(
         "seed": seed,
         "threads": threads,
     }
-    with Progress("Measuring", 0, progress, parts=True, unit="parts") as bar:
-        return dict(asked("measure", request, bar.begin, bar.tick))
+    return dict(asked("measure", request, progress))
 
 
 @access_checked
@@ -205,8 +178,7 @@ def plan(
         "set": variation_values,
         "threads": threads,
     }
-    with Progress("Planning", 0, progress, parts=True, unit="steps") as bar:
-        summary, files = asked("plan", request, bar.begin, bar.tick)
+    summary, files = asked("plan", request, progress)
     return {**summary, "files": files}
 
 
@@ -317,5 +289,4 @@ def replay(
         "opening": options,
         "threads": threads,
     }
-    with Progress("Replaying", 0, progress, parts=True) as bar:
-        return dict(asked("replay", request, bar.begin, bar.tick))
+    return dict(asked("replay", request, progress))

@@ -15,10 +15,11 @@ import numpy.typing as npt
 
 from .._access import access_checked
 from .._core import core as _swm
+from .._progress import Progress
+from .._requests import log_notes
 from . import foreign
 from .native import note_unsampled, plain_options, whole
 from .policies import NativePolicy, ask, explains_actions
-from .progress import Progress
 from .results import EvaluationResult
 from .rows import check_callables, check_recording, extract_init_goal, goal_images, reset_options
 
@@ -274,8 +275,7 @@ class Runs:
             text, notes = _swm.collect(core, act, json.dumps(request), _listed(options), bar.tick)
         self._stale = True
         written: dict[str, Any] = json.loads(text)
-        for note in notes:
-            logger.warning("%s", note)
+        log_notes(notes)
         new, held = int(written["episodes"]), int(written["total_episodes"])
         logger.info("%s: %d episodes recorded, it has %d", target, new, held)
         if check:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, overload
@@ -11,14 +10,14 @@ from typing import Any, Literal, overload
 from .._access import access_checked
 from .._arguments import request_text
 from .._core import core as _swm
+from .._progress import Progress
+from .._requests import log_notes
 from .given import given_policy
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
-from .progress import Progress
 from .receipts import check_parts
 from .results import Sweep
 
-logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
 @overload
@@ -113,7 +112,7 @@ def sweep(
     given = given_policy(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
-    with Progress("Sweeping", 0, progress, parts=True, unit="evaluations") as bar, given as (text, seed, foreign):
+    with Progress("Sweeping", enabled=progress, parts=True) as bar, given as (text, seed, foreign):
         if foreign is None and plan_steps is not None:
             raise TypeError("plan_steps: for policies in Python; a policy of the core has its own")
         request = {
@@ -132,8 +131,7 @@ def sweep(
             "join": join,
         }
         swept, notes = _swm.sweep_manifest(request_text(request), foreign, bar.begin, bar.tick)
-    for note in notes:
-        logger.warning("%s", note)
+    log_notes(notes)
     return None if swept is None else Sweep(json.loads(swept))
 
 

@@ -14,52 +14,46 @@ class Progress:
         total: Episodes of a bar; 0: not known.
         enabled: Whether to show one.
         parts: There are several bars one after the other, each begun by :meth:`begin`.
-        unit: What is counted.
 
     Example:
         >>> with Progress("Recording", total=10, enabled=False) as bar:
         ...     bar.tick(3, 0, 120)
     """
 
-    def __init__(
-        self, title: str, total: int, enabled: bool = True, parts: bool = False, unit: str = "episodes"
-    ) -> None:
+    def __init__(self, title: str, total: int = 0, enabled: bool = True, parts: bool = False) -> None:
         self._bar: Any = None
         self._title = title
-        self._total = total
         self._enabled = enabled
-        self._unit = unit
         if not parts:
-            self._open(title)
+            self._open(title, total, "episodes")
 
-    def _open(self, title: str) -> None:
+    def _open(self, title: str, total: int, unit: str) -> None:
         if not self._enabled:
             return
         try:
             from tqdm.auto import tqdm
         except ImportError:
             return
-        self._bar = tqdm(total=self._total or None, desc=title, unit=f" {self._unit}", dynamic_ncols=True)
+        self._bar = tqdm(total=total or None, desc=title, unit=f" {unit}", dynamic_ncols=True)
 
-    def begin(self, label: str, total: int) -> None:
-        """Leave the bar that there is as it stands, and show another one, called ``label``, of ``total``."""
+    def begin(self, label: str, total: int, unit: str) -> None:
+        """Leave the bar that there is as it stands, and show another one, called ``label``, of ``total`` units."""
         self._close()
-        self._total = total
-        self._open(f"{self._title} {label}")
+        self._open(f"{self._title} {label}", total, unit)
 
     def _close(self) -> None:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
 
-    def tick(self, episodes: int, successes: int, steps: int) -> None:
-        """Show that ``episodes`` are over, ``successes`` of them successful, after ``steps`` steps."""
+    def tick(self, done: int, successes: int, steps: int) -> None:
+        """Show that ``done`` units are over; of episodes, ``successes`` are successful, after ``steps`` steps."""
         bar = self._bar
         if bar is None:
             return
         if successes:
             bar.set_postfix_str(f"{successes} successful", refresh=False)
-        bar.update(episodes - bar.n)
+        bar.update(done - bar.n)
 
     def __enter__(self) -> Progress:
         return self
