@@ -12,6 +12,7 @@
 //! The rules that hold for all: the action of a row is the one taken from it; no rows are joined over the end of an episode; an end of a
 //! recording is no termination; what a file does not hold is missing, and never made up.
 
+mod aloha;
 mod array;
 mod d4rl;
 mod dataset;
@@ -20,6 +21,7 @@ mod dreamer;
 mod found;
 mod grouped;
 mod hdf5;
+mod hdf5_files;
 mod images;
 mod lance;
 mod libero;
@@ -28,6 +30,7 @@ mod minari;
 mod npz;
 mod rlds;
 mod torch;
+mod vd4rl;
 mod video;
 mod zarr;
 
@@ -60,6 +63,8 @@ pub const LAYOUTS: &[Layout] = &[
         grouped::open,
     ),
     Layout::new("d4rl", "D4RL: episodes end to end in an HDF5 file", d4rl::detect, d4rl::open),
+    Layout::new("vd4rl", "V-D4RL: episodes end to end in HDF5 files", vd4rl::detect, vd4rl::open),
+    Layout::new("aloha", "ALOHA, ACT: an HDF5 file for each episode", aloha::detect, aloha::open),
 ];
 
 /// A name as it is sorted by people: `demo_10` follows `demo_9`.

@@ -33,8 +33,11 @@ fn bools(dataset: &mut dyn Dataset, name: &str, episode: usize) -> Vec<bool> {
 }
 
 /// The options that a sample needs.
-fn options_of(_sample: &str) -> OpenOptions {
-    OpenOptions::default()
+fn options_of(sample: &str) -> OpenOptions {
+    match sample {
+        "aloha_toy" => OpenOptions::default().camera(Some("top".to_owned())),
+        _ => OpenOptions::default(),
+    }
 }
 
 const SAMPLES: &[&str] = &[
@@ -45,6 +48,8 @@ const SAMPLES: &[&str] = &[
     "visual-cube-single-play-v0.npz",
     "pldm_maze.npz",
     "dreamer_toy",
+    "vd4rl_toy",
+    "aloha_toy",
     "robomimic_can.hdf5",
     "trajectory.rgbd.pd_ee_delta_pose.physx_cpu.h5",
     "minari_box_hdf5",

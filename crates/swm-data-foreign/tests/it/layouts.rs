@@ -40,7 +40,7 @@ fn zip_of(path: &Path, names: &[&str]) {
 fn files_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    hdf5(&path("aloha.hdf5"), &["action", "observations/qpos"]);
+    hdf5(&path("flat.hdf5"), &["observations", "actions", "terminals"]);
     zip_of(&path("other.npz"), &["x.npy"]);
     zip_of(&path("umi.zarr.zip"), &[".zgroup", "data/.zgroup"]);
     zip_of(&path("chunk_0.pt"), &["chunk_0/data.pkl", "chunk_0/version"]);
@@ -49,7 +49,7 @@ fn files_are_named() {
     fs::write(path("a.parquet"), b"PAR1").unwrap();
     fs::write(path("a.npy"), b"\x93NUMPY\x01\0").unwrap();
     for (name, part) in [
-        ("aloha.hdf5", "an episode of ALOHA"),
+        ("flat.hdf5", "a dataset of D4RL without `rewards`"),
         ("other.npz", "an archive of NumPy arrays"),
         ("umi.zarr.zip", "a Zarr store"),
         ("chunk_0.pt", "a file of PyTorch"),
@@ -68,7 +68,6 @@ fn folders_are_named() {
     let folder = tempfile::tempdir().unwrap();
     for (name, files, part) in [
         ("minari", &["data/metadata.json", "data/main_data.hdf5"][..], "a Minari dataset"),
-        ("aloha", &["episode_0.hdf5", "episode_1.hdf5"][..], "a dataset of ALOHA"),
         ("pusht.zarr", &[".zgroup", "meta/episode_ends/0"][..], "a Zarr replay buffer"),
         ("other.zarr", &["zarr.json"][..], "a Zarr store"),
         ("rlds", &["dataset_info.json", "features.json"][..], "an RLDS dataset"),

@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
+#[cfg(feature = "video")]
+mod aloha;
 #[cfg(feature = "lerobot")]
 mod codecs;
 #[cfg(feature = "video")]
@@ -19,6 +21,8 @@ mod remote;
 mod rlds;
 #[cfg(feature = "video")]
 mod varied;
+#[cfg(feature = "video")]
+mod vd4rl;
 #[cfg(feature = "video")]
 mod zarr;
 

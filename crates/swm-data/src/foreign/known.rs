@@ -36,14 +36,7 @@ const KNOWN: &[(Sign, &str, &str)] = &[
     (Sign::Hdf5(&["episode_*/observations"]), "the data of a Minari dataset", "minari.load_dataset"),
     (Sign::Hdf5(&["data/demo_*"]), "a dataset of robomimic, LIBERO or MimicGen", "h5py"),
     (Sign::Hdf5(&["traj_*/actions"]), "a dataset of ManiSkill", "h5py"),
-    (Sign::Hdf5(&["observations/qpos", "action"]), "an episode of ALOHA (a file per episode)", "h5py"),
     (Sign::Hdf5(&["observations", "actions", "terminals"]), "a dataset of D4RL without `rewards`", "h5py"),
-    (
-        Sign::Hdf5(&["observation", "action", "reward", "step_type"]),
-        "a dataset of V-D4RL in HDF5 (its `.npz` files are read: `hdf5_to_npz.py` of V-D4RL makes them)",
-        "h5py",
-    ),
-    (Sign::Folder(&["episode_*.hdf5"]), "a dataset of ALOHA (a file per episode)", "h5py"),
     (
         Sign::Zip(&["observations.npy", "actions.npy", "terminals.npy"]),
         "a dataset of OGBench or PLDM",
@@ -101,7 +94,7 @@ pub(super) fn is_it(sign: &Sign, path: &Path, members: &[String]) -> bool {
         Sign::Folder(names) => path.is_dir() && names.iter().all(|name| has_path(path, name)),
         Sign::Zip(names) => path.is_file() && has_entries(path, names),
         Sign::Zips(names) => {
-            path.is_dir() && first_archive(path).is_some_and(|path| has_entries(&path, names))
+            path.is_dir() && first_file(path, "npz").is_some_and(|path| has_entries(&path, names))
         }
         Sign::Start(start) => path.is_file() && begins(path, start),
         Sign::Hdf5(names) => has_members(members, names),
@@ -160,10 +153,11 @@ fn has_path(folder: &Path, pattern: &str) -> bool {
     entries.into_iter().any(|entry| entry.file_name().to_str().is_some_and(|name| fits(pattern, name)))
 }
 
-/// The first archive of a folder, by name.
-fn first_archive(folder: &Path) -> Option<PathBuf> {
+/// The first file of a folder with this extension, by name.
+pub(super) fn first_file(folder: &Path, extension: &str) -> Option<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(LOOKED_AT);
-    entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|kind| kind == "npz")).min()
+    let paths = entries.map(|entry| entry.path());
+    paths.filter(|path| path.extension().is_some_and(|kind| kind == extension)).min()
 }
 
 fn has_entries(path: &Path, patterns: &[&str]) -> bool {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use swm_core::Registry;
 
-use super::known::{Sign, is_it};
+use super::known::{Sign, first_file, is_it};
 use crate::entry::Layout;
 use crate::error::DataError;
 use crate::formats::hdf5;
@@ -29,6 +29,12 @@ const READ: &[(Sign, &str, &str)] = &[
     (Sign::Hdf5(&["data/demo_*"]), "a dataset of robomimic, LIBERO or MimicGen", "hdf5-groups"),
     (Sign::Hdf5(&["traj_*/actions"]), "a dataset of ManiSkill", "hdf5-groups"),
     (Sign::Hdf5(&["observations", "actions", "rewards", "terminals"]), "a dataset of D4RL", "d4rl"),
+    (
+        Sign::Hdf5(&["observation", "action", "reward", "discount", "step_type"]),
+        "a dataset of V-D4RL",
+        "vd4rl",
+    ),
+    (Sign::Hdf5(&["observations/qpos", "action"]), "a dataset of ALOHA", "aloha"),
     (Sign::Zip(&["observations.npy", "actions.npy", "terminals.npy"]), "a dataset of OGBench or PLDM", "npz"),
     (
         Sign::Zips(&["observations.npy", "actions.npy", "terminals.npy"]),
@@ -60,7 +66,8 @@ pub(crate) fn unread(registry: &Registry, path: &Path) -> Option<DataError> {
     let mut lacking =
         READ.iter().filter_map(|row| Some((row, registry.find::<Layout>(row.2).err()?))).peekable();
     lacking.peek()?;
-    let members = hdf5::names(path);
+    // Of a folder of HDF5 files, the first.
+    let members = hdf5::names(first_file(path, "hdf5").as_deref().unwrap_or(path));
     let ((_, name, layout), unknown) = lacking.find(|((sign, ..), _)| is_it(sign, path, &members))?;
     let fix = unknown.fix.unwrap_or_else(|| {
         let feature = if *layout == PARQUET { " with its feature `lerobot`" } else { "" };
