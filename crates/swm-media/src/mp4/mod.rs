@@ -1,6 +1,6 @@
 //! Videos: H.264, encoded and decoded by the bundled OpenH264; with the feature `av1`, AV1 is decoded too.
 //!
-//! What is written: Baseline profile, 4:2:0, BT.709, constant quantizer, a key frame every tenth frame, the index before the images.
+//! What is written: Baseline profile, 4:2:0, BT.601, constant quantizer, a key frame every tenth frame, the index before the images.
 //! Videos of this kind play in every browser and editor; colors lose half their resolution, which a drawn scene shows
 //! at saturated edges.
 

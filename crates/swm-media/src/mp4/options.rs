@@ -1,8 +1,8 @@
 //! How a video is encoded: what callers choose, and what OpenH264 is told.
 
 use openh264::encoder::{
-    Complexity, EncoderConfig, FrameRate, IntraFramePeriod, Profile, QpRange, RateControlMode, UsageType,
-    VuiConfig,
+    Complexity, EncoderConfig, FrameRate, IntraFramePeriod, MatrixCoefficients, Profile, QpRange,
+    RateControlMode, UsageType, VuiConfig,
 };
 
 use crate::error::MediaError;
@@ -72,7 +72,8 @@ pub(super) fn settings(frames_per_second: f64, options: &Mp4Options) -> EncoderC
         .intra_frame_period(IntraFramePeriod::from_num_frames(options.key_frame_period.max(1)))
         .max_frame_rate(FrameRate::from_hz(frames_per_second as f32))
         .num_threads(1)
-        .vui(VuiConfig::bt709())
+        // Luma and chroma as readers take them that know no labels (PyAV before 17, which LeRobot 0.6 reads by); primaries of sRGB.
+        .vui(VuiConfig::bt709().matrix_coefficients(MatrixCoefficients::Smpte170M))
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "made for `map_err`, which hands over the error")]

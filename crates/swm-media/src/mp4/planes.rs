@@ -1,6 +1,6 @@
 //! RGB frames as the luma and chroma planes that a video encoder reads.
 //!
-//! ITU-R BT.709, 8 bits, studio range (luma 16 to 235, chroma 16 to 240), chroma at half resolution as the mean of
+//! ITU-R BT.601, 8 bits, studio range (luma 16 to 235, chroma 16 to 240), chroma at half resolution as the mean of
 //! 2 x 2 pixels, in 16.16 fixed point: the same bytes on every machine.
 
 use openh264::formats::YUVSlices;
@@ -8,8 +8,8 @@ use openh264::formats::YUVSlices;
 use crate::planar::split_colors;
 
 /// The weights of red and blue in luma; green has the rest.
-const RED: f64 = 0.2126;
-const BLUE: f64 = 0.0722;
+const RED: f64 = 0.299;
+const BLUE: f64 = 0.114;
 
 /// Bits behind the point.
 const BITS: u32 = 16;
@@ -141,16 +141,16 @@ mod tests {
         planes
     }
 
-    /// Values of the color bars of ITU-R BT.709 at full amplitude, from the standard's equations by hand.
+    /// Values of the color bars of ITU-R BT.601 at full amplitude, from the standard's equations by hand.
     #[test]
     fn known_colors() {
         let cases = [
             ([0, 0, 0], [16, 128, 128]),
             ([255, 255, 255], [235, 128, 128]),
-            ([255, 0, 0], [63, 102, 240]),
-            ([0, 255, 0], [173, 42, 26]),
-            ([0, 0, 255], [32, 240, 118]),
-            ([255, 255, 0], [219, 16, 138]),
+            ([255, 0, 0], [81, 90, 240]),
+            ([0, 255, 0], [145, 54, 34]),
+            ([0, 0, 255], [41, 240, 110]),
+            ([255, 255, 0], [210, 16, 146]),
         ];
         for (rgb, [y, u, v]) in cases {
             let planes = planes_of(2, 2, &rgb.repeat(4));

@@ -109,7 +109,7 @@ impl Video {
     }
 }
 
-/// BT.709 in studio range to RGB, by the standard's equations.
+/// BT.601 in studio range to RGB, by the standard's equations.
 fn rgb(image: &impl YUVSource) -> Vec<u8> {
     let (width, height) = image.dimensions();
     let (luma_stride, chroma_stride, _) = image.strides();
@@ -119,9 +119,9 @@ fn rgb(image: &impl YUVSource) -> Vec<u8> {
             let luma = (f64::from(image.y()[y * luma_stride + x]) - 16.0) / 219.0;
             let at = y / 2 * chroma_stride + x / 2;
             let [blue, red] = [image.u()[at], image.v()[at]].map(|c| (f64::from(c) - 128.0) / 224.0);
-            let r = luma + 1.5748 * red;
-            let b = luma + 1.8556 * blue;
-            let g = (luma - 0.2126 * r - 0.0722 * b) / 0.7152;
+            let r = luma + 1.402 * red;
+            let b = luma + 1.772 * blue;
+            let g = (luma - 0.299 * r - 0.114 * b) / 0.587;
             pixels.extend([r, g, b].map(|v| (v * 255.0).round().clamp(0.0, 255.0) as u8));
         }
     }
