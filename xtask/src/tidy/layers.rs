@@ -22,14 +22,20 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-nn", &["swm-core"]),
     ("swm-weights", &[]),
-    // Tests of settings open datasets of other programs.
-    (
-        "swm-baselines",
-        &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-data-foreign", "swm-tasks"],
-    ),
+    ("swm-baselines", &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-tasks"]),
     (
         "swm-checkpoints",
-        &["swm-core", "swm-nn", "swm-weights", "swm-solvers", "swm-data", "swm-tasks", "swm-baselines"],
+        // Tests of settings open datasets of other programs.
+        &[
+            "swm-core",
+            "swm-nn",
+            "swm-weights",
+            "swm-solvers",
+            "swm-data",
+            "swm-data-foreign",
+            "swm-tasks",
+            "swm-baselines",
+        ],
     ),
     ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm-tasks", &["swm-core", "swm-fov", "swm-media", "swm-solvers", "swm-data", "swm-data-foreign"]),

@@ -77,7 +77,7 @@ fn a_run_on_a_dataset_goes_on_to_the_same_bits_and_acts() {
         let image = image.map(|side| ImageSize { height: side, width: side });
         let options = WorldOptions::new(2).max_episode_steps(20).threads(1);
         let mut world = World::new(&TOY, options.env(EnvConfig { image, ..EnvConfig::default() })).unwrap();
-        world.set_policy(Box::new(AgentPolicy::new(open(Which::Last).unwrap()))).unwrap();
+        world.set_policy(AgentPolicy::new(open(Which::Last).unwrap())).unwrap();
         assert_eq!(world.evaluate(&Rollout::new(0..4).seed(3)).unwrap().episode_returns.len(), 4);
         assert!(open(Which::Best).err().unwrap().to_string().contains("checkpoint=last"));
     }

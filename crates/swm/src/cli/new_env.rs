@@ -34,7 +34,7 @@ const CRATES: [&str; 12] = [
     "swm-tasks",
 ];
 /// The others, of which cargo would warn that nothing uses them.
-const FURTHER: [&str; 10] = [
+const FURTHER: [&str; 11] = [
     "swm-baselines",
     "swm-checkpoints",
     "swm-data-lance",

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::online::TrainedAgent;
 use swm_baselines::train::{RunFolder, TrainedModel, Which};
-use swm_baselines::{Device, Images, PlanningBatch, Vectors, weights};
+use swm_baselines::{Device, Images, PlanningBatch, Vectors};
 use swm_solvers::{Candidates, Outputs};
 use swm_tasks::request::Request as _;
 use swm_weights::{Of, Saved, Stored, Values};

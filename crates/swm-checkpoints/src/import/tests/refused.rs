@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
+use swm_baselines::Device;
 use swm_baselines::train::{TrainedModel, Which};
-use swm_baselines::{BaselineError, Device, weights};
 use swm_tasks::request::Request as _;
-use swm_weights::{Of, Saved, Values};
+use swm_weights::{Of, Saved, Values, WeightsError};
 
 use super::super::{Description, Import, Loaded};
 use super::{PLANE, golden, registry, request};
@@ -195,7 +195,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
         let floats = read.into_iter().filter(|(_, stored)| !stored.is_whole);
         floats.map(|(name, stored)| (name, stored.shape, stored.values)).collect()
     };
-    let told = |name: &str, write: &dyn Fn(&Path) -> Result<(), BaselineError>| {
+    let told = |name: &str, write: &dyn Fn(&Path) -> Result<(), WeightsError>| {
         let file = folder.path().join(name);
         write(&file).unwrap();
         let mut request = request(&file, None);

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 use super::address::Address;
 use super::found::{Found, Remote};
 use super::open::open_from;
-use super::settings::{Credentials, Hub, Settings};
+use super::settings::{Hub, Settings};
 use super::testing::Server;
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
