@@ -55,7 +55,7 @@ mod tests {
         match open(&golden.join("datasets/lerobot_v3.0")) {
             Ok(dataset) => assert_eq!(dataset.info().format, "lerobot"),
             Err(error) => {
-                assert!(!cfg!(feature = "lerobot") && error.to_string().contains("lerobot"), "{error}")
+                assert!(!cfg!(feature = "lerobot") && error.to_string().contains("lerobot"), "{error}");
             }
         }
         let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Checkpoints of others, as far as a run must be told from them: by the names of files, and a version. `swm-checkpoints` reads them.
+//! Checkpoints of others, as far as runs must be distinguished from them: by the names of files, and a version. `swm-checkpoints` reads them.
 
 use std::fs::{self, File};
 use std::path::Path;

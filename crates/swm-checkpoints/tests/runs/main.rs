@@ -1,6 +1,8 @@
 //! From recorded episodes to plans and actions: tiny models are trained, interrupted, stored, named as policies, and act in
 //! an environment that renders images. How well is not the question here.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
 mod agents;
 mod canonical;
 mod dot;
