@@ -64,6 +64,9 @@ def test_pairs_show_one_state_in_two_looks(states: Path) -> None:
     [
         ({"vary": ["agent.scale"]}, "agent.scale.*does not change images alone"),
         ({"vary": ["agent.colr"]}, "did you mean `agent.color`"),
+        ({"look": {"agent.scale": 60.0}}, "agent.scale.*does not change images alone"),
+        ({"look": ["agent.scale"]}, "look is list; give a dict of factors"),
+        ({"canonical": "as recorded"}, "canonical is str; give a dict of factors"),
         ({"canonical": {"block.scale": 30.0}}, "block.scale.*does not change images alone"),
         ({"look": {"background.color": "blakc"}}, "blakc"),
         ({"vary": ["visual"], "vary_share": 2.0}, "share is 2"),
@@ -72,7 +75,7 @@ def test_pairs_show_one_state_in_two_looks(states: Path) -> None:
     ],
 )
 def test_what_is_no_look_is_refused(states: Path, arguments: dict[str, object], reason: str) -> None:
-    with pytest.raises((ValueError, swm.SwmError), match=reason):
+    with pytest.raises((TypeError, ValueError, swm.SwmError), match=reason):
         load_dataset(states, **({"render": SIZE} | arguments))
 
 

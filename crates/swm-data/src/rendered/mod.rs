@@ -40,8 +40,8 @@ pub const CANONICAL: &str = "canonical";
 pub struct RenderOptions {
     /// Their size.
     pub image: ImageSize,
-    /// Factors to set in place of the recorded ones: other colors, another light. One that changes what happens, and
-    /// not only what is seen, is an error, as the recorded states would not be those in the images.
+    /// Factors to set in place of the recorded ones: other colors, another light. One that is not visual is an error, as the recorded
+    /// states would not be those in the images; without `verify`, it is replayed with.
     pub factors: BTreeMap<String, Value>,
     /// Looks that a loader samples for every clip and epoch. Reads without a loader show the usual look.
     pub looks: Option<Looks>,
@@ -190,7 +190,12 @@ impl Rendered {
         let set = factors(dataset.path(), &spec, &options.factors)?;
         let is_visual =
             |name: &String| spec.factors.iter().any(|factor| factor.visual && factor.name == *name);
-        let (look, factors): (BTreeMap<_, _>, _) = set.into_iter().partition(|(name, _)| is_visual(name));
+        let (look, factors): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            set.into_iter().partition(|(name, _)| is_visual(name));
+        // Checkpoints would find most of them, late, and let pass what touches nothing that they hold.
+        if let Some(name) = factors.keys().next().filter(|_| options.verify) {
+            return Err(refuse(not_visual(&spec, name).into()));
+        }
         let looks = options.looks.as_ref().map(|looks| LookSampler::new(looks, &spec)).transpose();
         let looks = looks.map_err(|reason| refuse(reason.into()))?;
         let canonical =

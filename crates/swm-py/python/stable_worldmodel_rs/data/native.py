@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,12 @@ _LAYOUT = ("ep_len", "ep_offset")
 _abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+def _plain(argument: str, values: Any) -> dict[str, Any]:
     """Values of factors for JSON: arrays and tuples as lists."""
-    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in values.items()}
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{argument} is {kind_of(values)}; give a dict of factors, such as {{'background.color': 'black'}}")
+    given = cast("Mapping[str, Any]", values)
+    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in given.items()}
 
 
 class Clips(Sequence[dict[str, Any]]):
@@ -157,8 +160,8 @@ class NativeDataset(Dataset):
         vary_share: The probability of each of these factors to be sampled for a clip.
         vary_usual: The probability of a clip to show none of them sampled.
         vary_seed: The seed of the looks.
-        canonical: ``{factor: value}`` of the canonical look: adds the column ``canonical``, the same rows in that look. ``{}``
-            is the recorded one.
+        canonical: ``{factor: value}`` of the canonical look: adds the column ``canonical``, the same rows in that look.
+            ``"recorded"``: the recorded one.
         episodes: The episodes to take, in this order; ``None``: all.
         rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
@@ -193,7 +196,7 @@ class NativeDataset(Dataset):
         vary_share: float = 1.0,
         vary_usual: float = 0.0,
         vary_seed: int = 0,
-        canonical: Mapping[str, Any] | None = None,
+        canonical: Mapping[str, Any] | Literal["recorded"] | None = None,
         episodes: Sequence[int] | None = None,
         rewards: Rewards = "recorded",
         options: Mapping[str, Any] | None = None,
@@ -217,9 +220,9 @@ class NativeDataset(Dataset):
         self._render = render
         looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": vary_seed}
         self._looks: tuple[str, str | None, str | None] = (
-            json.dumps(_plain(look or {})),
+            json.dumps({} if look is None else _plain("look", look)),
             None if looks is None else json.dumps(looks),
-            None if canonical is None else json.dumps(_plain(canonical)),
+            None if canonical is None else json.dumps({} if canonical == "recorded" else _plain("canonical", canonical)),
         )
         if render is None and (look or vary or canonical is not None):
             raise ValueError("look, vary and canonical are of images that are rendered; give their size: render=(64, 64)")
