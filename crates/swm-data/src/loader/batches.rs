@@ -18,6 +18,9 @@ use super::reader::Reader;
 use super::{BatchOptions, Loader, Table, lock, wrong};
 use crate::error::DataError;
 
+/// Batches that a thread may have read ahead, at most: their tables are made at once.
+const MAX_AHEAD: usize = 1024;
+
 /// A stream of batches, epoch after epoch.
 ///
 /// [`Batches::next_batch`] fills a table of the caller's and allocates nothing; as an iterator it gives tables away, and
@@ -114,6 +117,9 @@ impl<T: Table> Batches<T> {
         if options.size == 0 {
             return wrong("size", "batches of 0 clips; use 1 or more");
         }
+        if !(1..=MAX_AHEAD).contains(&options.ahead) {
+            return wrong("ahead", format!("{} batches per thread; use 1 to {MAX_AHEAD}", options.ahead));
+        }
         if options.drop_last && options.size > clips {
             return wrong(
                 "drop_last",
@@ -139,7 +145,7 @@ impl<T: Table> Batches<T> {
         }
         // It fits: it is at most `clips`.
         let clip = position.clip as usize;
-        let ahead = options.ahead.max(1);
+        let ahead = options.ahead;
         let dataset = lock(&loader.dataset);
         let lanes = (0..loader.threads)
             .map(|_| Lane::start(loader.plan.clone(), Reader::new(dataset.share()), ahead))

@@ -191,7 +191,7 @@ pub struct BatchOptions {
     pub drop_last: bool,
     /// How many passes over the clips; `None`: without end.
     pub epochs: Option<u64>,
-    /// Batches that each thread may have read ahead, at least 1.
+    /// Batches that each thread may have read ahead: 1 to 1,024.
     pub ahead: usize,
     /// Rank and number of the processes that divide every epoch, for distributed training. The order of an epoch is
     /// that of one process; of it, rank `r` gives the clips `r`, `r + world`, …, equally many as every other rank: the

@@ -223,6 +223,10 @@ fn unusable_settings_say_what_is_allowed() {
     assert!(refused(&plain().keys(Some(twice))).contains("`state`"));
 
     let first = loader(&path, &plain());
+    for ahead in [0, 1 << 30] {
+        let refused = first.batches(&BatchOptions::default().ahead(ahead)).err().unwrap().to_string();
+        assert!(refused.contains("`ahead`") && refused.contains("use 1 to 1024"), "{refused}");
+    }
     let mut batch = first.new_batch();
     assert!(first.read(&[6], &mut batch).unwrap_err().to_string().contains("there are 6"));
     let other = loader(&path, &plain().num_steps(2));
