@@ -81,6 +81,17 @@ def test_rows_are_steps_and_the_last_has_no_action(tmp_path: Path) -> None:
         assert found["terminated"][:4].tolist() == [False, False, False, True]
 
 
+def test_goals_of_an_evaluation_are_no_columns_of_the_next_recording(tmp_path: Path) -> None:
+    before = recorded(tmp_path / "own.h5", own(length=6), num_envs=1)
+    world = swm.World([own(length=6)], max_episode_steps=50, add_pixels=False)
+    world.set_policy("random")
+    dataset = swm.data.load_dataset(tmp_path / "own.h5")
+    swm.evaluate_from_dataset(world, dataset, [0], [0], goal_offset=2, eval_budget=3)
+    world.collect(tmp_path / "later.h5", episodes=3, seed=0, progress=False)
+    with h5py.File(tmp_path / "later.h5") as file:
+        assert {name for name in file if isinstance(file[name], h5py.Dataset)} == set(before)
+
+
 def test_actions_may_be_dicts(tmp_path: Path) -> None:
     parts = spaces.Dict(a=spaces.Discrete(2), b=spaces.Dict(c=spaces.Box(-1, 1, (2,))))
     found = recorded(tmp_path / "own.h5", own(actions=parts))

@@ -168,6 +168,7 @@ def evaluate_from_dataset(
         world.reset(seed=seeds)
         for env, first, last in zip(handles, firsts, lasts, strict=True):
             apply_callables(env, callables or (), {**first, **last})
+    own = set(world.infos)
     goals = _inject(world, firsts, lasts, constants)
     successes = np.zeros(count, dtype=bool)
     frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
@@ -182,6 +183,9 @@ def evaluate_from_dataset(
                 frames[row].append(_frame(_images(world)[row]))
 
     world._run(max_steps=eval_budget, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
+    # Episodes after these have no such goals.
+    for column in set(goals) - own:
+        world.infos.pop(column, None)
     for row, shown in frames.items():
         goal = lasts[row].get("goal")
         panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
