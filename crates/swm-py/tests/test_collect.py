@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import stable_worldmodel_rs as swm
+from stable_worldmodel_rs import _swm
 from stable_worldmodel_rs.world.policies import PolicyInfos
 
 h5py = pytest.importorskip("h5py")
@@ -193,9 +195,17 @@ def test_replayable_files_render_their_images_when_read(tmp_path: Path) -> None:
     world.set_policy("random")
     world.collect(tmp_path / "states.h5", episodes=2, seed=0, replayable=4, progress=False)
     assert "pixels" not in columns(tmp_path / "states.h5") and "checkpoint" in columns(tmp_path / "states.h5")
+    world.collect(tmp_path / "true.h5", episodes=1, seed=0, replayable=True, progress=False)
+    world.collect(tmp_path / "false.h5", episodes=1, seed=0, replayable=False, progress=False)
+    runs = [json.loads(_swm.Reader.open(str(tmp_path / name), None, None).runs)[0][1] for name in ("true.h5", "false.h5")]
+    assert [run.get("checkpoints") for run in runs] == [16, None]
     world.set_policy(type("P", (), {"get_action": lambda self, infos: None})())
     with pytest.raises(TypeError, match="replayable"):
         world.collect(tmp_path / "b.h5", episodes=2, seed=0, replayable=4, progress=False)
+    gym = swm.World("CartPole-v1", num_envs=1)
+    gym.set_policy("random")
+    with pytest.raises(TypeError, match="replayable= records states of environments of this package"):
+        gym.collect(tmp_path / "c.h5", episodes=1, seed=0, replayable=4, progress=False)
 
 
 def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:

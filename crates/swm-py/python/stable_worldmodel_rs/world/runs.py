@@ -198,7 +198,7 @@ class Runs:
         *,
         mode: str = "error",
         quality: int | None = None,
-        replayable: int | None = None,
+        replayable: int | bool | None = None,
         check: bool = False,
         mix: bool = False,
         total: int | None = None,
@@ -216,7 +216,7 @@ class Runs:
             progress: Whether to show a bar.
             mode: If the file exists: ``"append"``, ``"overwrite"`` or ``"error"``.
             quality: Quality of images in lossy formats, 1 to 100.
-            replayable: Record simulator states every so many steps in place of images, which are rendered when read.
+            replayable: Record simulator states every so many steps (True: 16) in place of images, which are rendered when read.
             check: Replay the new episodes afterwards, as `replay` does: environments of this package, into a file.
             mix: With ``mode="append"``: continue a part of a divided recording with episodes of another one.
             total: In place of ``episodes``: record until the dataset holds this many, the same ones as in one run.
@@ -250,10 +250,12 @@ class Runs:
                 writer = get_format(format).open_writer(target, mode=mode)
         if check and (self._core is None or writer is not None):
             raise TypeError("check=True replays a file that the core has written, of environments of this package")
+        if self._core is None and replayable:
+            raise TypeError("replayable= records states of environments of this package, and these are none; leave it out")
         if self._core is None:
             steps = foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
             return _written(path, format, mode, episodes, steps)
-        core = self._core if replayable is None else self._replayable(replayable)
+        core = self._replayable(16 if replayable is True else replayable) if replayable not in (None, False) else self._core
         _note_options(core, options)
         run = self.envs.run_seed(seed)
         act = self._driver(options)
