@@ -298,9 +298,9 @@ def merge(
     how = dict(opening or {})
     datasets = [load_dataset(source, cache_dir=cache_dir, format=known, **how) for source, known in pairs]
     for names, what in (("column_names", "column"), ("episode_column_names", "episode-data column")):
-        first = _joined_names(datasets[0], names)
+        first = _joined_names(datasets[0], names, image_size is not None)
         for source, dataset in zip(sources, datasets, strict=True):
-            here = _joined_names(dataset, names)
+            here = _joined_names(dataset, names, image_size is not None)
             if here != first:
                 missing, more = sorted(first - here), sorted(here - first)
                 raise ValueError(f"merge: {what} mismatch of {sources[0]} and {source}: missing {missing}; unexpected {more}")
@@ -318,9 +318,10 @@ def merge(
     _copy(datasets, dest, dest_format, progress, options)
 
 
-def _joined_names(dataset: Any, names: str) -> set[str]:
-    """Names that datasets have to share so that they can be joined."""
-    return {name for name in getattr(dataset, names, []) if not name.startswith("variation.")}
+def _joined_names(dataset: Any, names: str, rendered: bool) -> set[str]:
+    """Names that datasets have to share so that they can be joined: with images that are rendered, not those of images and of what they are rendered from."""
+    free = {"pixels", "goal", "checkpoint"} if rendered else set[str]()
+    return {name for name in getattr(dataset, names, []) if not name.startswith("variation.") and name not in free}
 
 
 @access_checked
