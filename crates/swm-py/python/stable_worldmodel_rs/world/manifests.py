@@ -49,10 +49,14 @@ def read_manifest(path: AnyPath) -> Manifest:
     return Manifest(json.loads(text), hash)
 
 
-def _chosen(pair: str | tuple[int, int, int]) -> str:
-    """A chosen pair as text: ``EPISODE:START-GOAL``."""
-    if isinstance(pair, str):
-        return pair
+def _chosen(pairs: Sequence[str | tuple[int, int, int]]) -> list[str]:
+    """Chosen pairs as text: ``EPISODE:START-GOAL``."""
+    if isinstance(pairs, str):
+        raise TypeError(f"pairs={pairs!r} is a text; give a list: [{pairs!r}]")
+    return [pair if isinstance(pair, str) else _pair(pair) for pair in pairs]
+
+
+def _pair(pair: tuple[int, int, int]) -> str:
     if len(pair) != 3:
         raise ValueError(f"a pair is (episode, start, goal) or a text such as '3:10-35', found {pair!r}")
     episode, start, goal = map(int, pair)
@@ -130,7 +134,7 @@ def make_manifest(
         "seed": seed,
         "dataset": None if dataset is None else existing(dataset, "dataset"),
         "opening": as_options(opening or {}),
-        "pairs": None if pairs is None else [_chosen(pair) for pair in pairs],
+        "pairs": None if pairs is None else _chosen(pairs),
         "clear": None if clear is None else existing(clear, "manifest"),
         "goal_offset": goal_offset,
         "held_out": held_out,

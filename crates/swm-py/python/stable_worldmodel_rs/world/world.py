@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import names_of
 from .._core import core as _swm
 from . import foreign
 from .ids import native_id
@@ -167,7 +168,7 @@ class World(Runs):
         self._transforms = {name: transform for name, transform in transforms.items() if transform is not None}
         self.envs = NativePool(self._core, self._built, hidden=() if goal_conditioned else ("goal",))
         if distractors:
-            self.envs.set_distractors(distractors)
+            self.envs.set_distractors(names_of(distractors) or ())
         self.infos = self.envs.infos
 
     @property
