@@ -26,7 +26,8 @@ struct Measurement {
 
 /// The dataset, with images of side `draw` that are drawn.
 fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
-    let dataset = swm_data::open(path)?;
+    let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_lerobot::FORMATS);
+    let dataset = swm_data::open_in(&registry.with(swm_data_foreign::LAYOUTS), path)?;
     let Some(side) = draw else { return Ok(dataset) };
     let image = ImageSize { height: side, width: side };
     let options = RenderOptions::default().image(image);
