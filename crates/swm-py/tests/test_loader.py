@@ -214,6 +214,18 @@ def test_datasets_of_datasets(path: Path, tmp_path: Path) -> None:
     merged = swm.data.MergeDataset([first, swm.data.load_dataset(tmp_path / "codes.h5", num_steps=2)])
     for batch in swm.data.Loader(merged, batch_size=4, float32=False):
         np.testing.assert_array_equal(array(batch["code"]), 2 * array(batch["state"]))
+    with pytest.raises(ValueError, match=r"the same clips, and these have \[.*ConcatDataset"):
+        swm.data.MergeDataset([first, both])
+    joiners: list[Any] = [swm.data.ConcatDataset, swm.data.MergeDataset]
+    for join in joiners:
+        with pytest.raises(TypeError, match=r"datasets is NativeDataset; give a list: \[dataset"):
+            join(first)
+
+
+@pytest.mark.parametrize("ahead", [0, 10**9])
+def test_what_is_read_ahead_is_bounded(path: Path, ahead: int) -> None:
+    with pytest.raises(swm.SwmError, match="`ahead`: .* batches per thread; use 1 to 1024"):
+        next(iter(swm.data.Loader(path, batch_size=4, ahead=ahead)))
 
 
 def test_replay_buffers(path: Path) -> None:

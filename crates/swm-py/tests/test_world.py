@@ -123,6 +123,10 @@ def test_environments_that_are_over_stand_still_and_a_step_of_none_is_refused() 
 
 def test_factors_are_sampled_set_and_shown() -> None:
     world = make(2)
+    wrongs: list[Any] = ["x", [3]]
+    for wrong in wrongs:
+        with pytest.raises(TypeError, match="options: (str|int) in the place of a dict"):
+            world.reset(seed=1, options=wrong)
     world.reset(seed=1, options={"variation": ["agent.color"]})
     assert [name for name in world.infos if name.startswith("variation.")] == ["variation.agent.color"]
     sampled = world.infos["variation.agent.color"][:, 0]

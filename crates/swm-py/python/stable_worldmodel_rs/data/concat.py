@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._tensors import to_numpy
-from .merge import union
+from .merge import dataset_list, union
 
 
 class ConcatDataset:
@@ -22,9 +22,7 @@ class ConcatDataset:
     """
 
     def __init__(self, datasets: list[Any]) -> None:
-        if not datasets:
-            raise ValueError("Need at least one dataset")
-        self.datasets = datasets
+        self.datasets = dataset_list(datasets)
         self._cum = np.cumsum([0] + [len(dataset) for dataset in datasets])
         self._ep_cum = np.cumsum([0] + [len(dataset.lengths) for dataset in datasets])
 

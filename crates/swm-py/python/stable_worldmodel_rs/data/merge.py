@@ -6,10 +6,26 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from .._arguments import kind_of
+
 
 def union(lists: list[list[str]]) -> list[str]:
     """All names, each once, in the order in which they first come."""
     return list(dict.fromkeys(name for names in lists for name in names))
+
+
+def dataset_list(datasets: Any) -> list[Any]:
+    """Datasets, given as a list.
+
+    Raises:
+        TypeError: A dataset by itself.
+        ValueError: There are none.
+    """
+    if hasattr(datasets, "column_names"):
+        raise TypeError(f"datasets is {kind_of(datasets)}; give a list: [dataset, …]")
+    if not datasets:
+        raise ValueError("Need at least one dataset")
+    return datasets
 
 
 class MergeDataset:
@@ -24,10 +40,11 @@ class MergeDataset:
     """
 
     def __init__(self, datasets: list[Any], keys_from_dataset: list[list[str]] | None = None) -> None:
-        if not datasets:
-            raise ValueError("Need at least one dataset")
-        self.datasets = datasets
+        self.datasets = dataset_list(datasets)
         self._len = len(datasets[0])
+        clips = [len(dataset) for dataset in datasets]
+        if len(set(clips)) > 1:
+            raise ValueError(f"MergeDataset joins columns of the same clips, and these have {clips}; ConcatDataset puts datasets end to end")
         if keys_from_dataset:
             self.keys_map = keys_from_dataset
         else:

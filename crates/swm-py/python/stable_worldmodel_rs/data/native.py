@@ -43,7 +43,7 @@ def _plain(argument: str, values: Any) -> dict[str, Any]:
     if not isinstance(values, Mapping):
         raise TypeError(f"{argument} is {kind_of(values)}; give a dict of factors, such as {{'background.color': 'black'}}")
     given = cast("Mapping[str, Any]", values)
-    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in given.items()}
+    return {str(name): as_json(f"{argument}[{name!r}]", value) for name, value in given.items()}
 
 
 class Clips(Sequence[dict[str, Any]]):
@@ -218,7 +218,10 @@ class NativeDataset(Dataset):
         self.rewards: Rewards = rewards
         sums_rewards(rewards)
         self._render = render
-        looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": vary_seed}
+        looks = None if not vary else {"vary": list(vary), "share": vary_share, "usual": vary_usual, "seed": whole_number("vary_seed", vary_seed, most=2**64 - 1)}
+        for name, share in (("vary_share", vary_share), ("vary_usual", vary_usual)):
+            if not 0 <= share <= 1:
+                raise ValueError(f"{name}={share}: give a number from 0 to 1")
         self._looks: tuple[str, str | None, str | None] = (
             json.dumps({} if look is None else _plain("look", look)),
             None if looks is None else json.dumps(looks),

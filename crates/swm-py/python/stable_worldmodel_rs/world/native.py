@@ -18,6 +18,7 @@ import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
 from .. import spaces
+from .._arguments import kind_of
 from .._arrays import image_sides
 from .._core import core as _swm
 from .rows import reset_options
@@ -324,9 +325,15 @@ class EnvHandle:
 
 
 def plain_options(options: Options | None) -> dict[str, Any] | None:
-    """Reset options as dicts, whatever mappings they were given as (those of Hydra, say)."""
+    """Reset options as dicts, whatever mappings they were given as (those of Hydra, say).
+
+    Raises:
+        TypeError: They are no mapping.
+    """
     if options is None:
         return None
+    if not isinstance(cast("Any", options), Mapping):
+        raise TypeError(f"options: {kind_of(options)} in the place of a dict; give a dict for all, or a list of dicts, one per environment")
     return {
         name: dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
         for name, value in options.items()
