@@ -2,9 +2,9 @@
 # Software:  moviepy 2.2.1: `ImageSequenceClip(frames, fps=fps)` and `write_videofile`, by which Gymnasium's `RecordVideo` writes.
 # Expected:  the video has each frame of the list once, in order.
 # Happens:   the start of a frame is a sum of 1 / fps, and is compared with i / fps: by rounding, some frames are written twice, those
-#            after them are one place late, and others are left out: more the longer the video is, and the last one among them.
+#            after them are one place late, and others are left out: more the longer the video is.
 # Who:       users who bring frames of recorded episodes together with steps, or look for the end of an episode.
-# Seen:      of 500 frames at 30 fps 130 are missing, at 10 fps 148, at 60 fps 142; of 100 frames at 30 fps 3, the last among them
+# Seen:      of 500 frames at 30 fps 129 are missing, at 10 fps 148, at 60 fps 141; of 100 frames at 30 fps 2 (one more by Python 3.11)
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/python.sh"
 packages moviepy==2.2.1 numpy==2.4.6
@@ -31,5 +31,5 @@ long = {fps: len(missing(500, fps)) for fps in (10, 30, 60)}
 short, right = missing(100, 30), missing(50, 30)
 print(f"moviepy {version('moviepy')}, frames that are missing: of 500, by fps {long}; of 100 at 30 fps {short}; of 50 at 30 fps {right}")
 print(f"places 72 to 78 of the video of 100 have the frames {written(100, 30)[72:79]}")
-assert all(100 < count < 200 for count in long.values()) and short == [74, 89, 99] and right == []
+assert all(100 < count < 200 for count in long.values()) and short[:2] == [74, 89] and right == []
 PYTHON
