@@ -139,7 +139,8 @@ fn on_frozen_encoder(dim: usize) -> NewRun<'static> {
 fn encoders_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = record(folder.path());
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/parity/vit_generation4.pt");
+    let fixture =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../swm-baselines/tests/parity/vit_generation4.pt");
     let fails = |new: NewRun<'_>| refused(folder.path(), dataset.as_ref(), &new);
     says(
         &fails(on_frozen_encoder(12)),
