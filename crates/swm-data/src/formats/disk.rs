@@ -201,7 +201,7 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
 /// A file above this size is not read as a whole: no index, image or video of an episode is as large.
 const MAX_WHOLE: u64 = 1 << 30;
 
-/// All of a file that [`open_regular`] opens, up to the length that it has now.
+/// All of a file that [`crate::files::open_regular`] opens, up to the length that it has now.
 ///
 /// # Errors
 ///

@@ -151,7 +151,7 @@ pub fn signed(value: u64) -> Result<i64> {
 }
 
 /// Why a column of u64 is left out, if one of its first `looked_at` values is beyond the range of i64. A look at all of them would cost
-/// as much as reading the file: one that lies further behind is an error of [`read_rows`].
+/// as much as reading the file: one that lies further behind is an error of reading it.
 #[must_use]
 pub fn too_large(
     looked_at: usize,
