@@ -202,7 +202,7 @@ def test_replayable_files_render_their_images_when_read(tmp_path: Path) -> None:
     world.set_policy(type("P", (), {"get_action": lambda self, infos: None})())
     with pytest.raises(TypeError, match="replayable"):
         world.collect(tmp_path / "b.h5", episodes=2, seed=0, replayable=4, progress=False)
-    gym = swm.World("CartPole-v1", num_envs=1)
+    gym = swm.World("CartPole-v1", num_envs=1, add_pixels=False)
     gym.set_policy("random")
     with pytest.raises(TypeError, match="replayable= records states of environments of this package"):
         gym.collect(tmp_path / "c.h5", episodes=1, seed=0, replayable=4, progress=False)

@@ -22,7 +22,7 @@ class ConcatDataset:
     """
 
     def __init__(self, datasets: list[Any]) -> None:
-        self.datasets = dataset_list(datasets)
+        self.datasets: list[Any] = dataset_list(datasets)
         self._cum = np.cumsum([0] + [len(dataset) for dataset in datasets])
         self._ep_cum = np.cumsum([0] + [len(dataset.lengths) for dataset in datasets])
 

@@ -40,7 +40,7 @@ class MergeDataset:
     """
 
     def __init__(self, datasets: list[Any], keys_from_dataset: list[list[str]] | None = None) -> None:
-        self.datasets = dataset_list(datasets)
+        self.datasets: list[Any] = dataset_list(datasets)
         self._len = len(datasets[0])
         clips = [len(dataset) for dataset in datasets]
         if len(set(clips)) > 1:

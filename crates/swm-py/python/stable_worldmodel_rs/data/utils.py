@@ -6,7 +6,6 @@ import difflib
 import importlib
 import importlib.util
 import inspect
-import json
 import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
