@@ -240,11 +240,11 @@ pub fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Resul
     write_with(path, tensors, None)
 }
 
-/// As [`write`], with the note that transformers wants in a model's file.
+/// As [`write()`], with the note that transformers wants in a model's file.
 ///
 /// # Errors
 ///
-/// As of [`write`].
+/// As of [`write()`].
 pub fn write_for_transformers(
     path: &Path,
     tensors: Vec<(String, Vec<usize>, Vec<f32>)>,
