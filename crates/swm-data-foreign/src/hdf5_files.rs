@@ -35,10 +35,14 @@ pub(super) fn paths(path: &Path, start: &str) -> Vec<PathBuf> {
     paths
 }
 
-/// Whether a file has these arrays.
+/// Whether a file has these arrays. Only the groups that they are in are listed: a file may have thousands.
 pub(super) fn has(path: &Path, signs: &[&str]) -> bool {
     super::hdf5::open(path).is_some_and(|tree| {
-        tree.tables("/").is_ok_and(|tables| signs.iter().all(|sign| tables.iter().any(|name| name == sign)))
+        signs.iter().all(|sign| {
+            let (group, name) = sign.rsplit_once('/').unwrap_or(("", sign));
+            tree.members(&format!("/{group}"))
+                .is_ok_and(|(_, tables)| tables.iter().any(|table| table == name))
+        })
     })
 }
 

@@ -5,7 +5,7 @@
 //! H.264 and in AV1, LeRobot's default codec, by the times of the rows (see `camera`), and images in the tables as PNG and JPEG; columns in
 //! other codecs are left out by name.
 //!
-//! A crate of its own, for no other format needs Parquet. It stands in a registry beside those of `swm_data`:
+//! A crate of its own, for no other format needs Parquet. A registry has it beside those of `swm_data`:
 //!
 //! ```
 //! use swm_core::Registry;

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use swm::tasks::request::{
-    Convert, Diff, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay, Request, Split,
+    Convert, Diff, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay, Request as _, Split,
     Train, Verify,
 };
 
@@ -24,6 +24,11 @@ fn run_request(
     begin: Option<&Bound<'_, PyAny>>,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> Made {
+    if [Convert::NAME, Merge::NAME, Split::NAME].contains(&name) {
+        // They write datasets, and not every format can do so in a fork.
+        let given: serde_json::Value = from_json("the request", request)?;
+        check_threads(given["format"].as_str())?;
+    }
     match name {
         Train::NAME => run::<Train>(py, request, begin, tick),
         Measure::NAME => run::<Measure>(py, request, begin, tick),
@@ -32,30 +37,15 @@ fn run_request(
         Preview::NAME => run::<Preview>(py, request, begin, tick),
         Replay::NAME => run::<Replay>(py, request, begin, tick),
         Diff::NAME => run::<Diff>(py, request, begin, tick),
-        Convert::NAME => write::<Convert>(py, request, begin, tick),
-        Merge::NAME => write::<Merge>(py, request, begin, tick),
-        Split::NAME => write::<Split>(py, request, begin, tick),
+        Convert::NAME => run::<Convert>(py, request, begin, tick),
+        Merge::NAME => run::<Merge>(py, request, begin, tick),
+        Split::NAME => run::<Split>(py, request, begin, tick),
         Verify::NAME => run::<Verify>(py, request, begin, tick),
         MakeBundle::NAME => run::<MakeBundle>(py, request, begin, tick),
         MakeBoard::NAME => run::<MakeBoard>(py, request, begin, tick),
         "reproduce" => reproduce(py, request, begin, tick),
         _ => Err(SwmError::new_err(format!("`{name}` is no request of this function"))),
     }
-}
-
-/// As [`run`], where datasets are written: not everything can be in a fork.
-fn write<R: Request>(
-    py: Python<'_>,
-    request: &str,
-    begin: Option<&Bound<'_, PyAny>>,
-    tick: Option<&Bound<'_, PyAny>>,
-) -> Made
-where
-    R::Outcome: serde::Serialize,
-{
-    let given: serde_json::Value = from_json("the request", request)?;
-    check_threads(given["format"].as_str())?;
-    run::<R>(py, request, begin, tick)
 }
 
 /// Plans; what was made is the summary, and the files that were written.

@@ -199,6 +199,8 @@ def test_replayable_files_render_their_images_when_read(tmp_path: Path) -> None:
     world.collect(tmp_path / "false.h5", episodes=1, seed=0, replayable=False, progress=False)
     runs = [json.loads(_swm.Reader.open(str(tmp_path / name), None, None).runs)[0][1] for name in ("true.h5", "false.h5")]
     assert [run.get("checkpoints") for run in runs] == [16, None]
+    with pytest.raises(swm.SwmError, match="every 0 steps is not in 1 to"):
+        world.collect(tmp_path / "zero.h5", episodes=1, seed=0, replayable=0, progress=False)
     world.set_policy(type("P", (), {"get_action": lambda self, infos: None})())
     with pytest.raises(TypeError, match="replayable"):
         world.collect(tmp_path / "b.h5", episodes=2, seed=0, replayable=4, progress=False)

@@ -24,11 +24,14 @@ pub(crate) struct Args {
     /// Only these rows, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "ROWS")]
     rows: Vec<String>,
+    /// Only these trainings, separated by commas: their seeds, 1 to 3
+    #[arg(long, value_delimiter = ',', value_name = "SEEDS", value_parser = clap::value_parser!(u64).range(1..=plan::SEEDS))]
+    seeds: Vec<u64>,
     /// One training of a few rows, compared with what is recorded of it; nothing is written to docs
-    #[arg(long, conflicts_with = "rows")]
+    #[arg(long, conflicts_with_all = ["rows", "seeds"])]
     quick: bool,
     /// Write the tables of the pages from what is recorded, and run nothing
-    #[arg(long, conflicts_with_all = ["rows", "quick"])]
+    #[arg(long, conflicts_with_all = ["rows", "seeds", "quick"])]
     tables: bool,
     /// Where everything goes; what is there already is not made again, and what was interrupted is continued
     #[arg(long, default_value = OUT, value_name = "DIR")]
@@ -88,7 +91,11 @@ fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<
         for (table, row) in task.rows() {
             let is_chosen = match args.quick {
                 true => row.quick && seed == 1,
-                false => seed <= row.seeds && (args.rows.is_empty() || args.rows.contains(&row.name)),
+                false => {
+                    seed <= row.seeds
+                        && (args.rows.is_empty() || args.rows.contains(&row.name))
+                        && (args.seeds.is_empty() || args.seeds.contains(&seed))
+                }
             };
             if !is_chosen {
                 continue;

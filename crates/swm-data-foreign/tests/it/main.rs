@@ -26,12 +26,12 @@ mod vd4rl;
 #[cfg(feature = "video")]
 mod zarr;
 
-#[cfg(feature = "video")]
-use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
 use swm_core::Registry;
+#[cfg(feature = "video")]
+use swm_data::testing::copied;
 #[cfg(feature = "video")]
 use swm_data::testing::mutations::{mutate_for, play_in};
 use swm_data::{DataError, Dataset, open_in};
@@ -55,17 +55,4 @@ fn open(path: &Path) -> Result<Box<dyn Dataset>, DataError> {
 #[cfg(feature = "video")]
 fn mutate(name: &str, path: &Path) {
     mutate_for(name, path, &mut |path| play_in(registry(), path));
-}
-
-/// Copies a folder.
-#[cfg(feature = "video")]
-fn copied(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        match entry.path().is_dir() {
-            true => copied(&entry.path(), &target),
-            false => drop(fs::copy(entry.path(), target).unwrap()),
-        }
-    }
 }

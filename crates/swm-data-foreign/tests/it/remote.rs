@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Column;
-use swm_data::remote::testing::{Hosted, Server};
+use swm_data::remote::testing::{Hosted, Server, files_of, rows, same};
 use swm_data::stats::{Statistics, StatisticsOptions, side_file};
 use swm_data::{DataError, Dataset, OpenOptions, Steps, open_with};
 use tempfile::TempDir;
@@ -48,39 +48,8 @@ impl Test {
     }
 }
 
-/// All rows of all columns.
-fn rows(dataset: &mut dyn Dataset) -> Result<Vec<Column>, DataError> {
-    let mut all = Vec::new();
-    for column in 0..dataset.schema().fields().len() {
-        for episode in 0..dataset.num_episodes() {
-            let (field, count) = (dataset.schema().fields()[column].clone(), dataset.episode_len(episode));
-            let mut out = Column::zeros(field.dtype, count * field.dim());
-            dataset.rows(column, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut())?;
-            all.push(out);
-        }
-    }
-    Ok(all)
-}
-
-fn same(a: &[Column], b: &[Column]) -> bool {
-    format!("{a:?}") == format!("{b:?}")
-}
-
 fn local(name: &str) -> Vec<Column> {
     rows(crate::open(&golden(name)).unwrap().as_mut()).unwrap()
-}
-
-/// The files of a folder, below a path.
-fn files_of(folder: &Path, below: &str) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(folder).unwrap().flatten() {
-        let path = format!("{below}/{}", entry.file_name().to_str().unwrap());
-        match entry.path().is_dir() {
-            true => found.extend(files_of(&entry.path(), &path)),
-            false => found.push((path, fs::read(entry.path()).unwrap())),
-        }
-    }
-    found
 }
 
 fn put_all(server: &Server, folder: &str, below: &str) {

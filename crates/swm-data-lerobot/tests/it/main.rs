@@ -47,12 +47,12 @@ mod tools;
 #[path = "../../../swm-data/tests/it/types.rs"]
 mod types;
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use swm_core::Registry;
 use swm_data::format::Opened;
+use swm_data::testing::copied;
 use swm_data::testing::mutations::{mutate_for, play_in, seed_in};
 use swm_data::tools::copy::{Copied, Piece, copy_in};
 use swm_data::{DataError, Dataset, DatasetWriter, OpenOptions, WriteMode, WriteOptions, create_in, open_in};
@@ -105,16 +105,4 @@ fn mutate(name: &str, path: &Path) {
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets").join(name)
-}
-
-/// Copies a folder.
-fn copied(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        match entry.path().is_dir() {
-            true => copied(&entry.path(), &target),
-            false => drop(fs::copy(entry.path(), target).unwrap()),
-        }
-    }
 }

@@ -22,6 +22,18 @@ pub fn rounds(few: usize, many: usize) -> usize {
     if std::env::var_os("SWM_ENDURE").is_some_and(|value| value == "1") { many } else { few }
 }
 
+/// Copies a folder with all that is below it.
+pub fn copied(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copied(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
+
 /// A schema with every type, images, and an episode column.
 pub fn schema() -> Arc<Schema> {
     Schema::new(vec![

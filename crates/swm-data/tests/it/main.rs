@@ -37,24 +37,10 @@ mod tools;
 mod types;
 mod unread;
 
-use std::fs;
-use std::path::Path;
-
 // Other crates run the tests of every format on theirs: they have these names, too.
 use swm_data::format::built_in as registry;
 use swm_data::testing as support;
+use swm_data::testing::copied;
 use swm_data::testing::mutations::{mutate, play, seed};
 use swm_data::tools::copy::copy;
 use swm_data::{FORMATS, create, create_with, open};
-
-/// Copies a folder.
-fn copied(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        match entry.path().is_dir() {
-            true => copied(&entry.path(), &target),
-            false => drop(fs::copy(entry.path(), target).unwrap()),
-        }
-    }
-}

@@ -11,7 +11,7 @@ fn field() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field")
 }
 
-fn told(opened: Result<Box<dyn swm_data::Dataset>, DataError>) -> String {
+fn refusal(opened: Result<Box<dyn swm_data::Dataset>, DataError>) -> String {
     let error = opened.err().unwrap();
     assert!(matches!(error, DataError::NotADataset { .. }), "{error}");
     error.to_string()
@@ -30,7 +30,7 @@ fn the_crate_that_reads_them_is_named() {
     let samples: Vec<&PathBuf> = samples.iter().filter(is_of_layout).collect();
     assert!(samples.len() > 20, "{samples:?}");
     for path in samples {
-        let message = told(open(path));
+        let message = refusal(open(path));
         let is_said =
             message.contains("add the crate `swm-data-foreign`") && message.contains("to the registry");
         assert!(is_said && !message.contains("not read yet"), "{message}");
@@ -43,9 +43,9 @@ fn what_a_front_end_lacks_is_named_in_its_words() {
     const LACKING: &[Absent] =
         &[Absent::of::<Layout>("minari-parquet", "tables", "build it with `--features tables`")];
     let registry = Registry::new().with(swm_data::FORMATS).with(LACKING);
-    let message = told(open_in(&registry, &field().join("minari_parquet")));
+    let message = refusal(open_in(&registry, &field().join("minari_parquet")));
     assert!(message.contains("a Minari dataset in Parquet; ") && message.contains("`tables`"), "{message}");
-    let message = told(open(&field().join("minari_parquet")));
+    let message = refusal(open(&field().join("minari_parquet")));
     assert!(message.contains("`swm-data-foreign` with its feature `lerobot`"), "{message}");
 }
 

@@ -19,7 +19,6 @@ from .world.results import Receipt
 __all__ = ["ZooModel", "list_models", "load"]
 
 
-
 class ZooModel(NativePolicy):
     """A model of the zoo as a policy, and what is known of it.
 

@@ -5,13 +5,14 @@ mod server;
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::Registry;
+use swm_core::{Column, Registry};
 
 pub use self::server::{Fault, Server, State};
 use super::found::Remote;
 use super::open::open_from;
 use super::settings::{Credentials, Hub, Settings};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Steps};
+use crate::error::DataError;
 use crate::format::Opened;
 use crate::open_options::OpenOptions;
 
@@ -65,4 +66,43 @@ impl Hosted {
     pub fn open(&self, registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
         open_from(&self.remote, registry, path, options)
     }
+}
+
+/// All rows of all columns, one after the other.
+///
+/// # Errors
+///
+/// As of [`Dataset::rows`].
+pub fn rows(dataset: &mut dyn Dataset) -> Result<Vec<Column>, DataError> {
+    let mut all = Vec::new();
+    for column in 0..dataset.schema().fields().len() {
+        for episode in 0..dataset.num_episodes() {
+            let (field, count) = (dataset.schema().fields()[column].clone(), dataset.episode_len(episode));
+            let mut out = Column::zeros(field.dtype, count * field.dim());
+            dataset.rows(column, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut())?;
+            all.push(out);
+        }
+    }
+    Ok(all)
+}
+
+/// Whether rows are equal; NaN equals NaN.
+#[must_use]
+pub fn same(a: &[Column], b: &[Column]) -> bool {
+    format!("{a:?}") == format!("{b:?}")
+}
+
+/// The files of a folder, each with its path below `below`, and its bytes.
+#[expect(clippy::unwrap_used, clippy::missing_panics_doc, reason = "helpers of tests panic as tests do")]
+#[must_use]
+pub fn files_of(folder: &Path, below: &str) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap().flatten() {
+        let path = format!("{below}/{}", entry.file_name().to_str().unwrap());
+        match entry.path().is_dir() {
+            true => found.extend(files_of(&entry.path(), &path)),
+            false => found.push((path, std::fs::read(entry.path()).unwrap())),
+        }
+    }
+    found
 }

@@ -17,8 +17,8 @@ use super::address::Address;
 use super::found::{Found, Remote};
 use super::open::open_from;
 use super::settings::{Hub, Settings};
-use super::testing::Server;
-use crate::dataset::{Dataset, Steps};
+use super::testing::{Server, files_of, rows, same};
+use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::format::built_in;
 use crate::open_options::OpenOptions;
@@ -66,39 +66,8 @@ impl Test {
     }
 }
 
-/// All rows of all columns.
-fn rows(dataset: &mut dyn Dataset) -> Result<Vec<Column>, DataError> {
-    let mut all = Vec::new();
-    for column in 0..dataset.schema().fields().len() {
-        for episode in 0..dataset.num_episodes() {
-            let (field, count) = (dataset.schema().fields()[column].clone(), dataset.episode_len(episode));
-            let mut out = Column::zeros(field.dtype, count * field.dim());
-            dataset.rows(column, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut())?;
-            all.push(out);
-        }
-    }
-    Ok(all)
-}
-
-fn same(a: &[Column], b: &[Column]) -> bool {
-    format!("{a:?}") == format!("{b:?}")
-}
-
 fn local(path: &Path) -> Vec<Column> {
     rows(crate::open(path).unwrap().as_mut()).unwrap()
-}
-
-/// The files of a folder, below a path.
-fn files_of(folder: &Path, below: &str) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap().flatten() {
-        let path = format!("{below}/{}", entry.file_name().to_str().unwrap());
-        match entry.path().is_dir() {
-            true => found.extend(files_of(&entry.path(), &path)),
-            false => found.push((path, std::fs::read(entry.path()).unwrap())),
-        }
-    }
-    found
 }
 
 fn put_all(server: &Server, folder: &str, below: &str) {

@@ -42,8 +42,7 @@ def _plain(argument: str, values: Any) -> dict[str, Any]:
     """Values of factors for JSON: arrays and tuples as lists."""
     if not isinstance(values, Mapping):
         raise TypeError(f"{argument} is {kind_of(values)}; give a dict of factors, such as {{'background.color': 'black'}}")
-    given = cast("Mapping[str, Any]", values)
-    return {str(name): as_json(f"{argument}[{name!r}]", value) for name, value in given.items()}
+    return as_json(argument, values)
 
 
 class Clips(Sequence[dict[str, Any]]):

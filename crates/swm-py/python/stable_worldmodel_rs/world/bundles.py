@@ -13,7 +13,6 @@ from .._requests import asked
 from .manifests import AnyPath, existing
 
 
-
 @access_checked
 def bundle(
     result: AnyPath,

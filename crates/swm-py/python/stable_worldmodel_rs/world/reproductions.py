@@ -14,7 +14,6 @@ from .._requests import asked
 from .manifests import AnyPath
 
 
-
 def recipes() -> list[dict[str, Any]]:
     """What `reproduce` can repeat: of each result ``name``, ``about``, ``env``, ``checkpoint``, ``dataset``, ``policy`` (the planner's settings),
     and ``figures``, the reported success rates in percent, each with its protocol and source."""

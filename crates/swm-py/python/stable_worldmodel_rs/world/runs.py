@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Flags = npt.NDArray[np.bool_]
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
+# Rows from one state to the next, where recordings are replayable and none is given: as of the command.
+_ROWS_OF_CHECKPOINT = 16
 # Episodes that begin at recorded rows have this seed unless another is given, as in the command.
 _DATASET_SEED = 42
 
@@ -250,12 +252,13 @@ class Runs:
                 writer = get_format(format).open_writer(target, mode=mode)
         if check and (self._core is None or writer is not None):
             raise TypeError("check=True replays a file that the core has written, of environments of this package")
-        if self._core is None and replayable:
+        every = None if replayable is False else _ROWS_OF_CHECKPOINT if replayable is True else replayable
+        if self._core is None and every is not None:
             raise TypeError("replayable= records states of environments of this package, and these are none; leave it out")
         if self._core is None:
             steps = foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
             return _written(path, format, mode, episodes, steps)
-        core = self._replayable(16 if replayable is True else replayable) if replayable not in (None, False) else self._core
+        core = self._core if every is None else self._replayable(every)
         _note_options(core, options)
         run = self.envs.run_seed(seed)
         act = self._driver(options)

@@ -19,7 +19,6 @@ from .receipts import check_parts
 from .results import Sweep
 
 
-
 @overload
 def sweep(
     manifest: AnyPath | Manifest,
