@@ -187,6 +187,7 @@ const WITHOUT_C: &[&str] = &[
     "swm-envs-2d",
     "swm-envs-3d",
     "swm-envs-mujoco",
+    "swm-files",
     "swm-fov",
     "swm-lance",
     "swm-mujoco",

@@ -31,7 +31,7 @@ const MAX_EPISODES: usize = 1 << 20;
 pub(super) fn detect(path: &Path) -> bool {
     let first = if path.is_dir() { files(path).into_iter().next() } else { Some(path.to_owned()) };
     first.is_some_and(|first| {
-        swm_data::files::is_zip(&first)
+        swm_files::is_zip(&first)
             && npz::members(&first).is_ok_and(|names| {
                 let has = |name: &&str| names.iter().any(|there| there == name);
                 SIGNS.iter().all(has) && MARKS.iter().any(has)

@@ -20,7 +20,7 @@ const JPEG: &[u8] = b"\xff\xd8\xff";
 
 /// A file, if it is one of HDF5 that can be opened.
 pub(super) fn open(path: &Path) -> Option<Tree> {
-    swm_data::files::begins(path, SIGNATURE).then(|| Tree::open(path).ok()).flatten()
+    swm_files::begins(path, SIGNATURE).then(|| Tree::open(path).ok()).flatten()
 }
 
 impl Array for Table {

@@ -10,9 +10,9 @@ use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, Steps};
 use swm_data::element::Element;
 use swm_data::error::{At as _, DataError, FormatError, Result, invalid};
-use swm_data::files::Readable;
 use swm_data::npz::{self, ArrayType};
-use swm_data::remote::is_remote;
+use swm_files::Readable;
+use swm_files::remote::is_remote;
 
 use super::array::{Array, Memory, Scratch, Shared, numbers};
 use super::dataset::Span;
@@ -32,7 +32,7 @@ const VALIDATION: &str = "-val";
 pub(super) fn detect(path: &Path) -> bool {
     let first = if path.is_dir() { files(path).into_iter().next() } else { Some(path.to_owned()) };
     first.is_some_and(|first| {
-        swm_data::files::is_zip(&first)
+        swm_files::is_zip(&first)
             && npz::members(&first)
                 .is_ok_and(|names| SIGNS.iter().all(|sign| names.iter().any(|name| name == sign)))
     })

@@ -26,7 +26,7 @@ mod mp4 {
     use swm_core::{Dtype, SliceMut};
     use swm_data::dataset::Steps;
     use swm_data::error::{At as _, invalid, wrong_type};
-    use swm_data::files::open_regular;
+    use swm_files::open_regular;
     use swm_media::mp4::Mp4Reader;
 
     use super::*;

@@ -18,7 +18,7 @@ use lance_table::io::deletion::read_deletion_file;
 use lance_table::io::manifest::{read_manifest, write_manifest};
 use object_store::path::Path as ObjectPath;
 use swm_data::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported};
-use swm_data::recording::sync_files;
+use swm_files::sync;
 use tokio::runtime::{Builder, Runtime};
 
 /// The version of data files that is written; the first that has today's encodings, and still the most widely read.
@@ -190,8 +190,8 @@ impl Table {
             new.iter().flat_map(|fragment| &fragment.files).map(|file| data.join(&file.path)).collect();
         files.extend(versions(&self.folder).pop().map(|(_, name)| manifests.join(name)));
         // The folders themselves last: with them, what they name is part of the table.
-        sync_files(&files)?;
-        sync_files(&[data, manifests])?;
+        sync(&files)?;
+        sync(&[data, manifests])?;
         self.synced = self.fragments().len();
         Ok(())
     }

@@ -11,9 +11,10 @@ use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Schema, Slice};
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
-use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, WriterLock};
+use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex};
 use swm_data::video::{FRAMES_PER_SECOND, VideoWriter, encoding, takes};
 use swm_data::{DataError, Dataset};
+use swm_files::WriterLock;
 use swm_media::jpeg;
 use swm_media::mp4::Mp4Options;
 

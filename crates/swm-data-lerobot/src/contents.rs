@@ -12,7 +12,7 @@ use swm_core::{Dtype, Field, Metadata, Schema};
 use swm_data::OpenOptions;
 use swm_data::dataset::DatasetInfo;
 use swm_data::error::{At as _, DataError, Result, invalid, missing};
-use swm_data::files::open_regular;
+use swm_files::open_regular;
 use swm_media::mp4::Mp4Reader;
 
 use super::episode_files::EpisodeFiles;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value as Json;
 use swm_core::Column;
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
-use swm_data::files::read_regular;
+use swm_files::read_regular;
 
 use super::info::Info;
 use super::table::Table;

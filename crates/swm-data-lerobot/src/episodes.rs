@@ -7,8 +7,8 @@ use std::path::Path;
 
 use swm_core::{Column, Slice};
 use swm_data::error::{At as _, DataError, Result, invalid, missing, wrong_type};
-use swm_data::files::read_regular;
-use swm_data::recording::replace;
+use swm_files::read_regular;
+use swm_files::replace_unsynced;
 
 use super::contents::video;
 use super::info::INFO;
@@ -171,8 +171,8 @@ pub(super) fn commit(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> R
     let path = folder.join(list_path(file));
     let bytes = list(manifest, entries, first, file).map_err(|error| DataError::record(&path, error))?;
     let written = match path.parent() {
-        Some(parent) => fs::create_dir_all(parent).and_then(|()| replace(&path, &bytes)),
-        None => replace(&path, &bytes),
+        Some(parent) => fs::create_dir_all(parent).and_then(|()| replace_unsynced(&path, &bytes)),
+        None => replace_unsynced(&path, &bytes),
     };
     written.map_err(|source| DataError::io(&path, "write", source))
 }

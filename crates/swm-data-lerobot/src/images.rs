@@ -6,7 +6,7 @@ use std::path::{Component, Path, PathBuf};
 use parquet::data_type::ByteArray;
 use serde_json::Value as Json;
 use swm_data::error::{At as _, Result, invalid, missing, unsupported};
-use swm_data::files::read_regular;
+use swm_files::read_regular;
 use swm_media::{jpeg, png};
 
 /// Above this side a shape is taken for damage.

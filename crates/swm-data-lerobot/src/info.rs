@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value as Json, json};
 use swm_core::Field;
 use swm_data::error::{At as _, DataError, Result, invalid, missing, unsupported};
-use swm_data::files::read_regular;
 use swm_data::foreign;
 use swm_data::recording::replace_json;
+use swm_files::read_regular;
 
 use super::episodes::CHUNK;
 use super::manifest::{Manifest, OWN, is_own, is_video};

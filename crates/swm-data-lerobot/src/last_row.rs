@@ -6,7 +6,7 @@ use std::path::Path;
 
 use swm_core::{Batch, Slice};
 use swm_data::error::{At as _, Result, wrong_type};
-use swm_data::recording::replace;
+use swm_files::replace_unsynced;
 
 use super::episodes::CHUNK;
 use super::manifest::ACTION;
@@ -21,7 +21,7 @@ pub(super) fn path_of(episode: usize) -> String {
 pub(super) fn write(path: &Path, columns: &[ColumnOut<'_>]) -> Result<u32> {
     let bytes = parquet_file::bytes(columns, &[])?;
     let parent = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-    parent.and_then(|()| replace(path, &bytes)).at(path.display())?;
+    parent.and_then(|()| replace_unsynced(path, &bytes)).at(path.display())?;
     Ok(crc32fast::hash(&bytes))
 }
 

@@ -7,8 +7,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use swm_core::{Dtype, Field, Metadata};
 use swm_data::error::{At as _, DataError, Result, invalid, unsupported};
-use swm_data::files::{is_plain_name, read_regular};
 use swm_data::recording::replace_json;
+use swm_files::{is_plain_name, read_regular};
 use swm_media::mp4;
 
 /// Where it lies.

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use swm_core::{Batch, Column, Field, Schema, Slice};
 use swm_data::dataset::row_bytes;
 use swm_data::error::{At as _, Result, missing, wrong_type};
-use swm_data::recording::{new_file, replace};
 use swm_data::video::VideoWriter;
+use swm_files::{new_file, replace_unsynced};
 use swm_media::mp4::Mp4Options;
 
 use super::manifest::{Manifest, OWN, is_own, is_video};
@@ -160,7 +160,7 @@ impl OpenEpisode {
         for OpenVideo { field, camera, video } in self.videos {
             let video = video.finish().at(format_args!("column `{}`", field.name))?;
             let path = folder.join(episodes::video_path(&camera, self.episode));
-            make_parent(&path).and_then(|()| replace(&path, &video)).at(path.display())?;
+            make_parent(&path).and_then(|()| replace_unsynced(&path, &video)).at(path.display())?;
             checksums.push(crc32fast::hash(&video));
         }
         // LeRobot reads all tables that there are, listed or not, so a table gets its name when it is complete; and the

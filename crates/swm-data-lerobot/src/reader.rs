@@ -8,7 +8,7 @@ use swm_core::{Column, Dtype, SliceMut};
 use swm_data::OpenOptions;
 use swm_data::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use swm_data::error::{At as _, DataError, Result, invalid, missing, wrong_type};
-use swm_data::files::read_regular;
+use swm_files::read_regular;
 
 use super::camera::{Camera, TIMESTAMP, Times};
 use super::check::check;

@@ -9,8 +9,8 @@ use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Slice};
 use swm_data::dataset::{Dataset, pieces};
 use swm_data::error::DataError;
-use swm_data::files::read_regular;
-use swm_data::recording::replace;
+use swm_files::read_regular;
+use swm_files::replace_unsynced;
 
 use super::manifest::{Manifest, is_video};
 
@@ -117,7 +117,7 @@ impl Statistics {
         for (name, bytes) in [(STATISTICS, serde_json::to_vec(&all)), (STATE, state)] {
             let path = folder.join(name);
             let bytes = bytes.map_err(|error| DataError::record(&path, error))?;
-            replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))?;
+            replace_unsynced(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))?;
         }
         Ok(())
     }

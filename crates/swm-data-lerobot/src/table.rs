@@ -13,7 +13,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use swm_core::Column;
 use swm_data::element;
 use swm_data::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
-use swm_data::files::open_regular;
+use swm_files::open_regular;
 
 use super::codecs;
 use super::images::Encoded;

@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::Value as Json;
 use swm_core::Slice;
 use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing};
-use swm_data::files::read_regular;
-use swm_data::recording::replace;
+use swm_files::read_regular;
+use swm_files::replace_unsynced;
 
 use super::info::Version;
 use super::parquet_file::{self, ColumnOut};
@@ -105,7 +105,7 @@ pub(super) fn write(folder: &Path, tasks: &[String]) -> Result<(), DataError> {
         [ColumnOut::scalar("task_index", Slice::I64(&numbers)), ColumnOut::scalar("task", Slice::Str(tasks))];
     let bytes = parquet_file::bytes(&columns, &[("pandas", pandas.to_string())])
         .map_err(|error| DataError::record(&path, error))?;
-    replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+    replace_unsynced(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
 }
 
 /// Most tasks of an episode that the list of episodes names; the tables have all.

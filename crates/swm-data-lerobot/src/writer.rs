@@ -11,10 +11,10 @@ use std::sync::Arc;
 use swm_core::{Batch, Field, Schema, Slice};
 use swm_data::dataset::{Dataset, LastRow, WriteOptions};
 use swm_data::error::{DataError, Result, missing};
-use swm_data::files::is_plain_name;
-use swm_data::recording::WriterLock;
 use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, check_fit};
 use swm_data::video::{FRAMES_PER_SECOND, encoding};
+use swm_files::WriterLock;
+use swm_files::is_plain_name;
 use swm_media::mp4::Mp4Options;
 
 use super::LEROBOT;
@@ -236,10 +236,10 @@ fn sync_below(path: &Path, mut files: Vec<PathBuf>) -> io::Result<()> {
             files.push(entry.path());
         }
     }
-    recording::sync_files(&files)?;
+    swm_files::sync(&files)?;
     let above = files.iter().flat_map(|file| file.ancestors().skip(1));
     let folders: BTreeSet<&Path> = above.filter(|folder| folder.starts_with(path)).collect();
-    recording::sync_files(&folders.into_iter().map(Path::to_owned).collect::<Vec<_>>())
+    swm_files::sync(&folders.into_iter().map(Path::to_owned).collect::<Vec<_>>())
 }
 
 impl LeRobotSession {

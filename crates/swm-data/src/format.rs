@@ -18,10 +18,10 @@ use crate::adapt::Resized;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
 use crate::foreign;
-use crate::formats::{self, disk};
+use crate::formats;
 use crate::open_options::OpenOptions;
-use crate::remote;
 use crate::tools::part_folder;
+use swm_files::remote;
 
 pub use crate::entry::{Create, Detect, Format, Layout, Open, OpenWith, Opened, Repair, StoredImages};
 
@@ -102,7 +102,10 @@ pub fn open_with(registry: &Registry, path: &Path, options: &OpenOptions) -> Ope
 /// As [`open_with`], with images as they are stored.
 fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
     if remote::is_remote(path) {
-        return remote::open(registry, path, options);
+        #[cfg(feature = "remote")]
+        return crate::elsewhere::open(registry, path, options);
+        #[cfg(not(feature = "remote"))]
+        return Err(remote::absent(path));
     }
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if !metadata.is_file() && !metadata.is_dir() {
@@ -195,7 +198,7 @@ const MAX_RATIO: u64 = 2048;
 /// Refuses a dataset that claims larger rows than its bytes can hold: a head of a few bytes can claim an image of 800 MB.
 fn check_rows(dataset: &dyn Dataset) -> Result<(), DataError> {
     check_rows_of(dataset, || {
-        disk::size(dataset.path()).map_err(|source| DataError::io(dataset.path(), "open", source))
+        swm_files::size(dataset.path()).map_err(|source| DataError::io(dataset.path(), "open", source))
     })
 }
 

@@ -24,10 +24,9 @@
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
 //! * [`episodes`]: which rows of a table are an episode, for formats of other crates;
 //! * [`foreign`]: what readers of datasets of other programs share; the readers are in the crate `swm-data-foreign`;
-//! * [`files`], [`element`], [`hdf5`], [`npz`], [`codecs`]: what files hold, for readers of other crates;
+//! * [`element`], [`hdf5`], [`npz`], [`codecs`]: what files hold, for readers of other crates;
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
-//! * [`remote`]: datasets behind `https://`, `s3://` and `hf://`;
 //! * [`rendered`]: recordings without images, whose images are drawn when they are read;
 //! * [`stats`]: means, standard deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`tools`]: copying between formats, verifying, comparing;
@@ -35,33 +34,32 @@
 //! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
 //!
 //! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
-//! This crate knows no environment and no solver.
+//! Files below all of this are those of the crate `swm-files`, also behind `https://`, `s3://` and `hf://`. This crate knows no environment and
+//! no solver.
 
 #[macro_use]
 mod setters;
 
 pub mod adapt;
 pub mod buffer;
-mod cache_folder;
 pub mod codecs;
 pub mod dataset;
 pub mod element;
+#[cfg(feature = "remote")]
+mod elsewhere;
 mod entry;
 pub mod episodes;
 pub mod error;
-pub mod files;
 pub mod foreign;
 pub mod format;
 mod formats;
 mod guarded;
 pub mod hdf5;
 pub mod loader;
-mod lock;
 pub mod memory;
 pub mod npz;
 mod open_options;
 pub mod recording;
-pub mod remote;
 pub mod rendered;
 pub mod stats;
 pub mod testing;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use swm_core::evaluate::sha256;
-use swm_data::recording::WriterLock;
-use swm_data::remote::is_remote;
 use swm_data::tools::parts;
+use swm_files::WriterLock;
+use swm_files::remote::is_remote;
 use swm_tasks::request::{Divided, Record, TaskError, cannot};
 
 use crate::error::JobError;

@@ -45,7 +45,7 @@ impl Attempt {
 ///
 /// It cannot be read or written.
 pub fn open(log: &Path) -> std::io::Result<File> {
-    let mut file = swm_data::files::append_own(log)?;
+    let mut file = swm_files::append_own(log)?;
     if file.metadata()?.len() > 0 {
         let mut last = [0];
         file.seek(SeekFrom::End(-1))?;

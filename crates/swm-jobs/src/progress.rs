@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use swm_data::files::is_plain_name;
+use swm_files::is_plain_name;
 use swm_tasks::request::cannot;
 
 use crate::error::JobError;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value as Json, json};
 use swm_core::Registry;
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 use swm_tasks::request::Divided;
 
 use crate::engine::Queued;

@@ -74,7 +74,7 @@ fn in_line(text: &str, number: usize, said: &str) -> String {
 ///
 /// It cannot be written.
 pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
-    swm_data::files::replace(path, text.as_bytes())
+    swm_files::replace(path, text.as_bytes())
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::time::SystemTime;
 use serde::Serialize;
 use serde_json::Value as Json;
 use swm_core::{PolicyArgs, Registry};
-use swm_data::files::{link_out_of, open_beneath};
+use swm_files::{link_out_of, open_beneath};
 
 use crate::error::{Refusal, UiError};
 

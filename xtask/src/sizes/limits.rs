@@ -27,6 +27,7 @@ const HEAVY: &[&str] =
 const LIMITS: &[(&str, &[&str], &[&str])] = &[
     ("swm-core", &[], &["swm-render", "png"]),
     ("swm-fov", &[], &["swm-render", "png"]),
+    ("swm-files", &[NETWORK], &["swm-render", "png"]),
     ("swm-render", &[], &["png"]),
     ("swm-media", &[VIDEOS], &["swm-core"]),
     ("swm-lance", &[], &["swm-core", "png"]),

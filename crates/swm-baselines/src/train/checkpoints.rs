@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::evaluate::sha256_of;
-use swm_data::files::DRAFT;
+use swm_files::DRAFT;
 
 use super::folder::{RunFolder, json};
 use crate::error::BaselineError;

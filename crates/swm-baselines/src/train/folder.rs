@@ -18,8 +18,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use swm_core::evaluate::sha256_of;
-use swm_data::files;
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 
 use crate::error::BaselineError;
 
@@ -127,7 +126,7 @@ impl RunFolder {
     ///
     /// The file cannot be written.
     pub fn replace(&self, path: &Path, bytes: &[u8]) -> Result<(), BaselineError> {
-        files::replace(path, bytes).map_err(|error| self.io("write", path, error))
+        swm_files::replace(path, bytes).map_err(|error| self.io("write", path, error))
     }
 
     /// Lets `save` write a file, and puts it in its place when it is whole; its hash.
@@ -136,12 +135,12 @@ impl RunFolder {
         path: &Path,
         save: impl FnOnce(&Path) -> Result<(), BaselineError>,
     ) -> Result<String, BaselineError> {
-        let draft = files::draft(path);
+        let draft = swm_files::draft(path);
         save(&draft)?;
         let settle = || {
             let hash = sha256_of(File::open(&draft)?)?;
             File::open(&draft)?.sync_all()?;
-            files::settle(&draft, path)?;
+            swm_files::settle(&draft, path)?;
             Ok(hash)
         };
         settle().map_err(|error| self.io("write", path, error))

@@ -30,7 +30,6 @@ use serde_json::Value as Json;
 use swm_baselines::BaselineError;
 use swm_core::Registry;
 use swm_core::evaluate::sha256_of;
-use swm_data::files;
 use swm_tasks::request::{Assignment, Fix, Message, Report, Request, TaskError};
 
 use form::Form;
@@ -116,7 +115,7 @@ impl Request for Export {
         for note in &form.notes {
             report.note(&Message::new(note.clone()));
         }
-        let draft = files::draft(&self.out);
+        let draft = swm_files::draft(&self.out);
         let written = write(&form, &draft).and_then(|exported| {
             settle(&draft, &self.out)?;
             Ok(Exported { folder: self.out.clone(), ..exported })

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use swm_data::error::Result;
 #[cfg(feature = "remote")]
-use swm_data::remote::{self, Folder};
+use swm_files::remote::{self, Folder};
 use swm_lance::Table;
 
 use super::of_lance;
@@ -89,7 +89,7 @@ mod elsewhere {
 
     use swm_lance::{Bytes, Store};
 
-    use swm_data::remote::Folder;
+    use swm_files::remote::Folder;
 
     /// The files of a folder that lies elsewhere.
     #[derive(Debug)]

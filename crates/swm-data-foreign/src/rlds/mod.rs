@@ -18,7 +18,7 @@ use swm_core::FieldKind;
 use swm_data::OpenOptions;
 use swm_data::dataset::Dataset;
 use swm_data::error::{At as _, DataError, Result, invalid, missing, unsupported};
-use swm_data::files::{is_plain_name, read_regular};
+use swm_files::{is_plain_name, read_regular};
 
 use super::array::{Scratch, Shared};
 use super::found::{Found, Source};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use swm_data::dataset::CHANGED;
 use swm_data::error::{At as _, Result, invalid};
-use swm_data::files::{ReadAt as _, open_regular};
+use swm_files::{ReadAt as _, open_regular};
 
 use crate::zarr::crc32c;
 

@@ -14,8 +14,8 @@ use swm_core::{Dtype, SliceMut};
 use swm_data::dataset::Steps;
 use swm_data::element::{self, Element};
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
-use swm_data::files::{open_regular, read_exact_at, read_regular};
 use swm_data::npz::check_end;
+use swm_files::{open_regular, read_exact_at, read_regular};
 use zip::{CompressionMethod, ZipArchive};
 
 use super::array::{Array, Scratch, new_key};

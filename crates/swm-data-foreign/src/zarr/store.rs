@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use swm_data::error::{FormatError, Result, invalid, unsupported};
-use swm_data::files::{Cursor, ReadAt as _, Readable, open_regular, read_exact_at};
 use swm_data::npz::check_end;
 #[cfg(feature = "remote")]
-use swm_data::remote::{self, Folder};
+use swm_files::remote::{self, Folder};
+use swm_files::{Cursor, ReadAt as _, Readable, open_regular, read_exact_at};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -65,7 +65,7 @@ impl Store {
             let is_there = [V2, V3].iter().any(|about| path.join(ENDS).join(about).is_file());
             return Ok(is_there.then(|| Self::Folder(path.to_owned())));
         }
-        if !swm_data::files::is_zip(path) {
+        if !swm_files::is_zip(path) {
             return Ok(None);
         }
         let file = Readable::open(path)?;

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Column;
-use swm_data::remote::testing::{Hosted, Server, files_of, rows, same};
 use swm_data::stats::{Statistics, StatisticsOptions, side_file};
+use swm_data::testing::elsewhere::{open_hosted, rows, same};
 use swm_data::{DataError, Dataset, OpenOptions, Steps, open_with};
+use swm_files::remote::testing::{Hosted, Server, files_of};
 use tempfile::TempDir;
 
 use crate::published::golden;
@@ -44,7 +45,7 @@ impl Test {
     }
 
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
-        self.hosted.open(registry(), path, &OpenOptions::default())
+        open_hosted(&self.hosted, registry(), path, &OpenOptions::default())
     }
 }
 
@@ -134,7 +135,7 @@ fn other_files_are_fetched_whole_and_once() {
     let name = "robomimic_can.hdf5";
     let test = Test::http(&[("/robomimic_can.hdf5", fs::read(golden(name)).unwrap())]);
     let options = OpenOptions::default().camera(Some("agentview".to_owned()));
-    let open = || test.hosted.open(registry(), &test.at(&format!("/{name}")), &options);
+    let open = || open_hosted(&test.hosted, registry(), &test.at(&format!("/{name}")), &options);
     let mut dataset = open().unwrap();
     let here = open_with(registry(), &golden(name), &options);
     assert!(same(&rows(dataset.as_mut()).unwrap(), &rows(here.unwrap().as_mut()).unwrap()));

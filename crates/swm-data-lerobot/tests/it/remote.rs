@@ -4,8 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use swm_data::OpenOptions;
-use swm_data::remote::testing::Hosted;
+use swm_data::testing::elsewhere::open_hosted;
 use swm_data::testing::mutations::{files, seed_in};
+use swm_files::remote::testing::Hosted;
 
 use crate::support::contents;
 use crate::{open, registry};
@@ -21,7 +22,7 @@ fn a_folder_is_read_from_a_store() {
         hosted.server.put(&format!("/bucket/{below}"), fs::read(&file).unwrap());
     }
     let path = Path::new("s3://bucket/mine.lerobot");
-    let dataset = hosted.open(registry(), path, &OpenOptions::default()).unwrap();
+    let dataset = open_hosted(&hosted, registry(), path, &OpenOptions::default()).unwrap();
     assert_eq!((dataset.path(), dataset.info().format), (path, "lerobot"));
     assert_eq!(dataset.info().lengths, open(&here).unwrap().info().lengths);
     assert!(dataset.info().notes.iter().any(|note| note.contains("fetched as a whole")));

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use crate::files::{begins, is_zip};
+use swm_files::{begins, is_zip};
 
 /// What is to be done about all of them.
 pub const BRING: &str = "write it with `HDF5Writer`: docs/datasets.md, Formats that are not read yet";

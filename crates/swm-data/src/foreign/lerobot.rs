@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value as Json;
 
-use crate::formats::disk::open_regular;
+use swm_files::open_regular;
 
 const INFO: &str = "meta/info.json";
 const FRAMES: &str = "frames.lance";

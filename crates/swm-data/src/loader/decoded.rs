@@ -25,13 +25,12 @@ use super::images::{Convert, Darkroom};
 use super::options::CacheOptions;
 use super::plan::Plan;
 use super::wrong;
-use crate::cache_folder::cache_folder;
 use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
-use crate::files;
-use crate::formats::disk::{new_file, open_regular, read_exact_at, write_all_at};
-use crate::lock::{WriterLock, beside};
-use crate::remote::is_remote;
+use swm_files::cache_folder;
+use swm_files::remote::is_remote;
+use swm_files::{WriterLock, beside};
+use swm_files::{new_file, open_regular, read_exact_at, write_all_at};
 
 /// Bytes before the first image.
 const HEADER: usize = 4096;
@@ -298,7 +297,7 @@ impl Source<'_> {
                     let reason = "the dataset was changed while its images were decoded; wait until it is written, and open it again";
                     return wrong("cache", reason);
                 }
-                files::settle(&part, &path).map_err(|error| DataError::io(&path, "write", error))?;
+                swm_files::settle(&part, &path).map_err(|error| DataError::io(&path, "write", error))?;
                 Ok(file)
             });
             // Of a full disk, or of an interruption, nothing is left.

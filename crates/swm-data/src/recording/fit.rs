@@ -8,7 +8,6 @@ use swm_core::settings::assignments;
 use swm_core::{Field, Metadata};
 
 use crate::error::DataError;
-use crate::formats::disk;
 
 /// Whether episodes with these columns and settings continue a dataset with those of `columns` and its `first` run.
 ///
@@ -109,9 +108,9 @@ pub fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Ve
 pub(crate) fn check_own(path: &Path) -> Result<(), DataError> {
     let failed = |source| DataError::io(path, "open", source);
     let there = std::fs::metadata(path).map_err(failed)?;
-    let names = disk::names(&there);
+    let names = swm_files::names(&there);
     if there.is_dir() {
-        let Some(link) = disk::first_link(path).map_err(failed)? else { return Ok(()) };
+        let Some(link) = swm_files::first_link(path).map_err(failed)? else { return Ok(()) };
         let reason = format!(
             "`{}` is a symbolic link, and what it leads to may not be the dataset's; such datasets are read, not changed: \
              copy it without links, as by `cp -rL`",

@@ -15,15 +15,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use serde::Serialize;
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
+use swm_files::{WriterLock, replace_unsynced};
 
 use crate::dataset::{Dataset, DatasetWriter, EncodedBatch, RowEncoder, WriteMode, WriteOptions};
 use crate::error::{At as _, DataError, Result, invalid};
 use crate::format;
-use crate::formats::disk;
-pub use crate::formats::disk::{new_file, replace, replace_json, sync as sync_files};
-pub use crate::lock::WriterLock;
 
 pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex, remove_file};
 pub use self::end::end_all;
@@ -33,6 +32,16 @@ pub use self::writer::BackendWriter;
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";
+
+/// As [`replace_unsynced`], with a value as indented JSON.
+///
+/// # Errors
+///
+/// It cannot be written.
+pub fn replace_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
+    let bytes = serde_json::to_vec_pretty(value).map_err(|error| DataError::record(path, error))?;
+    replace_unsynced(path, &bytes).map_err(|source| DataError::io(path, "write", source))
+}
 
 /// A recording into a [`Backend`]'s dataset. Its [`BackendWriter`] shares it with [`end_all`].
 struct Recording<S: Backend> {
@@ -64,7 +73,7 @@ const SYNC_SHARE: u32 = 10;
 
 /// Tells what is at a path from anything else.
 fn identity(path: &Path) -> Option<(u64, u64)> {
-    disk::identity(&std::fs::metadata(path).ok()?)
+    swm_files::identity(&std::fs::metadata(path).ok()?)
 }
 
 /// What a recording that makes a dataset finds at its path.
@@ -334,7 +343,7 @@ impl<S: Backend> EpisodeSink for Recording<S> {
         }
         let session = self.start(schema, metadata)?;
         // Its name in the folder around it; what it holds is synced with its episodes.
-        sync_files(std::slice::from_ref(&self.path))
+        swm_files::sync(std::slice::from_ref(&self.path))
             .map_err(|error| DataError::io(&self.path, "sync", error))?;
         self.state = State::Recording(Box::new(session), schema.clone());
         self.identity = identity(&self.path);

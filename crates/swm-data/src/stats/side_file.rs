@@ -10,15 +10,15 @@ use swm_core::Dtype;
 use super::{ColumnStatistics, Statistics, StatisticsOptions};
 use crate::dataset::Dataset;
 use crate::error::DataError;
-use crate::formats::disk::{read_regular, write_new};
-use crate::lock::beside;
-use crate::remote::is_remote;
+use swm_files::beside;
+use swm_files::remote::is_remote;
+use swm_files::{read_regular, write_new};
 
 /// Where the statistics of the dataset at `path` are: `data.h5.stats.json`; beside a folder too, since the reference's
 /// readers take every file inside for a column. Those of one that is open and lies elsewhere are in the cache.
 pub fn side_file(path: &Path) -> PathBuf {
     #[cfg(feature = "remote")]
-    if let Some(file) = crate::remote::side_file(path, ".stats.json") {
+    if let Some(file) = swm_files::remote::side_file(path, ".stats.json") {
         return file;
     }
     beside(path, ".stats.json")

@@ -4,6 +4,8 @@
 
 #![expect(clippy::unwrap_used, clippy::missing_panics_doc, reason = "helpers of tests panic as tests do")]
 
+#[cfg(any(feature = "testing", all(test, feature = "remote")))]
+pub mod elsewhere;
 pub mod kills;
 pub mod mutations;
 

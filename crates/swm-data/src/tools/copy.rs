@@ -19,7 +19,7 @@ use super::{alike, begun};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
-use crate::remote::is_remote;
+use swm_files::remote::is_remote;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Component, Path};
 
 use swm_core::evaluate::sha256_of;
-use swm_data::files::{open_beneath, replace};
+use swm_files::{open_beneath, replace};
 
 use super::SUMS;
 use crate::error::{TaskError, cannot};

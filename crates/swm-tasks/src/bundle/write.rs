@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
-use swm_data::files;
 
 use super::models::Models;
 use super::{BUNDLE_VERSION, BundleInfo, CARD, INFO, MANIFEST, README, Reported, readme, sums};
@@ -33,11 +32,11 @@ pub fn write_bundle(
     if let Some(reason) = contradiction(receipt) {
         return Err(format!("the receipt was edited: {reason}; evaluate again").into());
     }
-    let draft = files::draft(out);
+    let draft = swm_files::draft(out);
     fs::create_dir(&draft).map_err(cannot("make", &draft))?;
     let written = write_all(registry, receipt, &draft, license, reported).and_then(|count| {
         // A folder that somebody made meanwhile is kept: renaming replaces empty ones alone.
-        files::settle(&draft, out).map_err(cannot("write", out))?;
+        swm_files::settle(&draft, out).map_err(cannot("write", out))?;
         Ok(count)
     });
     written.inspect_err(|_| drop(fs::remove_dir_all(&draft)))
@@ -112,5 +111,5 @@ fn needed(registry: &Registry, receipt: &Receipt, candidate: &Candidate) -> Resu
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), TaskError> {
-    Ok(files::replace(path, text.as_bytes()).map_err(cannot("write", path))?)
+    Ok(swm_files::replace(path, text.as_bytes()).map_err(cannot("write", path))?)
 }

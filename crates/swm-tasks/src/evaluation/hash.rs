@@ -14,8 +14,8 @@ use crate::error::{FileError, TaskError, cannot};
 /// A file or folder cannot be read.
 pub fn file_hash(path: &Path) -> Result<String, TaskError> {
     let failed = cannot("read", path);
-    if swm_data::remote::is_remote(path) {
-        return Ok(swm_data::remote::digest(path)?);
+    if swm_files::remote::is_remote(path) {
+        return Ok(swm_files::remote::digest(path)?);
     }
     if !path.is_dir() {
         if !fs::metadata(path).map_err(failed)?.is_file() {

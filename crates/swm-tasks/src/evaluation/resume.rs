@@ -9,7 +9,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use swm_core::evaluate::{EpisodeResult, sha256};
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 
 use crate::error::{TaskError, cannot};
 use crate::text_file::{read_text, replace_text};

@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::settings::read as read_settings;
 use swm_core::{EnvEntry, ImageSize, Manifest, Metadata, Registry};
-use swm_data::recording::WriterLock;
-use swm_data::remote::is_remote;
 use swm_data::{DataError, Dataset, OpenOptions, RenderOptions, Rendered};
+use swm_files::WriterLock;
+use swm_files::remote::is_remote;
 use swm_media::Format;
 
 use super::{Fix, Message, TaskError, wrong};

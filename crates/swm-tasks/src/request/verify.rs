@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use serde::Serialize;
 use swm_core::{Registry, WorldError};
 use swm_data::adapt::Watched;
-use swm_data::remote::is_remote;
 use swm_data::tools::verify::{Report as Found, verify};
 use swm_data::{DataError, Format, OpenOptions, format};
+use swm_files::remote::is_remote;
 
 use super::copies::check_exists;
 use super::report::apart;

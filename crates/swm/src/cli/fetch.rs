@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use swm_data::remote::is_remote;
+use swm_files::remote::is_remote;
 
 use super::{Failure, Output, usage};
 
@@ -43,7 +43,7 @@ impl Fetch {
 #[cfg(feature = "remote")]
 fn fetch(address: &Path, out: Option<&Path>, output: &Output) -> Result<(), Failure> {
     use serde_json::json;
-    use swm_data::remote::{self, RemoteErrorKind as Kind};
+    use swm_files::remote::{self, RemoteErrorKind as Kind};
     use swm_tasks::request::create_parent;
 
     use super::output::counted;
@@ -78,11 +78,11 @@ pub(super) fn watch(output: &Output) {
     use std::sync::{Mutex, PoisonError};
 
     use indicatif::ProgressBar;
-    use swm_data::remote::Event;
+    use swm_files::remote::Event;
 
     let output = output.clone();
     let bar: Mutex<Option<ProgressBar>> = Mutex::new(None);
-    swm_data::remote::watch(move |event| {
+    swm_files::remote::watch(move |event| {
         let mut bar = bar.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             Event::Begin { name, bytes, done, to } => {

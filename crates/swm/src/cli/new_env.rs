@@ -19,12 +19,13 @@ const FILES: [(&str, &str); 5] = [
     ("tests/conformance.rs", include_str!("../../templates/environment/tests/conformance.rs")),
 ];
 /// The crates of this workspace that the template builds: a line in its manifest is enough to use one.
-const CRATES: [&str; 12] = [
+const CRATES: [&str; 13] = [
     "swm",
     "swm-core",
     "swm-data",
     "swm-data-foreign",
     "swm-envs-2d",
+    "swm-files",
     "swm-fov",
     "swm-jobs",
     "swm-lance",

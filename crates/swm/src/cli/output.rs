@@ -9,7 +9,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 use swm_core::error::{BatchError, BoxError};
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 use swm_tasks::request::TaskError;
 
 use super::called;

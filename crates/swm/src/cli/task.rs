@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 use swm_tasks::request::cannot;
 
 use super::output::{Postponed, counted, print_to_stderr};

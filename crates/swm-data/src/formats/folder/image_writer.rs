@@ -11,13 +11,13 @@ use crate::dataset::WriteOptions;
 #[cfg(feature = "video")]
 use crate::error::missing;
 use crate::error::{At as _, Result, wrong_type};
-use crate::formats::disk::{sync, write_new};
 use crate::recording::StepIndex;
 #[cfg(feature = "video")]
 use crate::video::{VideoWriter, encoding};
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::Field;
+use swm_files::{sync, write_new};
 use swm_media::jpeg;
 
 /// Quality of JPEG files if none is asked for.

@@ -19,10 +19,10 @@ use crate::dataset::Steps;
 use crate::error::invalid;
 use crate::error::{At as _, Result, wrong_type};
 #[cfg(feature = "video")]
-use crate::formats::disk::open_regular;
-use crate::formats::disk::read_regular;
-#[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
+#[cfg(feature = "video")]
+use swm_files::open_regular;
+use swm_files::read_regular;
 
 /// How images are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::{Field, Metadata};
 
 use crate::error::{DataError, Result};
-use crate::formats::disk::{is_plain_name, open_own, read_regular, replace_json, write_all_at};
+use crate::recording::replace_json;
+use swm_files::{is_plain_name, open_own, read_regular, write_all_at};
 
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";

@@ -10,8 +10,8 @@ use super::writer::FolderSession;
 use crate::dataset::{Dataset as _, WriteOptions};
 use crate::error::DataError;
 use crate::formats::npz::Array;
-use crate::lock::WriterLock;
 use crate::recording::{self, Session as _};
+use swm_files::WriterLock;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(

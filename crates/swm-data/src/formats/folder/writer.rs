@@ -15,9 +15,9 @@ use super::layout::{self, EP_LEN, EP_OFFSET, Entry, IndexWriter, Manifest};
 use super::reader::{FolderDataset, Known};
 use crate::dataset::{Dataset, WriteOptions};
 use crate::error::{At as _, DataError, Result, wrong_type};
-use crate::formats::disk::{self, is_plain_name};
 use crate::formats::npz::GrowingArray;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
+use swm_files::is_plain_name;
 
 /// How folders are recorded.
 pub(super) struct FolderBackend {
@@ -169,7 +169,7 @@ impl Session for FolderSession {
         self.ep_offset.sync()?;
         self.ep_len.sync()?;
         self.index.sync()?;
-        Ok(disk::sync(std::slice::from_ref(&self.manifest))?)
+        Ok(swm_files::sync(std::slice::from_ref(&self.manifest))?)
     }
 
     fn close(self) -> Result<()> {

@@ -17,8 +17,7 @@ use super::handles::{Handles, library_error};
 use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::{DataError, Result};
-use crate::formats::disk;
-use crate::lock::{beside, lacks_locks};
+use swm_files::{beside, lacks_locks};
 
 /// Level of the LZ4 compression, as the reference has it.
 const COMPRESSION_LEVEL: u8 = 5;
@@ -40,7 +39,7 @@ pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Resu
 
 fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles> {
     // A link of that name is not followed.
-    drop(disk::new_file(draft)?);
+    drop(swm_files::new_file(draft)?);
     let mut builder = options(draft);
     // Without times of creation: equal content makes equal files.
     builder.fcpl().obj_track_times(false);
@@ -72,7 +71,7 @@ pub(super) fn reopen(
 fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Result<(), DataError> {
     let draft = beside(path, ".new");
     let changed = || -> Result<(), DataError> {
-        let copied = disk::new_file(&draft).and_then(|mut draft| {
+        let copied = swm_files::new_file(&draft).and_then(|mut draft| {
             let mut file = fs::File::open(path)?;
             draft.set_permissions(file.metadata()?.permissions())?;
             io::copy(&mut file, &mut draft).map(drop)

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io;
 
-use crate::formats::disk::read_exact_at;
+use swm_files::read_exact_at;
 
 /// A piece of the file in memory.
 #[derive(Debug, Default)]

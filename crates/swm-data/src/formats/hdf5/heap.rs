@@ -10,7 +10,7 @@ use std::ops::Range;
 use hdf5_metno::Location;
 
 use crate::error::{At as _, Result, invalid};
-use crate::formats::disk::read_exact_at;
+use swm_files::read_exact_at;
 
 /// Size in bytes of a reference, where addresses have 8 bytes: length (4), address (8), number (4).
 pub(super) const REFERENCE: usize = 16;

@@ -23,8 +23,8 @@ use crate::error::DataError;
 use crate::foreign;
 use crate::formats::element::{self, Element, LOOKED_AT};
 use crate::formats::labels::{Labels, number};
-use crate::lock::WriterLock;
 use crate::recording::{self, EP_IDX};
+use swm_files::WriterLock;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
 /// pauses up to minutes when the file is simply damaged.

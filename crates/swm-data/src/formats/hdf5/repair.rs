@@ -8,9 +8,9 @@ use super::reader::Hdf5Dataset;
 use super::superblock;
 use crate::dataset::Dataset as _;
 use crate::error::DataError;
-use crate::lock::WriterLock;
 use crate::recording;
 use crate::recording::EP_IDX;
+use swm_files::WriterLock;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {

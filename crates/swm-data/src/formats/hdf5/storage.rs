@@ -20,8 +20,8 @@ use super::tiles::Tiles;
 use super::{blosc, library};
 use crate::dataset::{EncodedRow, EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
-use crate::formats::disk::read_exact_at;
 use crate::formats::element::{self, Element};
+use swm_files::read_exact_at;
 
 /// One column of an open file.
 #[derive(Debug)]

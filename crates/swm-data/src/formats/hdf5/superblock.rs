@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::error::DataError;
-use crate::lock::has_no_locks;
+use swm_files::has_no_locks;
 
 const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 /// With 8-byte addresses, the only size that the library writes on 64-bit systems.

@@ -14,7 +14,7 @@ use super::ffi;
 use super::reader::open_library;
 use super::superblock::lookup3;
 use crate::error::DataError;
-use crate::formats::disk::{read_exact_at, write_all_at};
+use swm_files::{read_exact_at, write_all_at};
 
 const CHECKSUM: usize = 4;
 /// No block is longer: one of a chunk index has up to a thousand elements, or a few thousand addresses.

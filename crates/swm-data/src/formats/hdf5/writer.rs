@@ -16,7 +16,6 @@ use super::library;
 use super::reader::Hdf5Dataset;
 use crate::dataset::{Dataset, EncodedBatch, EncodedRows, RowEncoder};
 use crate::error::{At as _, DataError, FormatError, Result, unsupported};
-use crate::formats::disk;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
 
 /// How files of HDF5 are recorded.
@@ -149,12 +148,12 @@ impl Session for Hdf5Session {
     }
 
     fn sync(&mut self) -> Result<()> {
-        Ok(disk::sync(std::slice::from_ref(&self.path))?)
+        Ok(swm_files::sync(std::slice::from_ref(&self.path))?)
     }
 
     fn close(self) -> Result<()> {
         self.handles.close()?;
-        Ok(disk::sync(&[self.path])?)
+        Ok(swm_files::sync(&[self.path])?)
     }
 
     /// Cuts the open episode off: an abandoned file stays open until the process ends.

@@ -9,7 +9,7 @@ use crc32fast::Hasher;
 use super::index::EPISODE;
 use super::records::{FOOTER, HEAD, MAGIC, METADATA, Reader, STATISTICS};
 use crate::error::{Result, invalid};
-use crate::formats::disk::{ReadAt, read_exact_at};
+use swm_files::{ReadAt, read_exact_at};
 
 /// Bytes of a footer with its head, and of the magic behind it.
 const FOOTER_BYTES: u64 = HEAD + 20;

@@ -11,7 +11,7 @@ use super::records::{
     SCHEMA,
 };
 use crate::error::{At as _, Result, invalid, missing};
-use crate::formats::disk::{ReadAt, read_exact_at};
+use swm_files::{ReadAt, read_exact_at};
 
 /// Metadata record: the columns.
 pub(super) const DATASET: &str = "swm.dataset";

@@ -15,8 +15,8 @@ use super::rows::from_json;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 use crate::foreign;
-use crate::formats::disk::{ReadAt as _, Readable};
 use crate::recording::EP_IDX;
+use swm_files::{ReadAt as _, Readable};
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
 const BLOCK: usize = 1 << 16;

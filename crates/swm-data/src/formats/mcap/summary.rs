@@ -6,7 +6,7 @@ use super::describe;
 use super::index::Index;
 use super::records::{CHUNK_INDEX, Content, DATA_END, FOOTER, MAGIC, METADATA_INDEX, STATISTICS};
 use crate::error::Result;
-use crate::formats::disk::write_all_at;
+use swm_files::write_all_at;
 
 /// Ends the data behind the last committed episode and writes the summary.
 /// `checksum` is that of all bytes before it.

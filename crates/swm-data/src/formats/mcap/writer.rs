@@ -21,9 +21,9 @@ use super::rows::to_json;
 use super::{FORMAT, describe, ending, summary};
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, Result, missing};
-use crate::formats::disk::{open_own, write_all_at, write_new};
-use crate::lock::{WriterLock, beside};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
+use swm_files::{WriterLock, beside};
+use swm_files::{open_own, write_all_at, write_new};
 
 /// Messages of so many bytes make a chunk.
 const CHUNK_BYTES: usize = 4 << 20;

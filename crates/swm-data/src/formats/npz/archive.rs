@@ -12,8 +12,8 @@ use zip::{CompressionMethod, ZipArchive};
 use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
-use crate::formats::disk::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
 use crate::formats::element::{self, Element, LOOKED_AT};
+use swm_files::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
 
 /// Where numpy puts the only array of an archive.
 pub(super) const ENTRY: &str = "arr_0.npy";

@@ -9,7 +9,7 @@ use swm_core::evaluate::sha256;
 
 use crate::dataset::{DatasetInfo, Origin};
 use crate::error::DataError;
-use crate::remote::is_remote;
+use swm_files::remote::is_remote;
 
 /// A digest of what may change in a dataset: its files by length and time of change, its episodes and runs.
 pub(super) fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataError> {
@@ -18,7 +18,7 @@ pub(super) fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataE
     text.push_str(&runs);
     for path in &origin.paths {
         if is_remote(path) {
-            text.push_str(&crate::remote::digest(path)?);
+            text.push_str(&swm_files::remote::digest(path)?);
         } else {
             add_files(path, &mut text).map_err(|error| DataError::io(path, "read", error))?;
         }

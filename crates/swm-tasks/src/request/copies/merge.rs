@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
 use swm_data::adapt::fill_factors;
-use swm_data::remote::is_remote;
 use swm_data::tools::alike::check_recordings;
 use swm_data::tools::copy::{all, is_same};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::{arrange, beside_parts};
 use swm_data::{DataError, OpenOptions};
+use swm_files::remote::is_remote;
 
 use super::super::report::apart;
 use super::super::{Message, Report, Request, TaskError, must_be_given, wrong};

@@ -5,7 +5,7 @@ use swm_core::evaluate::GoalImages;
 use swm_core::{
     EnvConfig, EpisodeEnd, EvalOptions, ImageSize, LiveStep, Recorder, Registry, Rollout, World, WorldOptions,
 };
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 use swm_media::Format;
 
 use super::{Evaluate, Evaluated};

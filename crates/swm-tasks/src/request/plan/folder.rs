@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_data::DataError;
-use swm_data::recording::WriterLock;
+use swm_files::WriterLock;
 
 use crate::request::{Fix, Message, TaskError, wrong};
 

@@ -6,7 +6,6 @@ use std::sync::atomic::Ordering;
 use super::super::fetch::fetch_from;
 use super::super::testing::Fault;
 use super::*;
-use crate::testing::mutations::seed;
 
 #[test]
 fn fetching_continues_and_refuses_what_is_there() {
@@ -95,35 +94,4 @@ fn what_changed_meanwhile_is_not_continued() {
     test.server.put("/x.h5", new.clone());
     fetch().unwrap();
     assert!(std::fs::read(&out).unwrap() == new, "nothing of the old version is in it");
-}
-
-#[test]
-fn two_processes_make_one_copy() {
-    let (folder, path) = (tempfile::tempdir().unwrap(), "/x.h5");
-    let here = folder.path().join("x.h5");
-    seed(&here);
-    let test = Test::http(&[(path, std::fs::read(&here).unwrap())]);
-    let (cache, address) = (test.cache.path(), test.at(path));
-    std::thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                let other = Remote::new(Settings::of_test(cache)).unwrap();
-                let mut dataset = open_from(&other, built_in(), &address, &OpenOptions::default()).unwrap();
-                rows(dataset.as_mut()).unwrap();
-            });
-        }
-    });
-    let asked = test.server.state.asked.lock().unwrap();
-    let whole = asked.iter().filter(|(_, range)| range.as_deref() != Some("bytes=0-1048575"));
-    assert!(whole.count() <= 1, "{asked:?}");
-}
-
-#[test]
-fn a_copy_above_the_limit_is_refused_before_it_is_fetched() {
-    let name = "robomimic_can.hdf5";
-    let files = [("/robomimic_can.hdf5", std::fs::read(golden(name)).unwrap())];
-    let test = Test::new(&files, |settings, _| settings.cache_bytes = 1000);
-    let message = test.open(&test.at("/robomimic_can.hdf5")).err().unwrap().to_string();
-    assert!(message.contains("whole copy") && message.contains("SWM_CACHE_GB"), "{message}");
-    assert_eq!(test.server.count(), 1, "nothing but the first block is fetched");
 }

@@ -20,7 +20,7 @@ const AT_ONCE: u64 = 8;
 
 /// A version of an object. All of its readers read that one.
 #[derive(Debug)]
-pub(crate) struct Object {
+pub struct Object {
     pub(super) remote: Arc<Remote>,
     pub(super) link: Link,
     pub(super) version: Version,
@@ -98,12 +98,15 @@ impl Object {
         self.recent.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(crate) fn length(&self) -> u64 {
+    /// Its bytes.
+    #[must_use]
+    pub fn length(&self) -> u64 {
         self.version.length
     }
 
     /// Whether it is of use to read parts of it.
-    pub(super) fn is_by_position(&self) -> bool {
+    #[must_use]
+    pub fn is_by_position(&self) -> bool {
         self.is_ranged || self.version.length <= BLOCK
     }
 
@@ -112,7 +115,11 @@ impl Object {
     }
 
     /// Fills `out` with the bytes from `at` on.
-    pub(crate) fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()> {
+    ///
+    /// # Errors
+    ///
+    /// It ends before, cannot be reached, or was changed after it was opened.
+    pub fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()> {
         let end = at.checked_add(out.len() as u64).filter(|&end| end <= self.version.length);
         let end = end.ok_or(io::ErrorKind::UnexpectedEof)?;
         let mut done = 0;

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use thiserror::Error as ThisError;
 
-use crate::error::DataError;
+use swm_core::dataset::DataError;
 
 /// Why an object was not read.
 #[derive(Clone, Debug, ThisError)]
@@ -60,7 +60,8 @@ impl RemoteError {
     }
 
     /// The error of a dataset, when this was tried.
-    pub(super) fn while_trying(self, action: &'static str) -> DataError {
+    #[must_use]
+    pub fn while_trying(self, action: &'static str) -> DataError {
         DataError::io(Path::new(&self.name.clone()), action, self.into())
     }
 
@@ -79,7 +80,8 @@ impl RemoteError {
     }
 
     /// An error of a reader, in which a failure of the network is no damage.
-    pub(super) fn or_damage(error: DataError, action: &'static str) -> DataError {
+    #[must_use]
+    pub fn or_damage(error: DataError, action: &'static str) -> DataError {
         match Self::within(&error) {
             Some(found) => found.clone().while_trying(action),
             None => error,

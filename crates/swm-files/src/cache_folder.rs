@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 /// `SWM_CACHE`, else `SWM_HOME/cache`, else the system's folder of caches; `None`: no variable names one.
-pub(crate) fn cache_folder(variable: impl Fn(&str) -> Option<String>, os: &str) -> Option<PathBuf> {
+#[must_use]
+pub fn cache_folder(variable: impl Fn(&str) -> Option<String>, os: &str) -> Option<PathBuf> {
     let set =
         |name: &str| variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty());
     let below_home = |path: &str| set("HOME").map(|home| PathBuf::from(home).join(path));

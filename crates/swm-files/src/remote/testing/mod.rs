@@ -1,27 +1,21 @@
-//! A server on this machine for tests, and a reader of what it has: for those of readers that read by position.
+//! A server on this machine for tests, and a reader of what it has.
 
 mod server;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::{Column, Registry};
-
 pub use self::server::{Fault, Server, State};
 use super::found::Remote;
-use super::open::open_from;
 use super::settings::{Credentials, Hub, Settings};
-use crate::dataset::{Dataset, Steps};
-use crate::error::DataError;
-use crate::format::Opened;
-use crate::open_options::OpenOptions;
 
 /// A server, and a reader that keeps what it fetches in a folder of its own.
 #[derive(Debug)]
 pub struct Hosted {
     /// The server.
     pub server: Server,
-    remote: Arc<Remote>,
+    /// The reader.
+    pub remote: Arc<Remote>,
 }
 
 impl Hosted {
@@ -51,45 +45,22 @@ impl Hosted {
         })
     }
 
-    fn new(files: &[(&str, Vec<u8>)], cache: &Path, change: impl FnOnce(&mut Settings, &str)) -> Self {
+    /// As [`Hosted::http`], with room for so many bytes of copies.
+    #[must_use]
+    pub fn limited(files: &[(&str, Vec<u8>)], cache: &Path, bytes: u64) -> Self {
+        Self::new(files, cache, |settings, _| settings.cache_bytes = bytes)
+    }
+
+    pub(super) fn new(
+        files: &[(&str, Vec<u8>)],
+        cache: &Path,
+        change: impl FnOnce(&mut Settings, &str),
+    ) -> Self {
         let server = Server::start(files);
         let mut settings = Settings::of_test(cache);
         change(&mut settings, &server.url);
         Self { server, remote: Remote::new(settings).expect("its settings are sound") }
     }
-
-    /// Opens an address, as [`open_with`](crate::open_with) does.
-    ///
-    /// # Errors
-    ///
-    /// As of [`open_with`](crate::open_with).
-    pub fn open(&self, registry: &Registry, path: &Path, options: &OpenOptions) -> Opened<dyn Dataset> {
-        open_from(&self.remote, registry, path, options)
-    }
-}
-
-/// All rows of all columns, one after the other.
-///
-/// # Errors
-///
-/// As of [`Dataset::rows`].
-pub fn rows(dataset: &mut dyn Dataset) -> Result<Vec<Column>, DataError> {
-    let mut all = Vec::new();
-    for column in 0..dataset.schema().fields().len() {
-        for episode in 0..dataset.num_episodes() {
-            let (field, count) = (dataset.schema().fields()[column].clone(), dataset.episode_len(episode));
-            let mut out = Column::zeros(field.dtype, count * field.dim());
-            dataset.rows(column, episode, Steps { first: 0, count, stride: 1 }, out.as_slice_mut())?;
-            all.push(out);
-        }
-    }
-    Ok(all)
-}
-
-/// Whether rows are equal; NaN equals NaN.
-#[must_use]
-pub fn same(a: &[Column], b: &[Column]) -> bool {
-    format!("{a:?}") == format!("{b:?}")
 }
 
 /// The files of a folder, each with its path below `below`, and its bytes.

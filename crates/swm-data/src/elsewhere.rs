@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use swm_core::{Registry, SliceMut};
+use swm_files::remote::{Found, Remote, RemoteError, Used};
 
-use super::address::Address;
-use super::copies::Used;
-use super::error::RemoteError;
-use super::found::{Found, Remote, opened};
 use crate::adapt::inner::of_inner;
 use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
 use crate::format::{self, Opened};
 use crate::open_options::OpenOptions;
+
+#[cfg(test)]
+mod tests;
 
 /// What MCAP files and zip archives begin with.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
@@ -26,25 +26,18 @@ pub(crate) fn open(registry: &Registry, path: &Path, options: &OpenOptions) -> O
     open_from(&remote, registry, path, options)
 }
 
-pub(super) fn open_from(
+pub(crate) fn open_from(
     remote: &Arc<Remote>,
     registry: &Registry,
     path: &Path,
     options: &OpenOptions,
 ) -> Opened<dyn Dataset> {
     let failed = |error: RemoteError| error.while_trying("open");
-    let address = Address::of(path).map_err(failed)?;
-    let name = address.name();
-    let path = PathBuf::from(&name);
-    let found = match opened(&path) {
-        Some(found) => found,
-        None => remote.find(&address).map_err(failed)?,
-    };
-    found.remember(&path);
+    let (path, found) = remote.open(path).map_err(failed)?;
     let (inner, copy) = match by_position(registry, &path, &found, options) {
         Some(opened) => (opened.map_err(|error| RemoteError::or_damage(error, "read"))?, None),
         None => {
-            let (copy, used) = found.cached(&name, address.file_name()).map_err(failed)?;
+            let (copy, used) = found.cached(&path).map_err(failed)?;
             let inner = format::open_with(registry, &copy, options);
             (inner.map_err(|error| of_address(error, &copy, &path))?, Some((copy, Arc::new(used))))
         }
@@ -106,14 +99,6 @@ fn by_position(
         format::check_rows_of(dataset.as_ref(), || Ok(found.bytes()))?;
         Ok(dataset)
     }))
-}
-
-/// Where statistics of a dataset that lies elsewhere are kept: in the cache.
-pub(crate) fn side_file(path: &Path, suffix: &str) -> Option<PathBuf> {
-    let found = opened(path)?;
-    let folder = found.settings().cache.as_ref()?.join("beside");
-    std::fs::create_dir_all(&folder).ok()?;
-    Some(folder.join(format!("{}{suffix}", found.key()?)))
 }
 
 /// A dataset that lies elsewhere. A failure of the network is no damage of it.

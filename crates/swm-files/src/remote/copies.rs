@@ -8,8 +8,8 @@ use std::thread;
 use std::time::{Duration, SystemTime};
 
 use super::error::{RemoteError, RemoteErrorKind as Kind};
-use crate::error::DataError;
 use crate::lock::{WriterLock, has_no_locks, is_at};
+use swm_core::dataset::DataError;
 
 /// The extension of the files beside copies.
 const USED: &str = "used";
@@ -20,7 +20,7 @@ const MAX_DIGITS: u64 = 20;
 
 /// A copy that is in use: no process removes it until this is dropped.
 #[derive(Debug)]
-pub(crate) struct Used {
+pub struct Used {
     file: File,
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::address::Address;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::found::{Found, Remote};
-use crate::formats::disk::is_plain_name;
+use crate::folders::is_plain_name;
 use crate::lock::beside;
 
 /// What was fetched.

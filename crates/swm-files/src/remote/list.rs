@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::client::Client;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::s3;
-use crate::formats::disk::is_plain_name;
+use crate::folders::is_plain_name;
 
 /// Files of a folder are never more.
 pub(super) const MAX_FILES: usize = 1 << 20;

@@ -12,9 +12,10 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::error::DataError;
-use crate::files;
-use crate::formats::disk;
+use swm_core::dataset::DataError;
+
+use crate::open::{identity, open_own};
+use crate::whole::{draft, new_file};
 
 /// A lock file above this size is not ours.
 const MAX_BYTES: u64 = 4096;
@@ -63,7 +64,7 @@ impl WriterLock {
         let mut tries = 0;
         loop {
             tries += 1;
-            let file = match disk::open_own(&path, true) {
+            let file = match open_own(&path, true) {
                 // Another writer made or removed it between two looks at it.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists && tries < MAX_TRIES => continue,
                 // Nothing can be made in a folder that was removed under this process, and in some of the system.
@@ -102,8 +103,9 @@ impl WriterLock {
 
     /// The writer of the dataset at `dataset`, if it is a process of this machine that has not ended: `process 123 on host`. Writers
     /// on other machines are not found. Nothing is locked, so that nobody is kept from writing.
+    #[must_use]
     pub fn holder_here(dataset: &Path) -> Option<String> {
-        let file = disk::open_own(&beside(dataset, ".lock"), false).ok()?;
+        let file = open_own(&beside(dataset, ".lock"), false).ok()?;
         Holder::read(&file).filter(Holder::lives_here).map(|holder| holder.to_string())
     }
 }
@@ -122,7 +124,8 @@ impl Drop for WriterLock {
 }
 
 /// Whether a lock failed because the file system has none: Lustre, NFS or FUSE, as they are mounted on some clusters.
-pub(crate) fn has_no_locks(error: &io::Error) -> bool {
+#[must_use]
+pub fn has_no_locks(error: &io::Error) -> bool {
     // ENOLCK, ENOSYS and EOPNOTSUPP of Linux; macOS has other numbers for two of them.
     let numbers: &[i32] = if cfg!(target_os = "linux") { &[37, 38, 95] } else { &[77, 78, 102] };
     error.kind() == io::ErrorKind::Unsupported
@@ -130,7 +133,8 @@ pub(crate) fn has_no_locks(error: &io::Error) -> bool {
 }
 
 /// Whether the file system on which `path` lies, or will lie, has no locks.
-pub(crate) fn lacks_locks(path: &Path) -> bool {
+#[must_use]
+pub fn lacks_locks(path: &Path) -> bool {
     let locks = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::Error(error)) if has_no_locks(&error));
     File::open(path).or_else(|_| File::open(beside(path, ".lock"))).is_ok_and(locks)
 }
@@ -172,8 +176,8 @@ fn renew(mut file: &File) -> io::Result<()> {
 fn by_file(path: &Path) -> io::Result<Result<(File, Heartbeat), Option<Holder>>> {
     for _ in 0..MAX_TRIES {
         // The file server's present time is that of a file that is written now.
-        let mine = files::draft(path);
-        let file = disk::new_file(&mine)?;
+        let mine = draft(path);
+        let file = new_file(&mine)?;
         Holder::this().write(&file)?;
         file.sync_all()?;
         // A second name is given to one process alone, also by file servers for which exclusive creation is none.
@@ -193,7 +197,7 @@ fn by_file(path: &Path) -> io::Result<Result<(File, Heartbeat), Option<Holder>>>
                 }
             }
         }
-        let there = match disk::open_own(path, false) {
+        let there = match open_own(path, false) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             there => there?,
         };
@@ -212,7 +216,7 @@ fn by_file(path: &Path) -> io::Result<Result<(File, Heartbeat), Option<Holder>>>
         if !is_at(&there, path) {
             continue;
         }
-        let aside = files::draft(path);
+        let aside = draft(path);
         match fs::rename(path, &aside) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             renamed => renamed?,
@@ -286,16 +290,18 @@ fn host() -> String {
 }
 
 /// `folder/name.h5` → `folder/name.h5.lock`.
-pub(crate) fn beside(dataset: &Path, suffix: &str) -> PathBuf {
+#[must_use]
+pub fn beside(dataset: &Path, suffix: &str) -> PathBuf {
     let mut name = dataset.as_os_str().to_owned();
     name.push(suffix);
     PathBuf::from(name)
 }
 
 /// Whether `path` still names the open `file`. Where files cannot be told apart, an open one cannot be removed.
-pub(crate) fn is_at(file: &File, path: &Path) -> bool {
+#[must_use]
+pub fn is_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
-        (Ok(ours), Ok(there)) => disk::identity(&ours) == disk::identity(&there),
+        (Ok(ours), Ok(there)) => identity(&ours) == identity(&there),
         _ => false,
     }
 }

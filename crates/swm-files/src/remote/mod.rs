@@ -16,6 +16,8 @@
 
 use std::path::Path;
 
+use swm_core::dataset::DataError;
+
 #[cfg(feature = "remote")]
 mod address;
 #[cfg(feature = "remote")]
@@ -41,18 +43,18 @@ mod list;
 #[cfg(feature = "remote")]
 mod object;
 #[cfg(feature = "remote")]
-mod open;
-#[cfg(feature = "remote")]
 mod s3;
 #[cfg(feature = "remote")]
 mod settings;
 #[cfg(feature = "remote")]
 mod sign;
-#[cfg(all(any(test, feature = "testing"), feature = "remote"))]
+#[cfg(any(feature = "testing", all(test, feature = "remote")))]
 pub mod testing;
 #[cfg(all(test, feature = "remote"))]
 mod tests;
 
+#[cfg(feature = "remote")]
+pub use copies::Used;
 #[cfg(feature = "remote")]
 pub use copy::{Event, watch};
 #[cfg(feature = "remote")]
@@ -62,13 +64,9 @@ pub use fetch::{Fetched, fetch};
 #[cfg(feature = "remote")]
 pub use folder::Folder;
 #[cfg(feature = "remote")]
-pub use found::{digest, folder};
+pub use found::{Found, Remote, digest, folder, side_file};
 #[cfg(feature = "remote")]
-pub(crate) use {
-    found::Found,
-    object::Object,
-    open::{open, side_file},
-};
+pub use object::Object;
 
 /// The schemes of addresses.
 const SCHEMES: [&str; 4] = ["https", "http", "s3", "hf"];
@@ -88,12 +86,12 @@ fn now() -> std::time::SystemTime {
     std::time::SystemTime::now()
 }
 
-/// What a build without this tells.
-#[cfg(not(feature = "remote"))]
-fn absent(path: &Path) -> crate::DataError {
+/// The error of a build without this.
+#[must_use]
+pub fn absent(path: &Path) -> DataError {
     let reason =
         "datasets that lie elsewhere are not built in; build with the feature `remote`, or download it";
-    crate::DataError::request(path, reason)
+    DataError::request(path, reason)
 }
 
 /// In place of the digest of a version, where this is not built in.
@@ -102,16 +100,6 @@ fn absent(path: &Path) -> crate::DataError {
 ///
 /// It is not built in.
 #[cfg(not(feature = "remote"))]
-pub fn digest(path: &Path) -> Result<String, crate::DataError> {
-    Err(absent(path))
-}
-
-/// In place of opening, where this is not built in.
-#[cfg(not(feature = "remote"))]
-pub(crate) fn open(
-    _registry: &swm_core::Registry,
-    path: &Path,
-    _options: &crate::OpenOptions,
-) -> crate::format::Opened<dyn crate::Dataset> {
+pub fn digest(path: &Path) -> Result<String, DataError> {
     Err(absent(path))
 }

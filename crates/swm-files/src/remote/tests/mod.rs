@@ -1,27 +1,20 @@
-//! Datasets on a server of this machine.
+//! Objects on a server of this machine.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
 mod faults;
 mod fetching;
-mod formats;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use swm_core::Column;
 use tempfile::TempDir;
 
 use super::address::Address;
 use super::found::{Found, Remote};
-use super::open::open_from;
 use super::settings::{Hub, Settings};
-use super::testing::{Server, files_of, rows, same};
-use crate::dataset::Dataset;
-use crate::error::DataError;
-use crate::format::built_in;
-use crate::open_options::OpenOptions;
+use super::testing::{Server, files_of};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/field").join(name)
@@ -54,20 +47,12 @@ impl Test {
         PathBuf::from(format!("{}{path}", self.server.url))
     }
 
-    fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
-        open_from(&self.remote, built_in(), path, &OpenOptions::default())
-    }
-
     fn object(&self, path: &str) -> Result<Arc<super::Object>, super::RemoteError> {
         match self.remote.find(&Address::of(&self.at(path))?)? {
             Found::Object(object) => Ok(object),
             Found::Folder(_) => panic!("{path} is an object"),
         }
     }
-}
-
-fn local(path: &Path) -> Vec<Column> {
-    rows(crate::open(path).unwrap().as_mut()).unwrap()
 }
 
 fn put_all(server: &Server, folder: &str, below: &str) {
@@ -93,17 +78,6 @@ fn blocks_are_fetched_as_they_are_read() {
     let before = test.server.count();
     assert_eq!(read(&again, 0, whole.len()).unwrap(), whole);
     assert_eq!(test.server.count(), before, "all blocks are on disk");
-}
-
-#[test]
-fn a_bucket_without_credentials_names_the_variables() {
-    let test = Test::new(&[], |settings, url| settings.s3.endpoint = Some(url.to_owned()));
-    *test.server.state.wants.lock().unwrap() = Some("AWS4");
-    let message = test.open(Path::new("s3://bucket/x.h5")).err().unwrap().to_string();
-    assert!(message.contains("s3://bucket/x.h5") && message.contains("set AWS_ACCESS_KEY_ID"), "{message}");
-    *test.server.state.wants.lock().unwrap() = None;
-    let message = test.open(Path::new("s3://bucket/x.h5")).err().unwrap().to_string();
-    assert!(message.contains("nothing is there (404)"), "{message}");
 }
 
 fn of_hub(files: &[(&str, Vec<u8>)], token: Option<&str>) -> Test {

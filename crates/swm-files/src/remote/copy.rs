@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use sha2::{Digest as _, Sha256};
 
+use super::address::Address;
 use super::copies::Used;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::folder::Folder;
@@ -18,8 +19,9 @@ use super::list::{Entry, check_names};
 use super::object::Object;
 use super::settings::Settings;
 use super::sign::hex;
-use crate::error::DataError;
+use crate::folders::is_plain_name;
 use crate::lock::{WriterLock, beside};
+use swm_core::dataset::DataError;
 
 /// Files that are fetched at a time.
 const AT_ONCE: usize = 8;
@@ -63,8 +65,14 @@ fn tell(event: &Event<'_>) {
 }
 
 impl Found {
-    /// The copy of it in the cache, which is made if it is not there. It stays while the other value does.
-    pub(super) fn cached(&self, name: &str, file_name: &str) -> Result<(PathBuf, Used), RemoteError> {
+    /// The copy in the cache of what is at this path, which is made if it is not there. It stays while the other value does.
+    ///
+    /// # Errors
+    ///
+    /// There is no room for it, or it cannot be fetched.
+    pub fn cached(&self, path: &Path) -> Result<(PathBuf, Used), RemoteError> {
+        let address = Address::of(path)?;
+        let (name, file_name) = (&address.name(), address.file_name());
         let settings = self.settings();
         let Some(cache) = &settings.cache else {
             let reason = "neither SWM_CACHE nor HOME is set, so there is no place for a copy";
@@ -72,7 +80,7 @@ impl Found {
         };
         let nonce = || format!("{}-{:?}", std::process::id(), thread::current().id()).replace(['(', ')'], "");
         let key = self.key().unwrap_or_else(nonce);
-        let file_name = if crate::formats::disk::is_plain_name(file_name) { file_name } else { "dataset" };
+        let file_name = if is_plain_name(file_name) { file_name } else { "dataset" };
         let copies = cache.join("copies");
         let mut used = Used::of(&copies, &key).map_err(|error| RemoteError::cache(name, &copies, &error))?;
         let to = copies.join(&key).join(file_name);
@@ -92,7 +100,8 @@ impl Found {
     }
 
     /// All of its bytes.
-    pub(super) fn bytes(&self) -> u64 {
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
         match self {
             Self::Object(object) => object.length(),
             Self::Folder(folder) => {

@@ -18,19 +18,21 @@ use super::object::Object;
 use super::s3;
 use super::settings::Settings;
 use super::sign::hex;
-use crate::error::DataError;
+use swm_core::dataset::DataError;
 
-/// Everything that lies elsewhere.
+/// Everything that lies elsewhere, with what is set for it.
 #[derive(Debug)]
-pub(super) struct Remote {
+pub struct Remote {
     pub(super) client: Client,
     pub(super) blocks: Blocks,
 }
 
 /// What lies at an address.
 #[derive(Clone, Debug)]
-pub(crate) enum Found {
+pub enum Found {
+    /// One object, or file.
     Object(Arc<Object>),
+    /// A folder of them.
     Folder(Arc<Folder>),
 }
 
@@ -44,7 +46,7 @@ enum Open {
 static OPEN: LazyLock<Mutex<HashMap<PathBuf, Open>>> = LazyLock::new(Mutex::default);
 
 /// What is open at a path.
-pub(crate) fn opened(path: &Path) -> Option<Found> {
+fn opened(path: &Path) -> Option<Found> {
     let open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
     match open.get(path)? {
         Open::Object(object) => object.upgrade().map(Found::Object),
@@ -71,7 +73,11 @@ impl Remote {
     }
 
     /// As the variables of this process set it.
-    pub(super) fn global() -> Result<Arc<Self>, RemoteError> {
+    ///
+    /// # Errors
+    ///
+    /// What they name cannot be used: a file of certificates.
+    pub fn global() -> Result<Arc<Self>, RemoteError> {
         static GLOBAL: OnceLock<Result<Arc<Remote>, RemoteError>> = OnceLock::new();
         GLOBAL.get_or_init(|| Self::new(Settings::from_environment())).clone()
     }
@@ -92,6 +98,23 @@ impl Remote {
                 )
             }
         }
+    }
+
+    /// What lies at a path, and the path that names it without a query: what is open there, or else found now. All that read it then read this
+    /// version, as long as it is open.
+    ///
+    /// # Errors
+    ///
+    /// The path is no address, or its server cannot be reached, lacks it or denies it.
+    pub fn open(self: &Arc<Self>, path: &Path) -> Result<(PathBuf, Found), RemoteError> {
+        let address = Address::of(path)?;
+        let path = PathBuf::from(address.name());
+        let found = match opened(&path) {
+            Some(found) => found,
+            None => self.find(&address)?,
+        };
+        found.remember(&path);
+        Ok((path, found))
     }
 
     /// What lies at an address.
@@ -176,7 +199,11 @@ impl Remote {
 
 impl Found {
     /// What is at a path: what is open there, or else found now.
-    pub(crate) fn at(path: &Path) -> io::Result<Self> {
+    ///
+    /// # Errors
+    ///
+    /// As of [`Remote::open`].
+    pub fn at(path: &Path) -> io::Result<Self> {
         match opened(path) {
             Some(found) => Ok(found),
             None => Ok(Remote::global().and_then(|remote| remote.find(&Address::of(path)?))?),
@@ -184,7 +211,7 @@ impl Found {
     }
 
     /// Lets all that read this path read this version, as long as it is open.
-    pub(super) fn remember(&self, path: &Path) {
+    fn remember(&self, path: &Path) {
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|_, open| match open {
             Open::Object(object) => object.strong_count() > 0,
@@ -204,6 +231,16 @@ impl Found {
             Self::Folder(folder) => folder.key(),
         }
     }
+}
+
+/// Where something about what is open at a path is kept, under this name: in the cache. `None`: nothing is open there, nothing tells its
+/// versions apart, or there is no cache.
+#[must_use]
+pub fn side_file(path: &Path, suffix: &str) -> Option<PathBuf> {
+    let found = opened(path)?;
+    let folder = found.settings().cache.as_ref()?.join("beside");
+    std::fs::create_dir_all(&folder).ok()?;
+    Some(folder.join(format!("{}{suffix}", found.key()?)))
 }
 
 /// A digest of the version of a dataset that lies elsewhere, in place of one of its bytes: SHA-256 of its address, its length and its
