@@ -50,7 +50,8 @@ def run_iter(
 ) -> Iterator[tuple[int, int]]:
     """Step the policy through the environments; gives (environment, number of the episode) as each ends.
 
-    ``auto``: whoever is done begins another episode; ``wait``: whoever is done waits for the others.
+    Episodes are numbered as they begin, and those below ``episodes`` are run to their ends: the first to end would be the short ones, whichever
+    environments run them. ``auto``: whoever is done begins another episode; ``wait``: whoever is done waits for the others.
     """
     assert mode in ("auto", "wait"), f"reset_mode must be 'auto' or 'wait', found {mode!r}"
     if world.policy is None:
@@ -62,50 +63,44 @@ def run_iter(
         world.reset(seed=seed, options=options)
         if on_step:
             on_step(world, mask=np.ones(count, dtype=bool))
-    alive = np.ones(count, dtype=bool)
-    finished = 0
+    numbers = np.arange(count)
+    begun = count
+    alive = np.ones(count, dtype=bool) if episodes is None else numbers < episodes
     steps = 0
-    while max_steps is None or steps < max_steps:
+    while alive.any() and (max_steps is None or steps < max_steps):
         steps += 1
-        mask = None if alive.all() else alive
         if isinstance(world.policy, NativePolicy):
             world.step()
         else:
             actions = world._get_actions()  # pyright: ignore[reportPrivateUsage]
             world.infos.pop("_needs_flush", None)
+            mask = None if alive.all() else alive
             _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
         if on_step:
-            on_step(world, mask=alive if mask is None else mask)
+            on_step(world, mask=alive)
         terminateds, truncateds = world.terminateds, world.truncateds
         assert terminateds is not None and truncateds is not None, "a step gives both"
         done = alive & (terminateds | truncateds)
         if not done.any():
             continue
         ended = [int(row) for row in np.flatnonzero(done)]
-        begun = finished
-        is_last = False
         for row in ended:
-            yield row, finished
-            finished += 1
-            if episodes is not None and finished >= episodes:
-                is_last = True
-                break
-        if mode == "auto":
-            # Also after the last episode: the next run must not step an environment that is over.
-            seeds: list[int | None] = [None] * count
-            if seed is not None:
-                for rank, row in enumerate(ended):
-                    seeds[row] = seed + count + begun + rank
-            _, world.infos = world.envs.reset(seed=seeds, options=options, mask=done)
-            terminateds[done] = False
-            truncateds[done] = False
-            world.infos["_needs_flush"] = done
-            if on_step:
-                on_step(world, mask=done)
-        else:
-            alive[done] = False
-        if is_last or not alive.any():
-            return
+            yield row, int(numbers[row])
+        if mode == "wait":
+            alive = alive & ~done
+            continue
+        # Also after the last episode: the next run must not step an environment that is over.
+        numbers[done] = range(begun, begun + len(ended))
+        begun += len(ended)
+        seeds = [seed + int(number) if seed is not None and over else None for number, over in zip(numbers, done, strict=True)]
+        _, world.infos = world.envs.reset(seed=seeds, options=options, mask=done)
+        terminateds[done] = False
+        truncateds[done] = False
+        world.infos["_needs_flush"] = done
+        if on_step:
+            on_step(world, mask=done)
+        if episodes is not None:
+            alive = numbers < episodes
 
 
 def begin(world: World, seed: int | None, options: Any, on_step: OnStep) -> None:
@@ -128,13 +123,15 @@ def evaluate(
             for row in np.flatnonzero(mask):
                 frames[int(row)].append(_frame(_images(world)[row]))
 
+    ended = 0
     with Progress("Evaluating", episodes, progress) as bar:
         begin(world, seed, options, on_step)
         for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):  # pyright: ignore[reportPrivateUsage]
             assert world.terminateds is not None
             successes[episode] = world.terminateds[row]
             seeds[episode] = world.envs.seeds[row]
-            bar.tick(episode + 1, int(successes.sum()), 0)
+            ended += 1
+            bar.tick(ended, int(successes.sum()), 0)
             if video is not None:
                 save_video(Path(video) / f"episode_{episode}.mp4", frames.pop(row, []))
     return _result(successes, seeds)
@@ -210,7 +207,7 @@ def _inject(world: World, firsts: list[Any], lasts: list[Any], constants: set[st
 
 
 def collect(world: World, writer: Any, episodes: int, seed: int | None, options: Any, progress: bool) -> int:
-    """Run episodes and hand each to a writer, as a dict of lists with one value per step; gives the number of steps."""
+    """Run episodes and hand each to a writer in order, as a dict of lists with one value per step; gives the number of steps."""
     steps = 0
     recorder = EpisodeRecorder(world.num_envs)
 
@@ -219,6 +216,9 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
 
     def finished(bar: Progress) -> Iterator[dict[str, Any]]:
         nonlocal steps
+        # Those that ended before one that began earlier.
+        waiting: dict[int, dict[str, Any]] = {}
+        written = ended = 0
         begin(world, seed, options, on_step)
         runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
         for row, number in runs:
@@ -227,8 +227,12 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
             constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
             if constants is not None and (given := constants()):
                 episode[EPISODE_DATA_KEY] = dict(given)
-            bar.tick(number + 1, 0, steps)
-            yield episode
+            ended += 1
+            bar.tick(ended, 0, steps)
+            waiting[number] = episode
+            while written in waiting:
+                yield waiting.pop(written)
+                written += 1
 
     from ..data.writers import NativeWriter
 
