@@ -82,6 +82,8 @@ def test_measures_end_with_the_measurement_at_work(model: str) -> None:
         return swm.measure("swm_rs/TwoRoom-v2", model, episodes=episodes, rows=30, horizon=10, plans=64, threads=1, progress=False)
 
     assert interrupted(measure) < 3 * PATIENCE
+    # While episodes are recorded.
+    assert interrupted(lambda: measure(episodes=10_000_000)) < PATIENCE
     assert measure(episodes=4)["stride"] == 1
 
 

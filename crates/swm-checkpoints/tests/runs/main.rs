@@ -375,7 +375,7 @@ fn a_trained_model_is_measured_without_control() {
 
     let config = EnvConfig { image: Some(IMAGE), ..EnvConfig::default() };
     let mut env = DOT.make(&config).unwrap();
-    let episodes = random_episodes(env.as_mut(), 3, 12, 5).unwrap();
+    let episodes = random_episodes(env.as_mut(), 3, 12, 5, &Cancel::new()).unwrap();
     let errors = open_loop_error(&mut model, &episodes, 6).unwrap().unwrap();
     assert!(errors.len() == 3 && errors.iter().all(|error| error.is_finite() && *error > 0.0), "{errors:?}");
 

@@ -221,7 +221,7 @@ mod tests {
     fn ranked(gain: Option<f64>, plans: usize, horizon: usize) -> Result<Vec<Option<f64>>, BoxError> {
         let mut model = StateModel::new(&TOY, &EnvConfig::default(), gain)?;
         let mut env = TOY.make(&EnvConfig::default())?;
-        let recorded = random_episodes(env.as_mut(), 8, 10, 5)?;
+        let recorded = random_episodes(env.as_mut(), 8, 10, 5, &crate::Cancel::new())?;
         let options = RankingOptions { starts: 8, plans, horizon, seed: 3 };
         let by_task = action_ranking(&mut model, env.as_mut(), &recorded, None, &options)?;
         let distances = |rows: &Batch| {

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use crate::batch::{Batch, Field, Row, Schema, Value};
 use crate::env::{Env, Episode, ResetOptions};
-use crate::error::BoxError;
+use crate::error::{BoxError, WorldError};
+use crate::run::Cancel;
 use crate::seed::{EpisodeSeed, keyed};
 
 use super::state_model::{ActionColumn, defaults, rows_with_actions, start_at};
@@ -80,18 +81,22 @@ pub fn violation_pairs(
 ///
 /// # Errors
 ///
-/// The environment has a field called `action`, or a reset or step fails.
+/// The environment has a field called `action`, a reset or step fails, or `cancel` is set meanwhile.
 pub fn random_episodes(
     env: &mut dyn Env,
     episodes: usize,
     rows: usize,
     seed: u64,
+    cancel: &Cancel,
 ) -> Result<Vec<Batch>, BoxError> {
     let options = ViolationOptions { pairs: episodes, rows, at: rows, seed };
     let schema = rows_with_actions(env.spec())?;
     let mut maker = Maker { action: ActionColumn::new(&env.spec().action), env, schema, options: &options };
     (0..episodes as u64)
         .map(|episode| {
+            if cancel.is_cancelled() {
+                return Err(WorldError::Cancelled.into());
+            }
             let mut batch = Batch::new(maker.schema.clone(), rows);
             maker.begin(episode, &defaults())?;
             maker.fill(&mut batch, episode, 0, rows)?;

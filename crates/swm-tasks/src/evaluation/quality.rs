@@ -9,7 +9,7 @@ use swm_core::evaluate::{
     Distances, RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
 };
 use swm_core::moments::{Moments, of_rows};
-use swm_core::{Batch, Env, EnvSpec, Field, Schema};
+use swm_core::{Batch, Cancel, Env, EnvSpec, Field, Schema};
 
 use super::gate::{self, GateCheck};
 use super::probes::{ProbeTarget, Probed, probe};
@@ -174,7 +174,7 @@ fn ranking(
     let holds = |rows: &Batch| start_columns.iter().all(|column| rows.schema().index(column).is_some());
     let simulated = match recorded.iter().all(holds) {
         true => Vec::new(),
-        false => random_episodes(env, options.starts, 2 * options.horizon, options.seed)?,
+        false => random_episodes(env, options.starts, 2 * options.horizon, options.seed, &Cancel::new())?,
     };
     let known: Vec<Values> =
         probed.iter().map(|target| Values::of(target, recorded)).collect::<Result<_, _>>()?;

@@ -11,8 +11,9 @@ use serde_json::{Map, Value as Json};
 use swm_core::evaluate::random_episodes;
 use swm_core::{EnvConfig, PolicyContext, Registry, WorldError};
 use swm_data::OpenOptions;
+use swm_data::adapt::Watched;
 
-use super::copies::holds_images;
+use super::copies::{ended, holds_images};
 use super::source::{check_opening, check_recorded_in, open_dataset_with, rendered};
 use super::{
     Ask, Fix, ImageChoice, Message, Report, Request, Stage, TaskError, apart, must_be_given, note_training_of,
@@ -110,7 +111,7 @@ impl Request for Measure {
         let mut settings = if dataset.is_some() { metadata.settings } else { Map::new() };
         settings.extend(self.env_option.clone());
         let config = EnvConfig { image, settings };
-        let mut dataset = match (dataset, image) {
+        let dataset = match (dataset, image) {
             (Some(blind), Some(size)) if !holds_images(blind.as_ref()) => {
                 Some(rendered(blind, registry, size)?)
             }
@@ -135,10 +136,15 @@ impl Request for Measure {
         let stage = Stage { name: &self.model, role: None, unit: "parts done", total };
         let progress = report.begin(&stage)?;
         progress.now("now the episodes");
-        let recorded = match &mut dataset {
-            Some(dataset) => recorded_episodes(env.as_ref(), dataset, self.episodes, self.rows)?,
-            None => random_episodes(env.as_mut(), self.episodes, self.rows, self.seed)?,
+        let Self { episodes, rows, horizon, plans, seed, .. } = *self;
+        let cancel = report.cancel();
+        let mut dataset = dataset.map(|dataset| Watched::new(dataset, cancel.clone()));
+        let record = || match &mut dataset {
+            Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows),
+            None => Ok(random_episodes(env.as_mut(), episodes, rows, seed, &cancel)?),
         };
+        let recorded = apart(report, || within(self.threads, record))??;
+        let recorded = recorded.map_err(|error| ended(error, report))?;
         named.iter().try_for_each(|target| check_probe(target, &recorded))?;
         check_lengths(self.horizon, &recorded)?;
         let mut model = match learned {
@@ -151,9 +157,7 @@ impl Request for Measure {
             [] => default_probes(env.spec(), &config.settings, &recorded),
             _ => named,
         };
-        let Self { episodes, rows, horizon, plans, seed, .. } = *self;
         let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
-        let cancel = report.cancel();
         let begins = |name: &str| {
             if cancel.is_cancelled() {
                 return Err(WorldError::Cancelled.into());
