@@ -4,8 +4,8 @@
 
 use serde_json::{Map, Value as Json, json};
 use swm::tasks::request::{
-    Convert, Diff, Evaluate, MakeManifest, Measure, Merge, Plan, Preview, Record, Render, Replay, Request,
-    Split, Sweep, Train, TrainerEntry, Verify, value_text,
+    Convert, Diff, Evaluate, Inspect, MakeManifest, Measure, Merge, Plan, Preview, Record, Render, Replay,
+    Request, Split, Stats, Sweep, Train, TrainerEntry, Verify, value_text,
 };
 
 use crate::support::{Folder, swm_fails, swm_finds, swm_json, swm_ok};
@@ -44,6 +44,7 @@ fn words(request: &Map<String, Json>) -> Vec<String> {
                 }
             }
             (_, Json::Bool(true)) => words.push(option),
+            (_, Json::Bool(false)) => words.push(format!("--no-{}", &option[2..])),
             (_, value) => words.extend([option, value_text(value)]),
         }
     }
@@ -387,6 +388,8 @@ fn what_is_found_in_datasets_is_the_same_from_the_request_and_the_command() {
     assert_found::<Verify>("verify", include_str!("../requests/verify.json"), &data);
     assert_found::<Replay>("replay", include_str!("../requests/replay.json"), &data);
     assert_found::<Diff>("diff", include_str!("../requests/diff.json"), &data);
+    assert_found::<Inspect>("inspect", include_str!("../requests/inspect.json"), &data);
+    assert_found::<Stats>("stats", include_str!("../requests/stats.json"), &data);
 }
 
 #[test]

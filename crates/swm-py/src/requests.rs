@@ -2,8 +2,8 @@
 
 use pyo3::prelude::*;
 use swm::tasks::request::{
-    Convert, Diff, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay, Request as _, Split,
-    Train, Verify,
+    Convert, Diff, Inspect, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay,
+    Request as _, Split, Stats, Train, Verify,
 };
 
 use crate::errors::{OrRaise as _, SwmError, in_words};
@@ -36,6 +36,8 @@ fn run_request(
         Render::NAME => run::<Render>(py, request, begin, tick),
         Preview::NAME => run::<Preview>(py, request, begin, tick),
         Replay::NAME => run::<Replay>(py, request, begin, tick),
+        Inspect::NAME => run::<Inspect>(py, request, begin, tick),
+        Stats::NAME => run::<Stats>(py, request, begin, tick),
         Diff::NAME => run::<Diff>(py, request, begin, tick),
         Convert::NAME => run::<Convert>(py, request, begin, tick),
         Merge::NAME => run::<Merge>(py, request, begin, tick),

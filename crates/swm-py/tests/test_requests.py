@@ -51,6 +51,8 @@ def words(request: dict[str, Any]) -> list[str]:
                 found += [word for pair in pairs for word in ("--" + key, pair)]
         elif value is True:
             found.append(option)
+        elif value is False:
+            found.append("--no-" + option[2:])
         elif name in ("distractor", "probe", "violation"):
             found += [word for one in value for word in (option, one)]
         elif name == "baseline":
@@ -203,12 +205,14 @@ def test_a_verification_is_the_same_from_python_and_the_command(command: str, re
 
 
 def test_what_is_found_in_datasets_is_the_same_from_python_and_the_command(command: str, recordings: Path) -> None:
-    for name, found in {"replay": swm.replay, "diff": swm.data.diff}.items():
+    asked: dict[str, Any] = {"replay": swm.replay, "diff": swm.data.diff, "inspect": swm.data.inspect, "stats": swm.data.stats}
+    for name, found in asked.items():
         for request in copies(f"{name}.json", recordings):
             printed = subprocess.run([command, name, *words(request), "--json", "--quiet"], check=False, capture_output=True, text=True)
             given = {NAMES.get(setting, setting): value for setting, value in request.items()}
             data = [given.pop(setting) for setting in ("dataset", "first", "second") if setting in given]
-            assert found(*data, progress=False, **given) == json.loads(printed.stdout), request
+            bar = {} if name in ("inspect", "stats") else {"progress": False}
+            assert found(*data, **bar, **given) == json.loads(printed.stdout), request
 
 
 def test_images_of_a_dataset_are_the_same_from_python_and_the_command(command: str, tmp_path: Path, recordings: Path) -> None:
@@ -288,6 +292,14 @@ def test_python_words_a_remedy_of_a_preview_a_replay_and_a_comparison(tmp_path: 
         swm.replay(a, tolerance=float("nan"), progress=False)
     with pytest.raises(swm.SwmError, match="columns are chosen already; leave out columns, or leave out ignore"):
         swm.data.diff(a, a, columns=["action"], ignore=["pixels"], progress=False)
+    with pytest.raises(swm.SwmError, match="did you mean `action`"):
+        swm.data.stats(a, ["acton"])
+    with pytest.raises(swm.SwmError, match="quantiles=2.0: each is a number from 0 to 1"):
+        swm.data.stats(a, quantiles=[2.0])
+    with pytest.raises(TypeError, match="is a text; give a list"):
+        swm.data.stats(a, "action")
+    with pytest.raises(FileNotFoundError, match="none.h5"):
+        swm.data.inspect(tmp_path / "none.h5")
     assert not list(tmp_path.iterdir())
 
 

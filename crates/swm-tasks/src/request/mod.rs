@@ -14,6 +14,7 @@ mod divided;
 mod entrant;
 mod evaluate;
 mod image_choice;
+mod inspect;
 mod make_manifest;
 mod measure;
 mod message;
@@ -28,6 +29,7 @@ mod scenario;
 mod selection;
 mod shard;
 mod source;
+mod stats;
 mod stream;
 mod sweep;
 mod train;
@@ -49,6 +51,7 @@ pub use divided::{Divided, DividedKind, Needs};
 pub use entrant::{Foreign, RunOn, verify_foreign};
 pub use evaluate::{Evaluate, Evaluated};
 pub use image_choice::ImageChoice;
+pub use inspect::{Extremes, Inspect, Inspection, RunOf};
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use measure::Measure;
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};
@@ -65,6 +68,7 @@ pub use source::{
     ManifestSource, check_opening, check_recorded_in, create_parent, make_folder, open_dataset,
     open_dataset_with,
 };
+pub use stats::Stats;
 pub use sweep::{Sweep, Swept};
 pub use train::{Learns, Train, Trained, TrainerEntry};
 pub use training_note::{Ask, note_training, note_training_of, note_training_on};

@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use swm_core::Registry;
 use swm_core::checkpoint::CHECKPOINT;
-use swm_core::error::{did_you_mean, nearest};
+use swm_core::{Cancel, Registry};
 use swm_data::recording::EP_IDX;
-use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
-use swm_tasks::request::open_dataset_with;
+use swm_data::stats::{ColumnStatistics, Statistics};
+use swm_tasks::request::{self, Request as _};
 
 use super::opening::OpenArgs;
 use super::output::{counted, table};
+use super::reporter::Reporter;
 use super::threads::ThreadsArg;
-use super::{Failure, Output, usage};
+use super::{Failure, Output};
 
 /// Columns of numbers that count or name something, or are bytes: their mean says nothing. The later ones are of other programs.
 const NO_QUANTITIES: [&str; 9] = [
@@ -60,57 +60,38 @@ pub(super) struct Stats {
 
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = open_dataset_with(registry, &self.file, &self.opening.options()?)?;
-        let (named, is_named) = (self.quantiles.clone(), self.columns.is_some());
-        let default = StatisticsOptions::default();
-        let options = StatisticsOptions {
-            keys: self.columns,
-            quantiles: self.quantiles.unwrap_or(default.quantiles),
-            ..default
+        let request = request::Stats {
+            dataset: self.file,
+            columns: self.columns,
+            quantiles: self.quantiles,
+            store: !self.no_store,
+            opening: self.opening.options()?,
+            threads: self.threads.count(),
         };
-        let schema = dataset.schema();
-        if let Some(unknown) = options.keys.iter().flatten().find(|name| schema.index(name).is_none()) {
-            let names: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-            let meant = did_you_mean(nearest(unknown, names.iter().copied()).as_deref());
-            let (file, names) = (dataset.path().display(), names.join(", "));
-            return Err(usage(format!("--columns: {file} has no column `{unknown}`{meant}; it has {names}")));
-        }
-        let statistics = if self.no_store {
-            Statistics::compute(dataset.as_mut(), &options)?
-        } else {
-            let found = Statistics::load_or_compute(dataset.as_mut(), &options)?;
-            let (file, is_kept) = (side_file(dataset.path()), Statistics::load(dataset.as_ref())?.is_some());
-            let file = file.display();
-            output.note(if is_kept {
-                format!("kept in {file}")
-            } else {
-                format!("not kept: {file} cannot be written")
-            });
-            found
-        };
-        output.result(&statistics, || {
-            let mut rows = Vec::new();
-            let is_listed = |name: &str| is_named || !NO_QUANTITIES.contains(&name);
-            for (name, column) in statistics.columns.iter().filter(|(name, _)| is_listed(name)) {
-                rows.extend(lines(name, column, named.as_deref().unwrap_or_default()));
-            }
-            let quantiles: Vec<String> = named.iter().flatten().map(|q| format!("{} %", 100.0 * q)).collect();
-            let mut header = vec!["column", "rows", "not finite", "mean", "std", "min", "max"];
-            header.extend(quantiles.iter().map(String::as_str));
-            let (episodes, steps) =
-                (counted(statistics.episodes, "episode"), counted(statistics.rows, "row"));
-            let left: Vec<&str> =
-                statistics.columns.keys().map(String::as_str).filter(|name| !is_listed(name)).collect();
-            let left = match left.as_slice() {
-                [] => String::new(),
-                left => format!(
-                    "\nnot listed, as they hold no quantities: {} (--columns lists them)\n",
-                    left.join(", ")
-                ),
-            };
-            format!("{episodes}, {steps}\n\n{}{left}", table(&header, rows))
+        let found = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
+        output.result(&found, || {
+            text(&found, request.columns.is_some(), request.quantiles.as_deref().unwrap_or_default())
         })
     }
+}
+
+/// The table of all columns that were named, else of those of quantities.
+fn text(found: &Statistics, is_named: bool, quantiles: &[f64]) -> String {
+    let is_listed = |name: &str| is_named || !NO_QUANTITIES.contains(&name);
+    let listed = found.columns.iter().filter(|(name, _)| is_listed(name));
+    let rows = listed.flat_map(|(name, column)| lines(name, column, quantiles));
+    let levels: Vec<String> = quantiles.iter().map(|q| format!("{} %", 100.0 * q)).collect();
+    let mut header = vec!["column", "rows", "not finite", "mean", "std", "min", "max"];
+    header.extend(levels.iter().map(String::as_str));
+    let left: Vec<&str> = found.columns.keys().map(String::as_str).filter(|name| !is_listed(name)).collect();
+    let left = match left.as_slice() {
+        [] => String::new(),
+        left => {
+            format!("\nnot listed, as they hold no quantities: {} (--columns lists them)\n", left.join(", "))
+        }
+    };
+    let (episodes, steps) = (counted(found.episodes, "episode"), counted(found.rows, "row"));
+    format!("{episodes}, {steps}\n\n{}{left}", table(&header, rows))
 }
 
 /// One line per value of a column, the first few of them, with these quantiles.

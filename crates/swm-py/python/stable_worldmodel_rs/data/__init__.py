@@ -13,6 +13,7 @@ from importlib import import_module as _import_module
 
 from . import formats  # Registers them.
 from .buffer import ReplayBuffer, classic_filter
+from .contents import diff, inspect, preview, stats, verify
 from .dataset import ClipIndices, ConcatDataset, Dataset, GoalDataset, MergeDataset
 from .format import (
     EPISODE_DATA_KEY,
@@ -38,17 +39,14 @@ from .normalization import ColumnNormalizer, IdentityScaler, PercentileScaler, Z
 from .rerun import to_rerun
 from .utils import (
     convert,
-    diff,
     download,
     ensure_dir_exists,
     get_cache_dir,
     load_dataset,
     merge,
-    preview,
     split,
     split_files,
     split_held_out,
-    verify,
 )
 
 __all__ = [
@@ -92,6 +90,7 @@ __all__ = [
     "get_cache_dir",
     "get_format",
     "get_scaler",
+    "inspect",
     "list_formats",
     "load_dataset",
     "merge",
@@ -101,6 +100,7 @@ __all__ = [
     "split_episode_data",
     "split_files",
     "split_held_out",
+    "stats",
     "to_rerun",
     "validate_write_mode",
     "verify",

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any, cast
 
 from .._access import access_checked
+from .._arguments import path_of
+from .._core import core as _swm
+from ._wrong import nearest_names
 
 DEFAULT_CACHE_DIR = Path.home() / ".stable_worldmodel"
 
@@ -39,3 +43,26 @@ def resolve(name: str | Path | None, path: str | Path | None, folder: str | Path
     if name is None:
         raise TypeError(f"{what} requires either `name` or `path`")
     return Path(datasets_folder() if folder is None else folder, f"{name}{suffix}")
+
+
+def find_dataset(name: str, datasets: Path) -> Path:
+    """A dataset by its name in a folder, by its path, or by the repository that it was fetched from."""
+    for place in (datasets / name, Path(name), Path(name).expanduser()):
+        if place.exists():
+            return place
+    if "/" in name and not name.startswith((".", "/", "~")):
+        fetched = datasets / name.replace("/", "--")
+        if fetched.is_dir() and any(fetched.iterdir()):
+            return fetched
+        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here{nearest_names(Path(name))}; fetch it with swm.data.download({name!r})")
+    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path{nearest_names(Path(name).expanduser())}")
+
+
+def dataset_place(name: str, source: str | Path, cache_dir: str | Path | None) -> str:
+    """Where a dataset is: its address, or its path, which can be read."""
+    if not isinstance(cast("Any", source), (str, os.PathLike)):
+        path_of(name, source, "the path of a dataset")
+    path = str(source) if _swm.is_remote(str(source)) else find_dataset(str(source), datasets_folder(cache_dir))
+    if isinstance(path, Path) and path.is_file():
+        path.open("rb").close()  # What may not be read is no damaged dataset.
+    return str(path)

@@ -1,4 +1,4 @@
-"""Finding, fetching, splitting, converting, merging, verifying, comparing and showing datasets."""
+"""Opening, fetching, splitting, converting and merging datasets."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from typing import Any, cast
 import numpy as np
 
 from .._access import access_checked, checked_access
-from .._arguments import as_json, chosen_episodes, named_list, path_of, whole_number
+from .._arguments import whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from .._progress import Progress
 from .._requests import asked
-from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, get_cache_dir
+from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, find_dataset, get_cache_dir
 from ._tensors import to_numpy
-from ._wrong import nearest_names, what_it_is
+from ._wrong import what_it_is
 from .format import EPISODE_DATA_KEY, FORMATS, detect_format, get_format
 from .native import NativeDataset, as_options
 from .normalization import IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
@@ -35,18 +35,15 @@ __all__ = [
     "ZScoreScaler",
     "column_normalizer",
     "convert",
-    "diff",
     "download",
     "ensure_dir_exists",
     "get_cache_dir",
     "get_scaler",
     "load_dataset",
     "merge",
-    "preview",
     "split",
     "split_files",
     "split_held_out",
-    "verify",
 ]
 
 _OPENING = (
@@ -92,7 +89,7 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
             )
         return known.open_reader(str(name), **kwargs)
     with checked_access(name):
-        return _opened(_find(str(name), datasets_folder(cache_dir)), format, kwargs)
+        return _opened(find_dataset(str(name), datasets_folder(cache_dir)), format, kwargs)
 
 
 def _elsewhere(address: str, format: str | None, kwargs: dict[str, Any]) -> NativeDataset:
@@ -133,18 +130,6 @@ def _unknown_argument(error: TypeError, given: Mapping[str, Any]) -> TypeError |
     near = difflib.get_close_matches(unknown, known, 1)
     hint = f"; did you mean {near[0]!r}?" if near else "; `help(swm.data.NativeDataset)` lists them"
     return TypeError(f"load_dataset has no argument {unknown!r}{hint}")
-
-
-def _find(name: str, datasets: Path) -> Path:
-    for place in (datasets / name, Path(name), Path(name).expanduser()):
-        if place.exists():
-            return place
-    if "/" in name and not name.startswith((".", "/", "~")):
-        fetched = datasets / name.replace("/", "--")
-        if fetched.is_dir() and any(fetched.iterdir()):
-            return fetched
-        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here{nearest_names(Path(name))}; fetch it with swm.data.download({name!r})")
-    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path{nearest_names(Path(name).expanduser())}")
 
 
 @access_checked
@@ -370,150 +355,6 @@ def split_files(
     return {name: Path(str(out).replace("{}", name)) for name in shares}
 
 
-@access_checked
-def verify(
-    source: str | Path,
-    *,
-    fix: bool = False,
-    dry_run: bool = False,
-    cache_dir: str | Path | None = None,
-    progress: bool = True,
-    opening: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Reads all of a dataset and reports what is wrong with it, as the command ``verify`` does.
-
-    Args:
-        source: As of :func:`load_dataset`, of a format of this package, or of another program.
-        fix: Repair what an interrupted recording left, then check.
-        dry_run: With ``fix``: only report what would be done.
-        cache_dir: As of :func:`load_dataset`.
-        progress: Show a progress bar.
-        opening: As of :func:`convert`.
-
-    Returns:
-        ``ok``; ``fixed`` and ``to_fix``, steps of a repair; ``report``: ``problems``, ``notes`` and counts.
-    """
-    path = _place("source", source, cache_dir)
-    request = {"dataset": path, "fix": fix, "dry_run": dry_run, "opening": _json(opening)}
-    return dict(asked("verify", request, progress))
-
-
-def _place(name: str, source: str | Path, cache_dir: str | Path | None) -> str:
-    """Where a dataset is: its address, or its path, which can be read."""
-    if not isinstance(cast("Any", source), (str, os.PathLike)):
-        path_of(name, source, "the path of a dataset")
-    path = str(source) if _swm.is_remote(str(source)) else _find(str(source), datasets_folder(cache_dir))
-    if isinstance(path, Path) and path.is_file():
-        path.open("rb").close()  # What may not be read is no damaged dataset.
-    return str(path)
-
-
-@access_checked
-def preview(
-    source: str | Path,
-    out: str | Path,
-    episodes: Sequence[int] | str | None = None,
-    *,
-    column: str = "pixels",
-    frames: int | None = None,
-    image_size: tuple[int, int] | None = None,
-    cache_dir: str | Path | None = None,
-    progress: bool = True,
-    opening: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-) -> dict[str, Any]:
-    """Shows episodes as a sheet of images, a row each with its goal first, or as a video in which they play side by side.
-
-    The same as the command ``preview``. Images of a recording without images are rendered by replaying the episodes.
-
-    Args:
-        source: As of :func:`load_dataset`.
-        out: The file to write: ``.png``, ``.mp4`` or ``.gif``. One that exists is replaced.
-        episodes: Which, by number, or ``"0..16"``; None: the first 16.
-        column: The column of images.
-        frames: Images per episode; None: 8 for a sheet, at most 300 for a video.
-        image_size: ``(H, W)``, to render images of this size in place of recorded ones; None: ``(128, 128)`` where there are none.
-        cache_dir: As of :func:`load_dataset`.
-        progress: Show a progress bar.
-        opening: As of :func:`convert`.
-        threads: Threads; None: one per core. Results do not depend on it.
-
-    Returns:
-        ``out``, ``episodes`` and ``frames``, the images of the longest one.
-
-    Raises:
-        SwmError: A setting is wrong, or the dataset has no images and names no environment that could render them.
-
-    Example:
-        >>> preview("pusht.h5", "sheet.png", "0..4")["frames"]  # doctest: +SKIP
-        8
-    """
-    size = None if image_size is None else image_sides("image_size", image_size)
-    request = {
-        "dataset": _place("source", source, cache_dir),
-        "column": column,
-        "opening": _json(opening),
-        "out": path_of("out", out, "the path of a file"),
-        "episodes": chosen_episodes(episodes),
-        "frames": None if frames is None else whole_number("frames", frames),
-        "image_size": None if size is None else {"height": size[0], "width": size[1]},
-        "threads": None if threads is None else whole_number("threads", threads),
-    }
-    return dict(asked("preview", request, progress))
-
-
-@access_checked
-def diff(
-    first: str | Path,
-    second: str | Path,
-    *,
-    tolerance: float = 0.0,
-    columns: Sequence[str] | None = None,
-    ignore: Sequence[str] | None = None,
-    cache_dir: str | Path | None = None,
-    progress: bool = True,
-    opening: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Compares two datasets of any formats, episode by episode at its place. The same as the command ``diff``.
-
-    Args:
-        first: As of :func:`load_dataset`.
-        second: Another one.
-        tolerance: Largest accepted absolute difference of values.
-        columns: Only these; None: all.
-        ignore: All columns but these.
-        cache_dir: As of :func:`load_dataset`.
-        progress: Show a progress bar.
-        opening: As of :func:`convert`, of ``first``.
-
-    Returns:
-        ``equal``; ``episodes``, how many the first and the second have; ``schema``, columns that one of them lacks; ``lengths``, the
-        episodes of different lengths; ``columns``, a dict each: ``name``, ``rows`` that differ, the ``largest`` difference, ``first``
-        (episode and row) and, of images, ``psnr`` in dB.
-
-    Raises:
-        SwmError: A setting is wrong, or a dataset cannot be read.
-
-    Example:
-        >>> diff("pusht.h5", "pusht.video", ignore=["pixels"])["equal"]  # doctest: +SKIP
-        True
-    """
-    request = {
-        "first": _place("first", first, cache_dir),
-        "second": _place("second", second, cache_dir),
-        "tolerance": as_json("tolerance", tolerance),
-        "columns": named_list("columns", columns or []),
-        "ignore": named_list("ignore", ignore or []),
-        "opening": _json(opening),
-    }
-    return dict(asked("diff", request, progress))
-
-
-def _json(opening: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Options of opening as the core has them."""
-    return as_options(opening or {})
-
-
 def _check_size(datasets: list[Any], image_size: tuple[int, int] | None, fit: str | None) -> None:
     if image_size is None and fit is not None:
         raise ValueError(f"fit={fit!r}: no image is resized; give image_size=(64, 64), or leave it out")
@@ -556,7 +397,7 @@ def _copy_request(
         raise FileExistsError(f"{target} already exists; use mode='overwrite' to replace it")
     request: dict[str, Any] = {
         "format": name,
-        "opening": _json(opening),
+        "opening": as_options(opening or {}),
         "overwrite": probe.mode == "overwrite",
         "quality": probe.quality,
         # A default is no answer where the rate of rows is in doubt.
