@@ -7,8 +7,7 @@ use std::path::Path;
 
 use swm_core::{Column, Slice};
 use swm_data::error::{At as _, DataError, Result, invalid, missing, wrong_type};
-use swm_files::read_regular;
-use swm_files::replace_unsynced;
+use swm_files::{read_regular, replace_unsynced};
 
 use super::contents::video;
 use super::info::INFO;

@@ -9,8 +9,7 @@ use swm_core::moments::Moments;
 use swm_core::{Batch, Dtype, Field, Slice};
 use swm_data::dataset::{Dataset, pieces};
 use swm_data::error::DataError;
-use swm_files::read_regular;
-use swm_files::replace_unsynced;
+use swm_files::{read_regular, replace_unsynced};
 
 use super::manifest::{Manifest, is_video};
 

@@ -6,8 +6,7 @@ use std::path::Path;
 use serde_json::Value as Json;
 use swm_core::Slice;
 use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing};
-use swm_files::read_regular;
-use swm_files::replace_unsynced;
+use swm_files::{read_regular, replace_unsynced};
 
 use super::info::Version;
 use super::parquet_file::{self, ColumnOut};

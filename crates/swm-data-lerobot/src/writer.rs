@@ -13,8 +13,7 @@ use swm_data::dataset::{Dataset, LastRow, WriteOptions};
 use swm_data::error::{DataError, Result, missing};
 use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, check_fit};
 use swm_data::video::{FRAMES_PER_SECOND, encoding};
-use swm_files::WriterLock;
-use swm_files::is_plain_name;
+use swm_files::{WriterLock, is_plain_name};
 use swm_media::mp4::Mp4Options;
 
 use super::LEROBOT;

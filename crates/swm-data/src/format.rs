@@ -13,6 +13,7 @@ use std::sync::LazyLock;
 
 use swm_core::Registry;
 use swm_core::registry::Absent;
+use swm_files::remote;
 
 use crate::adapt::Resized;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
@@ -21,7 +22,6 @@ use crate::foreign;
 use crate::formats;
 use crate::open_options::OpenOptions;
 use crate::tools::part_folder;
-use swm_files::remote;
 
 pub use crate::entry::{Create, Detect, Format, Layout, Open, OpenWith, Opened, Repair, StoredImages};
 

@@ -61,7 +61,8 @@ pub fn settle(draft: &Path, path: &Path) -> io::Result<()> {
 /// It cannot be written.
 pub fn replace_unsynced(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let draft = beside(path, ".new");
-    write_new(&draft, bytes)?;
+    // Of a full disk something may be left.
+    write_new(&draft, bytes).inspect_err(|_| drop(fs::remove_file(&draft)))?;
     fs::rename(&draft, path)
 }
 

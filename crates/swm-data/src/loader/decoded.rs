@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 
 use swm_core::evaluate::sha256;
 use swm_core::{Dtype, FieldKind, Schema, SliceMut};
+use swm_files::remote::is_remote;
+use swm_files::{WriterLock, beside, cache_folder, new_file, open_regular, read_exact_at, write_all_at};
 
 use super::images::{Convert, Darkroom};
 use super::options::CacheOptions;
@@ -27,10 +29,6 @@ use super::plan::Plan;
 use super::wrong;
 use crate::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use crate::error::DataError;
-use swm_files::cache_folder;
-use swm_files::remote::is_remote;
-use swm_files::{WriterLock, beside};
-use swm_files::{new_file, open_regular, read_exact_at, write_all_at};
 
 /// Bytes before the first image.
 const HEADER: usize = 4096;

@@ -1,18 +1,15 @@
-//! Statistics on disk: a JSON file beside a dataset of one file, or in a dataset that is a folder. Every format can have
-//! one, and none has to know of it.
+//! Statistics on disk: a JSON file beside a dataset. Every format can have one, and none has to know of it.
 
-use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use swm_core::Dtype;
+use swm_files::remote::is_remote;
+use swm_files::{beside, read_regular, replace_unsynced};
 
 use super::{ColumnStatistics, Statistics, StatisticsOptions};
 use crate::dataset::Dataset;
 use crate::error::DataError;
-use swm_files::beside;
-use swm_files::remote::is_remote;
-use swm_files::{read_regular, write_new};
 
 /// Where the statistics of the dataset at `path` are: `data.h5.stats.json`; beside a folder too, since the reference's
 /// readers take every file inside for a column. Those of one that is open and lies elsewhere are in the cache.
@@ -61,14 +58,7 @@ impl Statistics {
         let mut text =
             serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
         text.push(b'\n');
-        // Renamed into place, so that nobody reads half of it.
-        let draft = beside(&path, ".new");
-        write_new(&draft, &text).map_err(|error| {
-            // Of a full disk something may be left.
-            let _ = fs::remove_file(&draft);
-            DataError::io(&draft, "write", error)
-        })?;
-        fs::rename(&draft, &path).map_err(|error| DataError::io(&path, "write", error))?;
+        replace_unsynced(&path, &text).map_err(|error| DataError::io(&path, "write", error))?;
         Ok(path)
     }
 

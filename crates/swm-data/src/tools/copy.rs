@@ -14,12 +14,12 @@ use std::thread;
 use swm_core::checkpoint::CHECKPOINT;
 use swm_core::error::BoxError;
 use swm_core::{Field, Metadata, Registry, Schema};
+use swm_files::remote::is_remote;
 
 use super::{alike, begun};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
-use swm_files::remote::is_remote;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);

@@ -10,6 +10,9 @@ use std::path::{Path, PathBuf};
 
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field};
+#[cfg(feature = "video")]
+use swm_files::open_regular;
+use swm_files::read_regular;
 use swm_media::jpeg;
 #[cfg(feature = "video")]
 use swm_media::mp4::Mp4Reader;
@@ -20,9 +23,6 @@ use crate::error::invalid;
 use crate::error::{At as _, Result, wrong_type};
 #[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
-#[cfg(feature = "video")]
-use swm_files::open_regular;
-use swm_files::read_regular;
 
 /// How images are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

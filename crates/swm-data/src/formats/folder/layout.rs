@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use crc32fast::hash;
 use serde::{Deserialize, Serialize};
 use swm_core::{Field, Metadata};
+use swm_files::{is_plain_name, open_own, read_regular, write_all_at};
 
 use crate::error::{DataError, Result};
 use crate::recording::replace_json;
-use swm_files::{is_plain_name, open_own, read_regular, write_all_at};
 
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";

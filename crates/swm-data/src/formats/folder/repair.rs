@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use swm_files::WriterLock;
+
 use super::images::Store;
 use super::layout::{self, Manifest};
 use super::reader::FolderDataset;
@@ -11,7 +13,6 @@ use crate::dataset::{Dataset as _, WriteOptions};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 use crate::recording::{self, Session as _};
-use swm_files::WriterLock;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(

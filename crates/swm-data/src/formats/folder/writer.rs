@@ -8,6 +8,7 @@ use std::sync::Arc;
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Dtype, Field, Schema, Slice};
+use swm_files::is_plain_name;
 
 use super::image_writer::ImageWriter;
 use super::images::Store;
@@ -17,7 +18,6 @@ use crate::dataset::{Dataset, WriteOptions};
 use crate::error::{At as _, DataError, Result, wrong_type};
 use crate::formats::npz::GrowingArray;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
-use swm_files::is_plain_name;
 
 /// How folders are recorded.
 pub(super) struct FolderBackend {

@@ -11,13 +11,13 @@ use hdf5_metno::filters::BloscShuffle;
 use hdf5_metno::types::FixedUnicode;
 use hdf5_metno::{Extent, SimpleExtents};
 use swm_core::{Dtype, Field, Metadata};
+use swm_files::{beside, lacks_locks};
 
 use super::attributes::{self, Attributes, RunChange};
 use super::handles::{Handles, library_error};
 use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::{DataError, Result};
-use swm_files::{beside, lacks_locks};
 
 /// Level of the LZ4 compression, as the reference has it.
 const COMPRESSION_LEVEL: u8 = 5;

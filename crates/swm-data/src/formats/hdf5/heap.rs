@@ -8,9 +8,9 @@ use std::fs::File;
 use std::ops::Range;
 
 use hdf5_metno::Location;
+use swm_files::read_exact_at;
 
 use crate::error::{At as _, Result, invalid};
-use swm_files::read_exact_at;
 
 /// Size in bytes of a reference, where addresses have 8 bytes: length (4), address (8), number (4).
 pub(super) const REFERENCE: usize = 16;

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use hdf5_metno as h5;
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Metadata, Schema, SliceMut};
+use swm_files::WriterLock;
 
 use super::attributes::Attributes;
 use super::coverage;
@@ -24,7 +25,6 @@ use crate::foreign;
 use crate::formats::element::{self, Element, LOOKED_AT};
 use crate::formats::labels::{Labels, number};
 use crate::recording::{self, EP_IDX};
-use swm_files::WriterLock;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
 /// pauses up to minutes when the file is simply damaged.

@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use swm_files::WriterLock;
+
 use super::create::{self, EndOfData};
 use super::reader::Hdf5Dataset;
 use super::superblock;
@@ -10,7 +12,6 @@ use crate::dataset::Dataset as _;
 use crate::error::DataError;
 use crate::recording;
 use crate::recording::EP_IDX;
-use swm_files::WriterLock;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {

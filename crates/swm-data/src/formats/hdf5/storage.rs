@@ -10,6 +10,7 @@ use hdf5_metno::dataset::Layout;
 use hdf5_metno::datatype::ByteOrder;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
 use swm_core::{Dtype, Field, SliceMut};
+use swm_files::read_exact_at;
 
 use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
@@ -21,7 +22,6 @@ use super::{blosc, library};
 use crate::dataset::{EncodedRow, EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::element::{self, Element};
-use swm_files::read_exact_at;
 
 /// One column of an open file.
 #[derive(Debug)]

@@ -11,8 +11,9 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::error::DataError;
 use swm_files::has_no_locks;
+
+use crate::error::DataError;
 
 const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 /// With 8-byte addresses, the only size that the library writes on 64-bit systems.

@@ -10,11 +10,12 @@ use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::Path;
 
+use swm_files::{read_exact_at, write_all_at};
+
 use super::ffi;
 use super::reader::open_library;
 use super::superblock::lookup3;
 use crate::error::DataError;
-use swm_files::{read_exact_at, write_all_at};
 
 const CHECKSUM: usize = 4;
 /// No block is longer: one of a chunk index has up to a thousand elements, or a few thousand addresses.

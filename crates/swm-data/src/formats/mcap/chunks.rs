@@ -3,9 +3,10 @@
 
 use std::io::{self, Read};
 
+use swm_files::{ReadAt, read_exact_at};
+
 use super::records::{HEAD, Reader};
 use crate::error::{At as _, Result, invalid, unsupported};
-use swm_files::{ReadAt, read_exact_at};
 
 /// Bytes of a chunk's head up to its messages, with the longest name of a compression.
 const HEAD_BYTES: u64 = 64;

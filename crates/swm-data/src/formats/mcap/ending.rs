@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crc32fast::Hasher;
+use swm_files::{ReadAt, read_exact_at};
 
 use super::index::EPISODE;
 use super::records::{FOOTER, HEAD, MAGIC, METADATA, Reader, STATISTICS};
 use crate::error::{Result, invalid};
-use swm_files::{ReadAt, read_exact_at};
 
 /// Bytes of a footer with its head, and of the magic behind it.
 const FOOTER_BYTES: u64 = HEAD + 20;

@@ -2,6 +2,7 @@
 //! committed episode where its messages lie.
 
 use swm_core::{Dtype, Field, Metadata};
+use swm_files::{ReadAt, read_exact_at};
 
 use super::chunks::{Chunk, Messages};
 use super::ending::{self, DataEnd, Footer};
@@ -11,7 +12,6 @@ use super::records::{
     SCHEMA,
 };
 use crate::error::{At as _, Result, invalid, missing};
-use swm_files::{ReadAt, read_exact_at};
 
 /// Metadata record: the columns.
 pub(super) const DATASET: &str = "swm.dataset";

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::{Column, Field, Schema, SliceMut};
+use swm_files::{ReadAt as _, Readable};
 use swm_media::png;
 
 use super::chunks::Messages;
@@ -16,7 +17,6 @@ use crate::dataset::{CHANGED, Dataset, DatasetInfo, Origin, Steps, copy_rows};
 use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 use crate::foreign;
 use crate::recording::EP_IDX;
-use swm_files::{ReadAt as _, Readable};
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
 const BLOCK: usize = 1 << 16;

@@ -2,11 +2,12 @@
 
 use std::fs::File;
 
+use swm_files::write_all_at;
+
 use super::describe;
 use super::index::Index;
 use super::records::{CHUNK_INDEX, Content, DATA_END, FOOTER, MAGIC, METADATA_INDEX, STATISTICS};
 use crate::error::Result;
-use swm_files::write_all_at;
 
 /// Ends the data behind the last committed episode and writes the summary.
 /// `checksum` is that of all bytes before it.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Metadata, Schema, Slice};
+use swm_files::{WriterLock, beside, open_own, write_all_at, write_new};
 use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
@@ -22,8 +23,6 @@ use super::{FORMAT, describe, ending, summary};
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, Result, missing};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
-use swm_files::{WriterLock, beside};
-use swm_files::{open_own, write_all_at, write_new};
 
 /// Messages of so many bytes make a chunk.
 const CHUNK_BYTES: usize = 4 << 20;

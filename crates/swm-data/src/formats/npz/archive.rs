@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use swm_core::SliceMut;
+use swm_files::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
 use zip::result::ZipError;
 use zip::{CompressionMethod, ZipArchive};
 
@@ -13,7 +14,6 @@ use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
 use crate::formats::element::{self, Element, LOOKED_AT};
-use swm_files::{Cursor, ReadAt, Readable, new_file, open_regular, read_exact_at};
 
 /// Where numpy puts the only array of an archive.
 pub(super) const ENTRY: &str = "arr_0.npy";

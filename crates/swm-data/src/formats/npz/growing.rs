@@ -11,12 +11,12 @@ use std::path::Path;
 
 use crc32fast::Hasher;
 use swm_core::{Field, Slice};
+use swm_files::{open_own, read_exact_at, write_all_at};
 
 use super::archive::ENTRY;
 use super::header::{self, HEAD_BYTES, Head, TEXT_CHARACTERS};
 use crate::error::{Result, invalid, wrong_type};
 use crate::formats::element;
-use swm_files::{open_own, read_exact_at, write_all_at};
 
 /// Bytes before the array: the entry's own header, its name, its sizes in 64 bits.
 const ENTRY_BYTES: u64 = 30 + ENTRY.len() as u64 + 20;

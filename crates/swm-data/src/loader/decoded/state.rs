@@ -6,10 +6,10 @@ use std::path::Path;
 use std::time::UNIX_EPOCH;
 
 use swm_core::evaluate::sha256;
+use swm_files::remote::is_remote;
 
 use crate::dataset::{DatasetInfo, Origin};
 use crate::error::DataError;
-use swm_files::remote::is_remote;
 
 /// A digest of what may change in a dataset: its files by length and time of change, its episodes and runs.
 pub(super) fn state(info: &DatasetInfo, origin: &Origin) -> Result<String, DataError> {
