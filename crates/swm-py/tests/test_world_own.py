@@ -87,9 +87,12 @@ def test_goals_of_an_evaluation_are_no_columns_of_the_next_recording(tmp_path: P
     world.set_policy("random")
     dataset = swm.data.load_dataset(tmp_path / "own.h5")
     swm.evaluate_from_dataset(world, dataset, [0], [0], goal_offset=2, eval_budget=3)
+    goals = {name for name in world.infos if name.startswith("goal")}
+    assert goals, "they stay until the next episodes begin"
     world.collect(tmp_path / "later.h5", episodes=3, seed=0, progress=False)
     with h5py.File(tmp_path / "later.h5") as file:
         assert {name for name in file if isinstance(file[name], h5py.Dataset)} == set(before)
+    assert not goals & set(world.infos)
 
 
 def test_actions_may_be_dicts(tmp_path: Path) -> None:

@@ -180,9 +180,8 @@ def evaluate_from_dataset(
                 frames[row].append(_frame(_images(world)[row]))
 
     world._run(max_steps=eval_budget, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
-    # Episodes after these have no such goals.
-    for column in set(goals) - own:
-        world.infos.pop(column, None)
+    # As the reference has it, they stay in the infos until the next episodes begin, which have no such goals.
+    world.envs.table.lent.update(set(goals) - own)
     for row, shown in frames.items():
         goal = lasts[row].get("goal")
         panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
