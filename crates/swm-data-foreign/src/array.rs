@@ -27,6 +27,11 @@ pub(super) trait Array: Send + Sync + fmt::Debug {
         false
     }
 
+    /// Whether the file has encoded images, which are decoded.
+    fn is_encoded(&self) -> bool {
+        false
+    }
+
     /// Values of a row.
     fn dim(&self) -> usize {
         self.shape().iter().product()

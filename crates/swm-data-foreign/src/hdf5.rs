@@ -134,6 +134,10 @@ impl Array for Jpeg {
         &self.shape
     }
 
+    fn is_encoded(&self) -> bool {
+        true
+    }
+
     fn read(&self, rows: Steps, out: SliceMut<'_>, _scratch: &mut Scratch) -> Result<()> {
         let SliceMut::U8(out) = out else { return Err(wrong_type("images hold bytes")) };
         for (index, out) in out.chunks_exact_mut(self.dim()).enumerate() {

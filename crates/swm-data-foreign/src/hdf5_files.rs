@@ -60,18 +60,21 @@ struct Head {
     dtype: Dtype,
     shape: Vec<usize>,
     is_u64: bool,
+    is_encoded: bool,
 }
 
 impl Head {
     fn of(rows: &Shared) -> Self {
         let (dtype, shape) = (rows.dtype(), rows.shape().to_vec());
-        Self { rows: rows.rows(), dtype, shape, is_u64: rows.is_u64() }
+        Self { rows: rows.rows(), dtype, shape, is_u64: rows.is_u64(), is_encoded: rows.is_encoded() }
     }
 }
 
 impl Files {
-    pub(super) fn open(paths: Vec<PathBuf>) -> Result<Self> {
-        let heads = paths.iter().map(|path| heads(path).at(path.display())).collect::<Result<Vec<_>>>()?;
+    /// With `is_jpeg`, rows of bytes that are images are decoded.
+    pub(super) fn open(paths: Vec<PathBuf>, is_jpeg: bool) -> Result<Self> {
+        let heads =
+            paths.iter().map(|path| heads(path, is_jpeg).at(path.display())).collect::<Result<Vec<_>>>()?;
         match heads.is_empty() {
             true => Err(missing("the folder has no file")),
             false => Ok(Self { paths, heads }),
@@ -130,11 +133,11 @@ impl Files {
     }
 }
 
-fn heads(path: &Path) -> Result<BTreeMap<String, std::result::Result<Head, String>>> {
+fn heads(path: &Path, is_jpeg: bool) -> Result<BTreeMap<String, std::result::Result<Head, String>>> {
     let tree = opened(path)?;
     let mut heads = BTreeMap::new();
     for table in tree.tables("/")? {
-        let head = match array(&tree, "/", &table, false) {
+        let head = match array(&tree, "/", &table, is_jpeg) {
             Ok(rows) => Ok(Head::of(&scalars(rows))),
             Err(FormatError::Unsupported(reason)) => Err(reason.to_string()),
             Err(error) => return Err(error.at(format_args!("array `{table}`"))),
@@ -159,7 +162,7 @@ struct Stored {
 
 impl Stored {
     fn open(&self) -> Result<Shared> {
-        let rows = scalars(array(&opened(&self.path)?, "/", &self.table, false)?);
+        let rows = scalars(array(&opened(&self.path)?, "/", &self.table, self.head.is_encoded)?);
         match Head::of(&rows) == self.head {
             true => Ok(rows),
             false => Err(invalid("it is another array than when the dataset was opened")),
@@ -182,6 +185,10 @@ impl Array for Stored {
 
     fn is_u64(&self) -> bool {
         self.head.is_u64
+    }
+
+    fn is_encoded(&self) -> bool {
+        self.head.is_encoded
     }
 
     fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {

@@ -31,7 +31,7 @@ pub(super) fn detect(path: &Path) -> bool {
 }
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
-    let found = Files::open(paths(path, "")).and_then(|files| find(&files));
+    let found = Files::open(paths(path, ""), false).and_then(|files| find(&files));
     found.map_err(|error| DataError::damaged(path, error))?.open(path, NAME, options, &[])
 }
 

@@ -73,5 +73,5 @@ pub use error::DataError;
 pub use format::{FORMATS, Format, Layout, create, create_in, create_with, open, open_in, open_with};
 pub use loader::{BatchOptions, CacheOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
-pub use open_options::{Flip, OpenOptions};
+pub use open_options::{Channels, Flip, OpenOptions};
 pub use rendered::{Looks, RenderOptions, Rendered};

@@ -26,6 +26,9 @@ pub struct OpenOptions {
     /// How images are turned over. Default: not at all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flip: Option<Flip>,
+    /// The order of channels in which a program gave images to OpenCV to encode them, where files do not tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channels: Option<Channels>,
     /// Rows per second. Default: as the file says, if it does.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fps: Option<f64>,
@@ -59,6 +62,7 @@ setters!(OpenOptions {
     map: BTreeMap<String, String>,
     camera: Option<String>,
     flip: Option<Flip>,
+    channels: Option<Channels>,
     fps: Option<f64>,
     env: Option<String>,
     env_options: Map<String, Json>,
@@ -92,6 +96,30 @@ impl FromStr for Flip {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, flip)| flip);
         known.ok_or_else(|| format!("unknown flip `{text}`; use vertical or 180"))
+    }
+}
+
+/// The order of channels of images. OpenCV takes what it encodes for BGR: of images in RGB it exchanges red and blue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Channels {
+    /// Red, green, blue.
+    Rgb,
+    /// Blue, green, red.
+    Bgr,
+}
+
+impl Channels {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 2] = [("rgb", Self::Rgb), ("bgr", Self::Bgr)];
+}
+
+impl FromStr for Channels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, channels)| channels);
+        known.ok_or_else(|| format!("unknown channels `{text}`; use rgb or bgr"))
     }
 }
 
@@ -162,6 +190,7 @@ impl OpenOptions {
             ("map", !self.map.is_empty()),
             ("camera", self.camera.is_some()),
             ("flip", self.flip.is_some()),
+            ("channels", self.channels.is_some()),
             ("fps", self.fps.is_some()),
             ("env", self.env.is_some()),
             ("split", self.split.is_some()),

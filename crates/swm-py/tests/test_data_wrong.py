@@ -111,6 +111,7 @@ OPENING = {
     "image_size=64": ({"image_size": 64}, TypeError, "image_size=64: give the height and width"),
     "fit": ({"image_size": (8, 8), "fit": "crp"}, ValueError, "fit='crp'; use 'stretch' or 'crop' or 'pad'"),
     "flip": ({"flip": "up"}, ValueError, "flip='up'; use 'vertical' or '180'"),
+    "channels": ({"channels": "gbr"}, ValueError, "channels='gbr'; use 'rgb' or 'bgr'"),
     "fps": ({"fps": "10"}, TypeError, "fps='10': give a number of rows per second"),
     "fps=0": ({"fps": 0}, ValueError, "fps=0: give a finite number above 0"),
     "camera": ({"camera": 0}, TypeError, "camera=0: give text, such as camera='top'"),

@@ -1,12 +1,14 @@
 //! HDF5 files of ALOHA and ACT.
 
 use std::fs;
+use std::path::Path;
 
 use swm_core::{Column, Dtype};
-use swm_data::{OpenOptions, Steps};
+use swm_data::{Channels, OpenOptions, Steps};
 
 use crate::copied;
 use crate::published::{check, column_of, golden, lengths, opened, rows};
+use crate::varied::put;
 
 const SAMPLE: &str = "aloha_toy";
 
@@ -71,4 +73,40 @@ fn a_file_that_changes_while_it_is_open_is_an_error_that_names_it() {
     let error = dataset.rows(column, 2, steps, out.as_slice_mut()).unwrap_err().to_string();
     assert!(error.contains("episode_10.hdf5") && error.contains("another array"), "{error}");
     dataset.rows(column, 0, steps, out.as_slice_mut()).unwrap();
+}
+
+const SIDE: usize = 16;
+
+/// Writes an episode of mobile ALOHA: images in this color as JPEG, padded to one length.
+fn encoded(path: &Path, rows: usize, padded: usize, color: [u8; 3]) {
+    let file = hdf5_metno::File::create(path).unwrap();
+    file.create_group("observations/images").unwrap();
+    for name in ["action", "observations/qpos"] {
+        put(&file, name, &[rows, 14], &vec![0f32; rows * 14]);
+    }
+    let mut image = swm_media::jpeg::encode(SIDE, SIDE, 3, &color.repeat(SIDE * SIDE), 95).unwrap();
+    image.resize(padded, 0);
+    put(&file, "observations/images/cam_high", &[rows, padded], &image.repeat(rows));
+}
+
+#[test]
+fn images_that_opencv_encoded_are_read_by_the_order_that_it_was_given() {
+    let folder = tempfile::tempdir().unwrap();
+    // Padded to another length in each file.
+    encoded(&folder.path().join("episode_0.hdf5"), 3, 2000, [250, 20, 20]);
+    encoded(&folder.path().join("episode_1.hdf5"), 2, 3000, [20, 20, 250]);
+    let left_out = opened(folder.path(), &OpenOptions::default()).unwrap();
+    let (name, reason) = &left_out.info().skipped[0];
+    assert!(name == "observations.images.cam_high" && reason.contains("`channels`"), "{name}: {reason}");
+    for (channels, first, last) in [(Channels::Bgr, 0, 2), (Channels::Rgb, 2, 0)] {
+        let mut dataset = opened(folder.path(), &OpenOptions::default().channels(Some(channels))).unwrap();
+        let pixels = column_of(dataset.as_ref(), "pixels");
+        assert_eq!(dataset.schema().fields()[pixels].shape, [SIDE, SIDE, 3]);
+        for (episode, row, bright) in [(0, 2, first), (1, 1, last)] {
+            let Column::U8(image) = rows(dataset.as_mut(), pixels, episode, row, 1) else { panic!("images") };
+            assert!(image[bright] > 230 && image[2 - bright] < 40, "{channels:?}: {:?}", &image[..3]);
+        }
+    }
+    let refused = opened(&golden(SAMPLE), &top().channels(Some(Channels::Rgb))).err().unwrap().to_string();
+    assert!(refused.contains("`channels`") && refused.contains("no use for it"), "{refused}");
 }

@@ -25,7 +25,7 @@ fn why_skipped(dataset: &dyn Dataset, name: &str) -> String {
 }
 
 /// Writes an array of an HDF5 file.
-fn put<T: hdf5_metno::H5Type>(file: &hdf5_metno::File, name: &str, shape: &[usize], values: &[T]) {
+pub(crate) fn put<T: hdf5_metno::H5Type>(file: &hdf5_metno::File, name: &str, shape: &[usize], values: &[T]) {
     let array = file.new_dataset::<T>().shape(shape).create(name).unwrap();
     if !values.is_empty() {
         array.write_raw(values).unwrap();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
-use swm_data::{Flip, OpenOptions};
+use swm_data::{Channels, Flip, OpenOptions};
 
 use super::Failure;
 use super::args::{assignment, assignments, json_value};
@@ -25,6 +25,9 @@ pub(super) struct ColumnArgs {
     /// Turn images over: `vertical`, or `180` by half a turn.
     #[arg(long, value_name = "HOW")]
     flip: Option<Flip>,
+    /// The order of channels in which images were given to OpenCV, which encoded them (ALOHA): `rgb` or `bgr`.
+    #[arg(long, value_name = "ORDER")]
+    channels: Option<Channels>,
     /// Whether observations of a row are those after its action (1) or before it (0), where a file of LIBERO does not show it.
     #[arg(long, value_name = "0|1", value_parser = clap::value_parser!(u8).range(0..=1))]
     shift: Option<u8>,
@@ -66,7 +69,7 @@ impl ColumnArgs {
         let pair = |pair| assignment(pair, "--map").map(|(new, old)| (new.to_owned(), old.to_owned()));
         let map: BTreeMap<_, _> = self.map.iter().map(|text| pair(text)).collect::<Result<_, _>>()?;
         let options = OpenOptions::default().map(map).camera(self.camera.clone()).flip(self.flip);
-        Ok(options.shift(self.shift).storage(self.storage.clone()))
+        Ok(options.channels(self.channels).shift(self.shift).storage(self.storage.clone()))
     }
 }
 

@@ -89,8 +89,10 @@ class _Cached(Mapping[str, NDArray[Any]]):
 # Options of opening that are text, that are dicts, and that have few values, each with what to give.
 _TEXTS = {"camera": "'top'", "env": "'mylab/Arm-v0'", "split": "'train'", "storage": "'decoded'"}
 _DICTS = {"map": "{'proprio': 'obs.state'}", "env_options": "{'task': 'swingup'}"}
-_CHOICES = {"flip": ("vertical", "180"), "fit": ("stretch", "crop", "pad")}
-_OPTIONS = ("map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage")
+_CHOICES = {"flip": ("vertical", "180"), "channels": ("rgb", "bgr"), "fit": ("stretch", "crop", "pad")}
+_OPTIONS = (
+    "map", "camera", "flip", "channels", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
+)  # fmt: skip
 _LARGEST_SIDE = 4096
 
 
@@ -165,7 +167,7 @@ class NativeDataset(Dataset):
         rewards: ``"recorded"``: those of arriving at each row; ``"action"``: beside each row, the sum of those of the
             actions taken from it to the next. Rows, columns and whole episodes have them as recorded.
         options: How a dataset of another program is opened: ``map`` (new names of columns to those in its files),
-            ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
+            ``camera``, ``flip`` (``"vertical"``, ``"180"``), ``channels`` (``"rgb"``, ``"bgr"``), ``fps``, ``env``, ``env_options``, ``split``, ``max_steps``,
             ``shift``, ``storage``; of any dataset, ``image_size``, ``(H, W)`` to which images are resized by area when they are
             read, with ``fit`` (``"stretch"``, ``"crop"``, ``"pad"``) where their shape changes. :func:`load_dataset` takes each
             of them as an argument.

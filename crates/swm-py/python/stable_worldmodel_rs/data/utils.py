@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 _OPENING = (
-    "map", "camera", "flip", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
+    "map", "camera", "flip", "channels", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
 )  # fmt: skip
 """Arguments of :func:`load_dataset` that say how a dataset of another program is opened."""
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
@@ -63,7 +63,7 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
         cache_dir: Default: ``$STABLEWM_HOME``, else ``~/.stable_worldmodel``.
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
-            OGBench, PLDM, robomimic, LIBERO, ManiSkill, Minari, D4RL) also ``map``, ``camera``, ``flip``, ``fps``, ``env``,
+            OGBench, PLDM, robomimic, LIBERO, ManiSkill, Minari, D4RL) also ``map``, ``camera``, ``flip``, ``channels``, ``fps``, ``env``,
             ``env_options``, ``split``, ``max_steps``, ``shift``, ``storage``, and of any dataset ``image_size`` with ``fit``:
             see ``options`` of :class:`NativeDataset`.
 
