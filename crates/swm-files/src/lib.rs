@@ -20,7 +20,7 @@ pub use cache_folder::cache_folder;
 pub use folders::{first_link, is_plain_name, link_out_of, size};
 pub use lock::{WriterLock, beside, has_no_locks, is_at, lacks_locks};
 pub use open::{
-    append_own, begins, identity, is_zip, names, open_beneath, open_own, open_regular, read_regular,
+    append_own, begins, identity, is_zip, link_count, open_beneath, open_own, open_regular, read_regular,
 };
 pub use read_at::{Cursor, ReadAt, Readable, read_exact_at, write_all_at};
 pub use whole::{DRAFT, draft, new_file, replace, replace_unsynced, settle, sync, write_new};

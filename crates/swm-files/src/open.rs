@@ -139,7 +139,7 @@ pub fn open_own(path: &Path, create: bool) -> io::Result<File> {
         return Err(foreign("no regular file"));
     }
     let file = options.open(path)?;
-    let (opened, names) = (file.metadata()?, names(&file.metadata()?));
+    let (opened, names) = (file.metadata()?, link_count(&file.metadata()?));
     if identity(&opened) != identity(&there) {
         return Err(io::Error::new(io::ErrorKind::AlreadyExists, "it was replaced while it was opened"));
     }
@@ -167,14 +167,14 @@ pub fn identity(_file: &fs::Metadata) -> Option<(u64, u64)> {
 /// How many names a file has.
 #[cfg(unix)]
 #[must_use]
-pub fn names(file: &fs::Metadata) -> u64 {
+pub fn link_count(file: &fs::Metadata) -> u64 {
     std::os::unix::fs::MetadataExt::nlink(file)
 }
 
 /// How many names a file has.
 #[cfg(not(unix))]
 #[must_use]
-pub fn names(_file: &fs::Metadata) -> u64 {
+pub fn link_count(_file: &fs::Metadata) -> u64 {
     1
 }
 

@@ -108,7 +108,7 @@ pub fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Ve
 pub(crate) fn check_own(path: &Path) -> Result<(), DataError> {
     let failed = |source| DataError::io(path, "open", source);
     let there = std::fs::metadata(path).map_err(failed)?;
-    let names = swm_files::names(&there);
+    let names = swm_files::link_count(&there);
     if there.is_dir() {
         let Some(link) = swm_files::first_link(path).map_err(failed)? else { return Ok(()) };
         let reason = format!(

@@ -119,6 +119,11 @@ class BaseSolver:
         """Refuses what has no cost. A solver for :class:`~stable_worldmodel_rs.MpcPolicy` may have none, or one in Rust."""
         if cost is None or getattr(cost, "is_native", False):
             return
+        from ...compat import is_installed
+
+        if is_installed():
+            # Under the reference's name anything may be given, and is refused when it is asked for costs.
+            return
         hint = (
             "a world model with encode and rollout becomes a cost by ShootingCostEvaluator(model, objective); the simulator "
             "itself is SimulatorCost(), for MpcPolicy"
