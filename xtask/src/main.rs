@@ -69,7 +69,7 @@ enum Command {
     Setup(setup::Args),
     /// Record, plan and evaluate on PushT, and leave a report with images and videos
     Demo(demo::Args),
-    /// Train small baselines on TwoRoom, plan and act with them, and print what they reach
+    /// Make the figures of docs/proof.md and docs/robustness.md again: record, train, evaluate, and write the tables
     Proof(proof::Args),
     /// Train the agents of the policy `learned-expert`, and write their weights; trains for an hour or more
     Experts(experts::Args),
