@@ -41,6 +41,19 @@ for path in ["stable_worldmodel.planning.solver.cem.CEMSolver", "stable_worldmod
     assert set(lines(run_python(code))) == {"stable_worldmodel_rs"}
 
 
+def test_stand_ins_of_costs_are_refused_when_they_are_asked(run_python: Run) -> None:
+    code = """{}
+from stable_worldmodel_rs.planning.solver import CEMSolver
+class StandIn: pass
+try:
+    print(CEMSolver(StandIn(), num_samples=8, topk=4).num_samples)
+except TypeError as error:
+    print("refused" if "has no get_cost" in str(error) else error)
+"""
+    assert lines(run_python(code.format(INSTALL))) == ["8"]
+    assert lines(run_python(code.format(""))) == ["refused"]
+
+
 def test_what_is_missing_comes_from_an_installed_reference(run_python: Run, tmp_path: Any) -> None:
     theirs = tmp_path / "stable_worldmodel"
     (theirs / "plots").mkdir(parents=True)
