@@ -20,6 +20,7 @@ use super::hdf5_files::{Files, has, paths};
 const NAME: &str = "aloha";
 const START: &str = "episode_";
 
+const IMAGES: &str = "observations/images/";
 const ACTION: &str = "action";
 /// Arrays of every file.
 const SIGNS: [&str; 2] = [ACTION, "observations/qpos"];
@@ -62,11 +63,12 @@ fn find(files: &Files, channels: Option<Channels>) -> Result<(Found, bool)> {
                     found.skipped.push((name, UNKNOWN_CHANNELS.to_owned()));
                     continue;
                 }
-                Some(Channels::Rgb) => {
-                    arrays = arrays.into_iter().map(|array| Arc::new(Exchanged(array)) as Shared).collect();
-                }
+                Some(Channels::Rgb) => arrays = arrays.into_iter().map(exchanged).collect(),
                 Some(Channels::Bgr) => {}
             }
+        } else if table.starts_with(IMAGES) && arrays[0].shape().len() == 1 {
+            found.skipped.push((name, "its images are encoded, and not as JPEG".to_owned()));
+            continue;
         }
         found.sources.push(Source::step(&table, &name, arrays, spans.clone()));
     }
@@ -80,6 +82,11 @@ fn find(files: &Files, channels: Option<Channels>) -> Result<(Found, bool)> {
 
 const UNKNOWN_CHANNELS: &str = "its images were encoded by OpenCV, which takes what it is given for BGR, and the file does not tell what it was given; \
                                 the option `channels` does: `rgb` or `bgr`";
+
+/// Images that OpenCV took for BGR; others as they are.
+fn exchanged(array: Shared) -> Shared {
+    if array.is_encoded() { Arc::new(Exchanged(array)) } else { array }
+}
 
 /// Images whose red and blue OpenCV exchanged.
 #[derive(Debug)]

@@ -105,7 +105,7 @@ fn open_stored(registry: &Registry, path: &Path, options: &OpenOptions) -> Opene
         #[cfg(feature = "remote")]
         return crate::elsewhere::open(registry, path, options);
         #[cfg(not(feature = "remote"))]
-        return Err(remote::absent(path));
+        return Err(remote::not_built_in(path));
     }
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if !metadata.is_file() && !metadata.is_dir() {

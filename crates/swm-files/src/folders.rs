@@ -77,6 +77,19 @@ pub fn first_link(folder: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
+/// `folder/name.h5` → `folder/name.h5.lock`.
+#[must_use]
+pub fn beside(dataset: &Path, suffix: &str) -> PathBuf {
+    let mut name = dataset.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+/// The folder that a file lies in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Whether `name` stays in the folder that it is joined to, on every system.
 #[must_use]
 pub fn is_plain_name(name: &str) -> bool {

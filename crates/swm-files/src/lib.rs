@@ -2,7 +2,8 @@
 //! time, read by position, fetched.
 //!
 //! * [`open_regular`], [`open_beneath`], [`open_own`]: no pipe, nothing outside of a folder, no file of others through a link;
-//! * [`replace`], [`replace_unsynced`], [`draft`], [`settle`], [`sync`]: readers see the old content or the new, also after a loss of power;
+//! * [`replace`], [`draft`], [`settle`]: readers see the old content or the new, also after a loss of power; [`replace_unsynced`] leaves the
+//!   disk to a later [`sync`];
 //! * [`WriterLock`]: one writer at a time, also where a file system has no locks;
 //! * [`Readable`], [`Cursor`]: bytes by position, of a file or of an object that lies elsewhere;
 //! * [`remote`]: `https://`, `s3://` and `hf://` (with the feature `remote`);
@@ -17,8 +18,8 @@ pub mod remote;
 mod whole;
 
 pub use cache_folder::cache_folder;
-pub use folders::{first_link, is_plain_name, link_out_of, size};
-pub use lock::{WriterLock, beside, has_no_locks, is_at, lacks_locks};
+pub use folders::{beside, first_link, is_plain_name, link_out_of, size};
+pub use lock::{WriterLock, has_no_locks, lacks_locks};
 pub use open::{
     append_own, begins, identity, is_zip, link_count, open_beneath, open_own, open_regular, read_regular,
 };

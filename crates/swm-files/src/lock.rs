@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use swm_core::dataset::DataError;
 
+use crate::folders::{beside, folder_of};
 use crate::open::{identity, open_own};
 use crate::whole::{draft, new_file};
 
@@ -289,26 +290,12 @@ fn host() -> String {
     }
 }
 
-/// `folder/name.h5` → `folder/name.h5.lock`.
-#[must_use]
-pub fn beside(dataset: &Path, suffix: &str) -> PathBuf {
-    let mut name = dataset.as_os_str().to_owned();
-    name.push(suffix);
-    PathBuf::from(name)
-}
-
 /// Whether `path` still names the open `file`. Where files cannot be told apart, an open one cannot be removed.
-#[must_use]
-pub fn is_at(file: &File, path: &Path) -> bool {
+pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(ours), Ok(there)) => identity(&ours) == identity(&there),
         _ => false,
     }
-}
-
-/// The folder that a file lies in.
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 #[cfg(test)]

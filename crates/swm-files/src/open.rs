@@ -121,8 +121,8 @@ pub fn append_own(path: &Path) -> io::Result<File> {
 /// It is such a thing, was replaced meanwhile, or cannot be opened.
 pub fn open_own(path: &Path, create: bool) -> io::Result<File> {
     let foreign = |what: &str| {
-        let fix = "remove it, or copy the dataset without links and use the copy";
-        io::Error::other(format!("it is {what}, and what lies behind it may not be the dataset's; {fix}"))
+        let fix = "remove it, or copy what it belongs to without links and use the copy";
+        io::Error::other(format!("it is {what}, and what lies behind it may be somebody else's; {fix}"))
     };
     let mut options = OpenOptions::new();
     options.read(true).write(true);

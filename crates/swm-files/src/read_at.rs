@@ -193,3 +193,30 @@ pub fn write_all_at(file: &File, mut bytes: &[u8], mut at: u64) -> io::Result<()
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read as _, Seek as _, Write as _};
+
+    use super::*;
+
+    #[test]
+    fn a_cursor_reads_from_where_it_is_and_not_beyond_the_end() {
+        let mut file = tempfile::tempfile().unwrap();
+        file.write_all(b"0123456789").unwrap();
+        let mut cursor = Cursor::new(file.into()).unwrap();
+        let mut other = cursor.clone();
+        let mut out = [0; 4];
+        assert_eq!(cursor.seek(SeekFrom::End(-3)).unwrap(), 7);
+        assert_eq!((cursor.read(&mut out).unwrap(), &out[..3]), (3, &b"789"[..]));
+        assert_eq!(cursor.read(&mut out).unwrap(), 0);
+        assert!(cursor.seek(SeekFrom::Current(-11)).is_err());
+        assert_eq!(cursor.seek(SeekFrom::Current(-9)).unwrap(), 1);
+        cursor.read_exact(&mut out).unwrap();
+        assert_eq!(&out, b"1234");
+        let mut whole = String::new();
+        other.read_to_string(&mut whole).unwrap();
+        assert_eq!(whole, "0123456789", "clones do not move each other");
+        assert!(read_exact_at(&tempfile::tempfile().unwrap(), &mut out, 0).is_err());
+    }
+}

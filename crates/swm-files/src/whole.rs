@@ -1,5 +1,5 @@
-//! Small files that are replaced as a whole, whichever crate they belong to: at any moment readers see the old content or the new, also
-//! after a loss of power.
+//! Small files that are replaced as a whole, whichever crate they belong to: at any moment readers see the old content or the new, and, where
+//! it is brought to the disk, also after a loss of power.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use crate::lock::beside;
+use crate::folders::{beside, folder_of};
 
 /// What the names of files that are being written begin with; see [`draft`].
 pub const DRAFT: &str = "new-";
@@ -46,7 +46,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// The file cannot be renamed.
 pub fn settle(draft: &Path, path: &Path) -> io::Result<()> {
     fs::rename(draft, path)?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     // Some file systems cannot sync a folder, or let nobody open it: the file is whole all the same.
     if cfg!(unix) {
         let _ = File::open(folder).and_then(|folder| folder.sync_all());
@@ -54,7 +54,8 @@ pub fn settle(draft: &Path, path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// As [`replace`], of what is brought to the disk later ([`sync`]): readers see the old content or the new, as long as the system runs.
+/// As [`replace`], by the only writer of the file, of what is brought to the disk later ([`sync`]): readers see the old content or the new, as
+/// long as the system runs.
 ///
 /// # Errors
 ///
@@ -133,5 +134,21 @@ mod tests {
         assert!(replace(&folder.path().join("none/a.json"), b"").is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no draft is left");
         assert_ne!(draft(&other), draft(&other));
+    }
+
+    #[test]
+    fn a_file_is_replaced_by_its_only_writer() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("info.json");
+        for text in ["old", "new"] {
+            replace_unsynced(&path, text.as_bytes()).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        }
+        // What was left behind by a kill is no obstacle.
+        fs::write(beside(&path, ".new"), "half").unwrap();
+        replace_unsynced(&path, b"newer").unwrap();
+        sync(&[path.clone(), folder.path().join("gone")]).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"newer");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

@@ -10,12 +10,12 @@ use pyo3::prelude::*;
 use swm::core::evaluate::check_fit;
 use swm::core::{Batch, Cancel, Column, EnvConfig, ImageSize, Metadata, Schema, SliceMut};
 use swm::data::adapt::{Cached, Columns, Concat, Fit, Resized, Subset, Watched};
-use swm::data::remote::Event;
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{
     DataError, Dataset, DatasetInfo, Looks, MemoryDataset, OpenOptions, RenderOptions, Rendered, Steps,
     format,
 };
+use swm::files::remote::Event;
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _, SwmError};
@@ -30,7 +30,7 @@ pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Reader>()?;
     m.add_function(wrap_pyfunction!(dataset_formats, m)?)?;
     m.add_function(wrap_pyfunction!(is_remote, m)?)?;
-    swm::data::remote::watch(tell);
+    swm::files::remote::watch(tell);
     m.add_function(wrap_pyfunction!(detect_dataset, m)?)
 }
 
@@ -415,7 +415,7 @@ fn tell(event: &Event<'_>) {
 /// Whether a path is the address of a dataset that lies elsewhere.
 #[pyfunction]
 fn is_remote(path: PathBuf) -> bool {
-    swm::data::remote::is_remote(&path)
+    swm::files::remote::is_remote(&path)
 }
 
 /// The format of an existing file or folder, by its content.

@@ -95,6 +95,23 @@ def test_goals_of_an_evaluation_are_no_columns_of_the_next_recording(tmp_path: P
     assert not goals & set(world.infos)
 
 
+def test_goals_of_an_evaluation_that_failed_are_no_columns_either(tmp_path: Path) -> None:
+    before = recorded(tmp_path / "own.h5", own(length=6), num_envs=1)
+    world = swm.World([own(length=6)], max_episode_steps=50, add_pixels=False)
+
+    def fails(infos: dict[str, Any]) -> Any:
+        raise LookupError("the model is lost")
+
+    world.set_policy(fails)
+    dataset = swm.data.load_dataset(tmp_path / "own.h5")
+    with pytest.raises(LookupError):
+        swm.evaluate_from_dataset(world, dataset, [0], [0], goal_offset=2, eval_budget=3)
+    world.set_policy("random")
+    world.collect(tmp_path / "later.h5", episodes=3, seed=0, progress=False)
+    with h5py.File(tmp_path / "later.h5") as file:
+        assert {name for name in file if isinstance(file[name], h5py.Dataset)} == set(before)
+
+
 def test_actions_may_be_dicts(tmp_path: Path) -> None:
     parts = spaces.Dict(a=spaces.Discrete(2), b=spaces.Dict(c=spaces.Box(-1, 1, (2,))))
     found = recorded(tmp_path / "own.h5", own(actions=parts))

@@ -6,7 +6,6 @@ use std::sync::LazyLock;
 use swm_core::Registry;
 use swm_data::format::Opened;
 pub use swm_data::*;
-pub use swm_files::remote;
 
 /// Every format and layout of this build.
 fn built() -> &'static Registry {

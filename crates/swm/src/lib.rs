@@ -39,6 +39,7 @@ pub use swm_envs_2d as envs_2d;
 pub use swm_envs_3d as envs_3d;
 #[cfg(feature = "mujoco")]
 pub use swm_envs_mujoco as envs_mujoco;
+pub use swm_files as files;
 pub use swm_fov as fov;
 #[cfg(feature = "cli")]
 pub use swm_jobs as jobs;

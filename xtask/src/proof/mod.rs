@@ -86,7 +86,7 @@ pub(crate) fn check() -> Result<()> {
 /// returned.
 fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<String>> {
     let mut records = Records::read(folder, &task.name)?;
-    let mut faults = Vec::new();
+    let (mut faults, mut is_any_chosen) = (Vec::new(), false);
     for seed in 1..=plan::SEEDS {
         for (table, row) in task.rows() {
             let is_chosen = match args.quick {
@@ -100,6 +100,7 @@ fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<
             if !is_chosen {
                 continue;
             }
+            is_any_chosen = true;
             for step in task.steps.iter().chain(&table.steps) {
                 work.step(step)?;
             }
@@ -115,6 +116,9 @@ fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<
                 records.write(folder, &task.name)?;
             }
         }
+    }
+    if !is_any_chosen && !args.quick && args.rows.is_empty() {
+        bail!("{}: no row has these trainings: {:?}", task.name, args.seeds);
     }
     Ok(faults.into_iter().map(|fault| format!("{}: {fault}", task.name)).collect())
 }

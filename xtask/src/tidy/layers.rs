@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(
             found,
             [
-                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-media, swm-render",
+                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-files, swm-media, swm-render",
                 "swm-envs-2d: depends on swm-data; it may depend on: swm-core, swm-fov, swm-render",
                 "swm-solvers: depends on swm-envs-2d; it may depend on: swm-core",
                 "swm: depends on swm-tests; it may depend on: swm-*",

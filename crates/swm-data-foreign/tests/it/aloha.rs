@@ -107,6 +107,19 @@ fn images_that_opencv_encoded_are_read_by_the_order_that_it_was_given() {
             assert!(image[bright] > 230 && image[2 - bright] < 40, "{channels:?}: {:?}", &image[..3]);
         }
     }
+    // An episode whose images are not encoded among them stays as it is.
+    let raw = hdf5_metno::File::create(folder.path().join("episode_2.hdf5")).unwrap();
+    raw.create_group("observations/images").unwrap();
+    for name in ["action", "observations/qpos"] {
+        put(&raw, name, &[1, 14], &[0f32; 14]);
+    }
+    let image = [250, 20, 20].repeat(SIDE * SIDE);
+    put(&raw, "observations/images/cam_high", &[1, SIDE, SIDE, 3], &image);
+    drop(raw);
+    let rgb = OpenOptions::default().channels(Some(Channels::Rgb));
+    let mut mixed = opened(folder.path(), &rgb).unwrap();
+    let pixels = column_of(mixed.as_ref(), "pixels");
+    assert_eq!(rows(mixed.as_mut(), pixels, 2, 0, 1), Column::U8(image));
     let refused = opened(&golden(SAMPLE), &top().channels(Some(Channels::Rgb))).err().unwrap().to_string();
     assert!(refused.contains("`channels`") && refused.contains("no use for it"), "{refused}");
 }

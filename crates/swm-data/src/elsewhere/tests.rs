@@ -105,6 +105,7 @@ fn a_copy_above_the_limit_is_refused_before_it_is_fetched() {
     assert!(message.contains("whole copy") && message.contains("SWM_CACHE_GB"), "{message}");
     assert_eq!(test.server().count(), 1, "nothing but the first block is fetched");
 }
+
 #[test]
 fn what_does_not_work_is_named_with_its_fix() {
     let test = Test::http(&[("/x.npz", vec![7; 100]), ("/empty.npz", Vec::new())]);
@@ -135,6 +136,7 @@ fn a_file_of_another_kind_is_named_by_its_address() {
     assert!(message.contains(&format!("{}/x.h5", test.server().url)), "{message}");
     assert!(!message.contains("copies"), "{message}");
 }
+
 #[test]
 fn a_bucket_without_credentials_names_the_variables() {
     let test = Test::s3();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Dtype;
 use swm_files::remote::is_remote;
-use swm_files::{beside, read_regular, replace_unsynced};
+use swm_files::{beside, read_regular, replace};
 
 use super::{ColumnStatistics, Statistics, StatisticsOptions};
 use crate::dataset::Dataset;
@@ -58,7 +58,7 @@ impl Statistics {
         let mut text =
             serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
         text.push(b'\n');
-        replace_unsynced(&path, &text).map_err(|error| DataError::io(&path, "write", error))?;
+        replace(&path, &text).map_err(|error| DataError::io(&path, "write", error))?;
         Ok(path)
     }
 

@@ -7,6 +7,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
+use crate::whole::draft;
+
 /// Bytes of a block; the last of an object is shorter.
 pub(super) const BLOCK: u64 = 1 << 20;
 /// The checksum behind the bytes of a block.
@@ -90,17 +92,12 @@ impl Blocks {
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let folder = path.parent().unwrap_or(path);
-        fs::create_dir_all(folder)?;
-        // Renamed into place, so that nobody reads half of it.
-        let draft =
-            path.with_extension(format!("{}.{:?}.new", std::process::id(), std::thread::current().id()));
+        fs::create_dir_all(path.parent().unwrap_or(path))?;
+        // Renamed into place, so that nobody reads half of it. What a loss of power leaves of it, its checksum tells.
+        let draft = draft(path);
         let whole = [bytes, &crc32fast::hash(bytes).to_le_bytes()].concat();
         let written = fs::write(&draft, whole).and_then(|()| fs::rename(&draft, path));
-        if written.is_err() {
-            let _ = fs::remove_file(&draft);
-        }
-        written
+        written.inspect_err(|_| drop(fs::remove_file(&draft)))
     }
 
     /// All blocks: when they were read, their bytes, where they are.

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
+use swm_core::dataset::DataError;
+
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use crate::lock::{WriterLock, has_no_locks, is_at};
-use swm_core::dataset::DataError;
 
 /// The extension of the files beside copies.
 const USED: &str = "used";

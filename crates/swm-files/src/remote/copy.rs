@@ -9,6 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use sha2::{Digest as _, Sha256};
+use swm_core::dataset::DataError;
 
 use super::address::Address;
 use super::copies::Used;
@@ -19,9 +20,8 @@ use super::list::{Entry, check_names};
 use super::object::Object;
 use super::settings::Settings;
 use super::sign::hex;
-use crate::folders::is_plain_name;
-use crate::lock::{WriterLock, beside};
-use swm_core::dataset::DataError;
+use crate::folders::{beside, is_plain_name};
+use crate::lock::WriterLock;
 
 /// Files that are fetched at a time.
 const AT_ONCE: usize = 8;

@@ -4,9 +4,8 @@ use std::error::Error;
 use std::io;
 use std::path::Path;
 
-use thiserror::Error as ThisError;
-
 use swm_core::dataset::DataError;
+use thiserror::Error as ThisError;
 
 /// Why an object was not read.
 #[derive(Clone, Debug, ThisError)]

@@ -7,8 +7,7 @@ use std::sync::Arc;
 use super::address::Address;
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::found::{Found, Remote};
-use crate::folders::is_plain_name;
-use crate::lock::beside;
+use crate::folders::{beside, is_plain_name};
 
 /// What was fetched.
 #[derive(Clone, Debug)]

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock, Mutex, OnceLock, PoisonError, Weak};
 
 use sha2::{Digest as _, Sha256};
+use swm_core::dataset::DataError;
 
 use super::address::Address;
 use super::blocks::Blocks;
@@ -18,7 +19,6 @@ use super::object::Object;
 use super::s3;
 use super::settings::Settings;
 use super::sign::hex;
-use swm_core::dataset::DataError;
 
 /// Everything that lies elsewhere, with what is set for it.
 #[derive(Debug)]

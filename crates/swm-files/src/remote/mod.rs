@@ -88,7 +88,7 @@ fn now() -> std::time::SystemTime {
 
 /// The error of a build without this.
 #[must_use]
-pub fn absent(path: &Path) -> DataError {
+pub fn not_built_in(path: &Path) -> DataError {
     let reason =
         "datasets that lie elsewhere are not built in; build with the feature `remote`, or download it";
     DataError::request(path, reason)
@@ -101,5 +101,5 @@ pub fn absent(path: &Path) -> DataError {
 /// It is not built in.
 #[cfg(not(feature = "remote"))]
 pub fn digest(path: &Path) -> Result<String, DataError> {
-    Err(absent(path))
+    Err(not_built_in(path))
 }

@@ -40,7 +40,7 @@ pub struct Inspection {
     /// How the first episode was made.
     pub metadata: Option<Metadata>,
     /// The runs that recorded it.
-    pub runs: Vec<RunOf>,
+    pub runs: Vec<RecordingRun>,
     /// Columns that are left out, with the reason.
     pub skipped: Vec<(String, String)>,
     /// For columns of a dataset of another program, the names in its files.
@@ -53,6 +53,7 @@ pub struct Inspection {
 
 /// The least and the greatest of some numbers; `None`: there are none.
 #[derive(Clone, Copy, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Extremes {
     /// The least.
     pub min: Option<usize>,
@@ -62,7 +63,8 @@ pub struct Extremes {
 
 /// A run that recorded episodes of a dataset.
 #[derive(Clone, Debug, Serialize)]
-pub struct RunOf {
+#[non_exhaustive]
+pub struct RecordingRun {
     /// The first of them.
     pub first_episode: u64,
     /// How they were made.
@@ -103,7 +105,9 @@ impl Request for Inspect {
                 max: lengths.iter().max().copied(),
             },
             metadata: metadata.cloned(),
-            runs: runs.map(|(first, run)| RunOf { first_episode: *first, metadata: run.clone() }).collect(),
+            runs: runs
+                .map(|(first, run)| RecordingRun { first_episode: *first, metadata: run.clone() })
+                .collect(),
             skipped: info.skipped.to_vec(),
             mapping: info.mapping.iter().cloned().collect(),
             notes: info.notes.to_vec(),

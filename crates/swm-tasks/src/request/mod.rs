@@ -51,7 +51,7 @@ pub use divided::{Divided, DividedKind, Needs};
 pub use entrant::{Foreign, RunOn, verify_foreign};
 pub use evaluate::{Evaluate, Evaluated};
 pub use image_choice::ImageChoice;
-pub use inspect::{Extremes, Inspect, Inspection, RunOf};
+pub use inspect::{Extremes, Inspect, Inspection, RecordingRun};
 pub use make_manifest::{BUDGET_DATASET, BUDGET_ONLINE, MakeManifest, note_rewards_only};
 pub use measure::Measure;
 pub use message::{Assignment, Fix, List, Message, Plain, Words, value_text};

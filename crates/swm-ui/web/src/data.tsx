@@ -88,7 +88,7 @@ function Opening({ given, shown, onOpen }: { given: string | null; shown: boolea
   }, [given]);
   const sized = known.image_size as { height: number; width: number } | undefined;
   const [form, setForm] = useState<Record<string, string>>({
-    camera: String(known.camera ?? ""), split: String(known.split ?? ""), flip: String(known.flip ?? ""), fit: String(known.fit ?? ""),
+    camera: String(known.camera ?? ""), split: String(known.split ?? ""), flip: String(known.flip ?? ""), channels: String(known.channels ?? ""), fit: String(known.fit ?? ""),
     image_size: sized ? `${sized.height}x${sized.width}` : "",
     map: Object.entries((known.map ?? {}) as Record<string, string>).map(([to, from]) => `${to}=${from}`).join(","),
   });
@@ -102,7 +102,7 @@ function Opening({ given, shown, onOpen }: { given: string | null; shown: boolea
   );
   const open = () => {
     const next: Record<string, unknown> = { ...known };
-    for (const name of ["camera", "split", "flip", "fit"]) next[name] = form[name] || undefined;
+    for (const name of ["camera", "split", "flip", "channels", "fit"]) next[name] = form[name] || undefined;
     const pairs = (form.map ?? "").split(",").map((pair) => pair.split("=").map((part) => part.trim())).filter(([to, from]) => to && from);
     next.map = pairs.length ? Object.fromEntries(pairs) : undefined;
     const [height, width] = (form.image_size ?? "").split("x").map(Number);
@@ -115,7 +115,7 @@ function Opening({ given, shown, onOpen }: { given: string | null; shown: boolea
       <p class="muted">For datasets of other programs: what their files do not say, or say in several forms.</p>
       <form class="filters" onSubmit={(event) => { event.preventDefault(); open(); }}>
         {field("camera", "Camera", "top")}{field("split", "Part", "val")}{field("map", "Names of columns", "new=old,…")}
-        {choice("flip", "Turn images", ["vertical", "180"])}{field("image_size", "Size of images", "64x64")}{choice("fit", "Fit", ["stretch", "crop", "pad"])}
+        {choice("flip", "Turn images", ["vertical", "180"])}{choice("channels", "Channels given to OpenCV", ["rgb", "bgr"])}{field("image_size", "Size of images", "64x64")}{choice("fit", "Fit", ["stretch", "crop", "pad"])}
         <Button primary type="submit">Open</Button>
         {given && <Button onClick={() => onOpen(null)}>Without options</Button>}
       </form>

@@ -38,8 +38,8 @@ fn text(found: &Inspection) -> String {
         vec![field.name.clone(), field.dtype.to_string(), format!("{:?}", field.shape), per.to_owned()]
     });
     let range = match found.episode_lengths {
-        Extremes { min: Some(min), max: Some(max) } if min == max => format!(" of {min} rows"),
-        Extremes { min: Some(min), max: Some(max) } => format!(" of {min} to {max} rows"),
+        Extremes { min: Some(min), max: Some(max), .. } if min == max => format!(" of {min} rows"),
+        Extremes { min: Some(min), max: Some(max), .. } => format!(" of {min} to {max} rows"),
         _ => String::new(),
     };
     let mut text = format!(

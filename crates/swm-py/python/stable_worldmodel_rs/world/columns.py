@@ -90,7 +90,7 @@ class Table:
         #: Why names that have no array cannot be recorded.
         self.unfit: dict[str, str] = {}
         #: Names that no environment gave: they go when all are reset.
-        self.lent: set[str] = set()
+        self.borrowed: set[str] = set()
         # Names that were None whenever they were given.
         self._empty: set[str] = set()
         self._observed = observed
@@ -98,8 +98,8 @@ class Table:
     def begin(self, infos: Sequence[Mapping[str, Any]]) -> None:
         """All environments were reset: new arrays. Names known from before stay, missing where nothing was given."""
         given = [self._given(row, info) for row, info in enumerate(infos)]
-        known = {name: column for name, column in self.columns.items() if name not in self.lent}
-        self.lent.clear()
+        known = {name: column for name, column in self.columns.items() if name not in self.borrowed}
+        self.borrowed.clear()
         self.columns = {name: column for name, column in known.items() if name in self._empty}
         for row, info in enumerate(given):
             for name, value in info.items():

@@ -167,6 +167,8 @@ def evaluate_from_dataset(
             apply_callables(env, callables or (), {**first, **last})
     own = set(world.infos)
     goals = _inject(world, firsts, lasts, constants)
+    # As the reference has it, they stay in the infos until the next episodes begin, which have no such goals.
+    world.envs.table.borrowed.update(set(goals) - own)
     successes = np.zeros(count, dtype=bool)
     frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
 
@@ -180,8 +182,6 @@ def evaluate_from_dataset(
                 frames[row].append(_frame(_images(world)[row]))
 
     world._run(max_steps=eval_budget, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
-    # As the reference has it, they stay in the infos until the next episodes begin, which have no such goals.
-    world.envs.table.lent.update(set(goals) - own)
     for row, shown in frames.items():
         goal = lasts[row].get("goal")
         panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
