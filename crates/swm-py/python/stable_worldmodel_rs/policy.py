@@ -293,7 +293,8 @@ class FeedForwardPolicy(BasePolicy):
                 )
             told = f"the policy `{type(self.model).__name__}.get_action` returned"
             shape = getattr(getattr(self.env, "single_action_space", None), "shape", None)
-            single = (shape if isinstance(shape, tuple) else ()) or np.shape(action)[1:]
+            known = cast("tuple[int, ...]", shape) if isinstance(shape, tuple) else ()
+            single = known or np.shape(action)[1:]
             parts.append(as_actions(told, action, (len(next(iter(infos.values()))), *single)))
         actions = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return unscale(self.process["action"], actions) if "action" in self.process else actions
