@@ -91,14 +91,7 @@ impl LastRow {
     pub const ALL: [(&'static str, Self); 2] = [("drop", Self::Drop), ("keep", Self::Keep)];
 }
 
-impl FromStr for LastRow {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, last_row)| last_row);
-        known.ok_or_else(|| format!("no value `{text}`; use drop or keep"))
-    }
-}
+by_name!(LastRow, "no value", "drop or keep");
 
 setters!(WriteOptions {
     mode: WriteMode,

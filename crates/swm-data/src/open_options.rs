@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
@@ -90,14 +89,7 @@ impl Flip {
     pub const ALL: [(&'static str, Self); 2] = [("vertical", Self::Vertical), ("180", Self::HalfTurn)];
 }
 
-impl FromStr for Flip {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, flip)| flip);
-        known.ok_or_else(|| format!("unknown flip `{text}`; use vertical or 180"))
-    }
-}
+by_name!(Flip, "unknown flip", "vertical or 180");
 
 /// The order of channels of images. OpenCV takes what it encodes for BGR: of images in RGB it exchanges red and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,14 +106,7 @@ impl Channels {
     pub const ALL: [(&'static str, Self); 2] = [("rgb", Self::Rgb), ("bgr", Self::Bgr)];
 }
 
-impl FromStr for Channels {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, channels)| channels);
-        known.ok_or_else(|| format!("unknown channels `{text}`; use rgb or bgr"))
-    }
-}
+by_name!(Channels, "unknown channels", "rgb or bgr");
 
 impl OpenOptions {
     /// Those that a dataset was opened with.

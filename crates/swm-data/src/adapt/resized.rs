@@ -1,6 +1,5 @@
 //! Images of another size, such as that of a model: for copies of what other programs recorded.
 
-use std::str::FromStr;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -37,14 +36,7 @@ impl Fit {
     }
 }
 
-impl FromStr for Fit {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let known = Self::ALL.into_iter().find(|(name, _)| *name == text).map(|(_, fit)| fit);
-        known.ok_or_else(|| format!("unknown fit `{text}`; use stretch, crop or pad"))
-    }
-}
+by_name!(Fit, "unknown fit", "stretch, crop or pad");
 
 /// What becomes of the images of a column.
 #[derive(Clone, Debug)]
