@@ -93,7 +93,7 @@ impl Blocks {
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(path))?;
-        // Renamed into place, so that nobody reads half of it. What a loss of power leaves of it, its checksum tells.
+        // Renamed into place, so that nobody reads half of it. After a loss of power, its checksum shows whether it is whole.
         let draft = draft(path);
         let whole = [bytes, &crc32fast::hash(bytes).to_le_bytes()].concat();
         let written = fs::write(&draft, whole).and_then(|()| fs::rename(&draft, path));

@@ -62,7 +62,8 @@ impl Used {
         limit: u64,
     ) -> Result<(), RemoteError> {
         let failed = |error: io::Error| RemoteError::cache(name, copies, &error);
-        let _one = one_at_a_time(name, copies)?;
+        // One process at a time makes room.
+        let _one = wait_for(name, Duration::from_millis(50), || WriterLock::take_within(copies))?;
         let mut others: Vec<Kept> = kept(copies).map_err(failed)?;
         others.retain(|other| !is_at(&self.file, &other.mark));
         others.sort_by_key(|other| other.used);
@@ -91,12 +92,16 @@ impl Used {
     }
 }
 
-/// Waits until no other process makes room.
-fn one_at_a_time(name: &str, copies: &Path) -> Result<WriterLock, RemoteError> {
+/// Waits until no other process has the lock that `take` takes; looks every `pause`.
+pub(super) fn wait_for(
+    name: &str,
+    pause: Duration,
+    take: impl Fn() -> Result<WriterLock, DataError>,
+) -> Result<WriterLock, RemoteError> {
     loop {
-        match WriterLock::take_within(copies) {
+        match take() {
             Ok(lock) => return Ok(lock),
-            Err(DataError::Busy { .. }) => thread::sleep(Duration::from_millis(50)),
+            Err(DataError::Busy { .. }) => thread::sleep(pause),
             Err(error) => {
                 let fix = "set SWM_CACHE to a folder that can be written to";
                 return Err(RemoteError::new(Kind::Cache, name, error.to_string(), fix));

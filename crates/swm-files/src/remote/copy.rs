@@ -9,10 +9,9 @@ use std::thread;
 use std::time::Duration;
 
 use sha2::{Digest as _, Sha256};
-use swm_core::dataset::DataError;
 
 use super::address::Address;
-use super::copies::Used;
+use super::copies::{Used, wait_for};
 use super::error::{RemoteError, RemoteErrorKind as Kind};
 use super::folder::Folder;
 use super::found::Found;
@@ -119,7 +118,8 @@ impl Found {
         let parent = to.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).map_err(failed(parent))?;
         let draft = beside(to, &format!(".{}.part", key.get(..8).unwrap_or(key)));
-        let _lock = locked(name, &draft)?;
+        // Another process may make the same copy.
+        let _lock = wait_for(name, Duration::from_millis(200), || WriterLock::take(&draft))?;
         if to.exists() {
             return Ok(());
         }
@@ -134,20 +134,6 @@ impl Found {
         tell(&Event::End);
         result?;
         fs::rename(&draft, to).map_err(failed(to))
-    }
-}
-
-/// Waits until no other process makes the same copy.
-fn locked(name: &str, draft: &Path) -> Result<WriterLock, RemoteError> {
-    loop {
-        match WriterLock::take(draft) {
-            Ok(lock) => return Ok(lock),
-            Err(DataError::Busy { .. }) => thread::sleep(Duration::from_millis(200)),
-            Err(error) => {
-                let fix = "set SWM_CACHE to a folder that can be written to";
-                return Err(RemoteError::new(Kind::Cache, name, error.to_string(), fix));
-            }
-        }
     }
 }
 
