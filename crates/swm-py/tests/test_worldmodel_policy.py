@@ -367,7 +367,7 @@ def test_a_network_acts_at_once():
     images = np.full((2, 1, 4, 4, 3), 255, np.uint8)
     action = policy.get_action({"pixels": images, "goal": images, "env_name": ["a", "b"]})
     assert isinstance(action, np.ndarray) and action.shape == (2, 2)
-    # What stands for an environment in tests has any attribute, and no shape.
+    # A mock of an environment has any attribute, and no shape.
     policy.set_env(MagicMock())
     assert policy.get_action({"pixels": images, "goal": images}).shape == (2, 2)
     with pytest.raises(AssertionError, match="'goal' must be provided"):

@@ -90,7 +90,8 @@ class _Cached(Mapping[str, NDArray[Any]]):
 _TEXTS = {"camera": "'top'", "env": "'mylab/Arm-v0'", "split": "'train'", "storage": "'decoded'"}
 _DICTS = {"map": "{'proprio': 'obs.state'}", "env_options": "{'task': 'swingup'}"}
 _CHOICES = {"flip": ("vertical", "180"), "channels": ("rgb", "bgr"), "fit": ("stretch", "crop", "pad")}
-_OPTIONS = (
+#: Their names, which are also arguments of `load_dataset`.
+OPENING = (
     "map", "camera", "flip", "channels", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
 )  # fmt: skip
 _LARGEST_SIDE = 4096
@@ -136,8 +137,8 @@ def _as_option(name: str, value: Any) -> Any:
         if not (1 <= height <= _LARGEST_SIDE and 1 <= width <= _LARGEST_SIDE):
             raise ValueError(f"image_size={value!r}: give sides of 1 to {_LARGEST_SIDE} pixels")
         return {"height": height, "width": width}
-    meant = difflib.get_close_matches(name, _OPTIONS, 1)
-    raise ValueError(f"opening a dataset has no option {name!r}{f' (did you mean {meant[0]!r}?)' if meant else ''}; there are {', '.join(_OPTIONS)}")
+    meant = difflib.get_close_matches(name, OPENING, 1)
+    raise ValueError(f"opening a dataset has no option {name!r}{f' (did you mean {meant[0]!r}?)' if meant else ''}; there are {', '.join(OPENING)}")
 
 
 class NativeDataset(Dataset):

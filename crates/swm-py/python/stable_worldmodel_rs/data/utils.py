@@ -24,7 +24,7 @@ from ._paths import DEFAULT_CACHE_DIR, datasets_folder, ensure_dir_exists, find_
 from ._tensors import to_numpy
 from ._wrong import what_it_is
 from .format import EPISODE_DATA_KEY, FORMATS, detect_format, get_format
-from .native import NativeDataset, as_options
+from .native import OPENING, NativeDataset, as_options
 from .normalization import IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
 from .writers import NativeWriter
 
@@ -46,10 +46,6 @@ __all__ = [
     "split_held_out",
 ]
 
-_OPENING = (
-    "map", "camera", "flip", "channels", "fps", "env", "env_options", "split", "max_steps", "shift", "image_size", "fit", "storage"
-)  # fmt: skip
-"""Arguments of :func:`load_dataset` that say how a dataset of another program is opened."""
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 
@@ -95,7 +91,7 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
 def _elsewhere(address: str, format: str | None, kwargs: dict[str, Any]) -> NativeDataset:
     if format is not None:
         raise ValueError(f"format={format!r}: the content of {address!r} tells its format; leave it out")
-    options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+    options = {name: kwargs.pop(name) for name in OPENING if name in kwargs}
     if options:
         kwargs["options"] = options
     try:
@@ -106,7 +102,7 @@ def _elsewhere(address: str, format: str | None, kwargs: dict[str, Any]) -> Nati
 
 def _opened(path: Path, format: str | None, kwargs: dict[str, Any]) -> Any:
     known = get_format(format) if format else detect_format(path)
-    options = {name: kwargs.pop(name) for name in _OPENING if name in kwargs}
+    options = {name: kwargs.pop(name) for name in OPENING if name in kwargs}
     if options:
         kwargs["options"] = options
     reader = NativeDataset if known is None else known.open_reader
@@ -126,7 +122,7 @@ def _unknown_argument(error: TypeError, given: Mapping[str, Any]) -> TypeError |
     unknown = next((name for name in given if f"unexpected keyword argument '{name}'" in str(error)), None)
     if unknown is None:
         return None
-    known = [*inspect.signature(NativeDataset.__init__).parameters, *_OPENING]
+    known = [*inspect.signature(NativeDataset.__init__).parameters, *OPENING]
     near = difflib.get_close_matches(unknown, known, 1)
     hint = f"; did you mean {near[0]!r}?" if near else "; `help(swm.data.NativeDataset)` lists them"
     return TypeError(f"load_dataset has no argument {unknown!r}{hint}")

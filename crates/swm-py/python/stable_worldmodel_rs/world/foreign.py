@@ -123,14 +123,13 @@ def evaluate(
             for row in np.flatnonzero(mask):
                 frames[int(row)].append(_frame(_images(world)[row]))
 
-    ended = 0
     with Progress("Evaluating", episodes, progress) as bar:
         begin(world, seed, options, on_step)
-        for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):  # pyright: ignore[reportPrivateUsage]
+        runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step)  # pyright: ignore[reportPrivateUsage]
+        for ended, (row, episode) in enumerate(runs, 1):
             assert world.terminateds is not None
             successes[episode] = world.terminateds[row]
             seeds[episode] = world.envs.seeds[row]
-            ended += 1
             bar.tick(ended, int(successes.sum()), 0)
             if video is not None:
                 save_video(Path(video) / f"episode_{episode}.mp4", frames.pop(row, []))
@@ -217,16 +216,15 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
         nonlocal steps
         # Those that ended before one that began earlier.
         waiting: dict[int, dict[str, Any]] = {}
-        written = ended = 0
+        written = 0
         begin(world, seed, options, on_step)
         runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)  # pyright: ignore[reportPrivateUsage]
-        for row, number in runs:
+        for ended, (row, number) in enumerate(runs, 1):
             episode: dict[str, Any] = dict(recorder.finish(world.envs.table, row))
             steps += max(map(len, episode.values()), default=0)
             constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
             if constants is not None and (given := constants()):
                 episode[EPISODE_DATA_KEY] = dict(given)
-            ended += 1
             bar.tick(ended, 0, steps)
             waiting[number] = episode
             while written in waiting:
