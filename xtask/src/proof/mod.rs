@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 
-use self::plan::Task;
+use self::plan::{Row, Task};
 use self::record::Records;
 use self::work::Work;
 use crate::process;
@@ -41,6 +41,17 @@ pub(crate) struct Args {
     swm: Option<PathBuf>,
 }
 
+impl Args {
+    fn chooses(&self, row: &Row, seed: u64) -> bool {
+        if self.quick {
+            return row.quick && seed == 1;
+        }
+        seed <= row.seeds
+            && (self.rows.is_empty() || self.rows.contains(&row.name))
+            && (self.seeds.is_empty() || self.seeds.contains(&seed))
+    }
+}
+
 /// In the folder that git ignores.
 const OUT: &str = "target/proof";
 
@@ -55,15 +66,20 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let is_known = tasks.iter().flat_map(Task::rows).any(|(_, row)| row.name == *name);
         ensure!(is_known, "--rows {name}: no task has this row");
     }
+    let chosen = || tasks.iter().filter(|task| args.names.is_empty() || args.names.contains(&task.name));
+    let has = |task: &Task| task.rows().any(|(_, row)| (1..=plan::SEEDS).any(|seed| args.chooses(row, seed)));
+    ensure!(
+        chosen().any(has),
+        "no row of these tasks is chosen; leave out --rows, --seeds or names of tasks"
+    );
     if !args.tables {
         let program = Program {
             given: args.swm.as_deref(),
             features: "cli,faer,baselines,mp4,mujoco,rapier,lerobot,onnx",
         };
         program.build()?;
-        let chosen = tasks.iter().filter(|task| args.names.is_empty() || args.names.contains(&task.name));
         let mut faults = Vec::new();
-        for task in chosen {
+        for task in chosen() {
             let out = std::path::absolute(&args.out)?.join(&task.name);
             faults.extend(make(task, args, &Work::open(out, &program)?, &folder)?);
         }
@@ -86,21 +102,12 @@ pub(crate) fn check() -> Result<()> {
 /// returned.
 fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<String>> {
     let mut records = Records::read(folder, &task.name)?;
-    let (mut faults, mut is_any_chosen) = (Vec::new(), false);
+    let mut faults = Vec::new();
     for seed in 1..=plan::SEEDS {
         for (table, row) in task.rows() {
-            let is_chosen = match args.quick {
-                true => row.quick && seed == 1,
-                false => {
-                    seed <= row.seeds
-                        && (args.rows.is_empty() || args.rows.contains(&row.name))
-                        && (args.seeds.is_empty() || args.seeds.contains(&seed))
-                }
-            };
-            if !is_chosen {
+            if !args.chooses(row, seed) {
                 continue;
             }
-            is_any_chosen = true;
             for step in task.steps.iter().chain(&table.steps) {
                 work.step(step)?;
             }
@@ -116,9 +123,6 @@ fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<
                 records.write(folder, &task.name)?;
             }
         }
-    }
-    if !is_any_chosen && !args.quick && args.rows.is_empty() {
-        bail!("{}: no row has these trainings: {:?}", task.name, args.seeds);
     }
     Ok(faults.into_iter().map(|fault| format!("{}: {fault}", task.name)).collect())
 }
