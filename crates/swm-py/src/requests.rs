@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use swm::tasks::request::{
-    Convert, Diff, Inspect, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay,
+    Bench, Convert, Diff, Inspect, MakeBoard, MakeBundle, Measure, Merge, Plan, Preview, Render, Replay,
     Request as _, Split, Stats, Train, Verify,
 };
 
@@ -31,6 +31,7 @@ fn run_request(
     }
     match name {
         Train::NAME => run::<Train>(py, request, begin, tick),
+        Bench::NAME => run::<Bench>(py, request, begin, tick),
         Measure::NAME => run::<Measure>(py, request, begin, tick),
         Plan::NAME => plan(py, request, begin, tick),
         Render::NAME => run::<Render>(py, request, begin, tick),

@@ -55,6 +55,7 @@ def test_what_is_no_text_and_no_number_is_named_with_its_argument(toy: Path, tmp
         (swm.measure, (ROOM,), {**SMALL, "dataset": dataset}, f"dataset is HDF5Dataset; give its path, {str(toy)!r}"),
         (swm.measure, (solver,), SMALL, "env_name is MpcPolicy; give the id"),
         (swm.make_manifest, (tmp_path / "task.toml", None), {}, "env_name is NoneType; give the id"),
+        (swm.bench, (solver,), {"progress": False}, "env_name is MpcPolicy; give the id"),
         (swm.plan, (solver, ROOM), {"progress": False}, "policy is MpcPolicy"),
         (swm.render, (tmp_path / "a.png", ROOM, print), {}, "policy is builtin_function_or_method"),
         (swm.train, ("lewm", dataset, tmp_path / "run"), {"preset": "small"}, "dataset is HDF5Dataset"),
@@ -116,3 +117,19 @@ def test_a_loader_takes_columns_and_states_of_loaders_alone(toy: Path) -> None:
     for state in ({}, None, {"position": 3}):
         with pytest.raises(ValueError, match="give what state_dict"):
             swm.data.Loader(dataset, batch_size=2).load_state_dict(state)  # pyright: ignore[reportArgumentType]
+
+
+def test_steps_per_second_are_measured_and_refusals_name_arguments() -> None:
+    found = swm.bench(ROOM, seconds=0.01, progress=False, render="fast")
+    assert len(found) in (10, 15) and all(one["steps_per_second"] > 0 for one in found)
+    assert {one["image"] for one in found} >= {"", "64x64 exact", "224x224 fast"}
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"seconds": 0}, "seconds=0: use a number above 0"),
+        ({"seconds": float("nan")}, "seconds"),
+        ({"policy": "nobody"}, "nobody"),
+        ({"render": "best"}, "render"),
+    ]
+    for given, words in wrong:
+        with pytest.raises((swm.SwmError, ValueError)) as caught:
+            swm.bench(ROOM, progress=False, **given)
+        assert words in str(caught.value), str(caught.value)

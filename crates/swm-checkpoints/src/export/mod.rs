@@ -171,17 +171,14 @@ fn write(form: &Form, folder: &Path) -> Result<Exported, BaselineError> {
     Ok(exported)
 }
 
-/// Gives the finished folder its name.
+/// Gives the finished folder its name, if nothing has it yet.
 fn settle(draft: &Path, out: &Path) -> Result<(), BaselineError> {
-    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty());
-    let rename = || -> std::io::Result<()> {
-        if fs::symlink_metadata(out).is_ok() {
-            return Err(std::io::ErrorKind::AlreadyExists.into());
-        }
-        fs::rename(draft, out)?;
-        File::open(parent.unwrap_or(Path::new(".")))?.sync_all()
+    let free = match fs::symlink_metadata(out) {
+        Ok(_) => Err(std::io::ErrorKind::AlreadyExists.into()),
+        Err(_) => Ok(()),
     };
-    rename().map_err(|source| BaselineError::Io { action: "write", path: out.to_owned(), source })
+    let settled = free.and_then(|()| swm_files::settle(draft, out));
+    settled.map_err(|source| BaselineError::Io { action: "write", path: out.to_owned(), source })
 }
 
 fn json(value: &Json) -> Vec<u8> {

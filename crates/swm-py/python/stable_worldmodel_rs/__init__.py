@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .world.manifests import Manifest, make_manifest, read_manifest
     from .world.policies import NativePolicy
     from .world.receipts import compare, evaluate, read_receipt, same, verify
-    from .world.requests import measure, plan, render, replay
+    from .world.requests import bench, measure, plan, render, replay
     from .world.reproductions import recipes, reproduce
     from .world.results import Comparison, EvaluationResult, Receipt, Sweep, Verification
     from .world.sweeps import read_sweep, sweep
@@ -58,6 +58,7 @@ __all__ = [
     "World",
     "WorldModelPolicy",
     "__version__",
+    "bench",
     "board",
     "buffer",
     "bundle",
@@ -119,6 +120,7 @@ _HOMES: dict[str, str] = {
     "read_receipt": "world.receipts",
     "same": "world.receipts",
     "verify": "world.receipts",
+    "bench": "world.requests",
     "measure": "world.requests",
     "plan": "world.requests",
     "render": "world.requests",

@@ -17,6 +17,7 @@ _logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
 # What their bars are called.
 _TITLES = {
+    "bench": "Measuring",
     "board": "Verifying",
     "convert": "Converting",
     "diff": "Comparing",
@@ -33,6 +34,7 @@ _TITLES = {
 
 # The arguments of settings that have another name in the core.
 _ARGUMENTS = {
+    "bench": {"env_option": "settings"},
     "measure": {"env_option": "settings"},
     "plan": {"env_option": "settings", "set": "variation_values", "vary": "variation"},
     "render": {"env_option": "settings", "set": "variation_values", "vary": "variation"},

@@ -35,22 +35,13 @@ pub fn file_hash(path: &Path) -> Result<String, TaskError> {
     Ok(sha256(all.as_bytes()))
 }
 
-/// The size of a file in bytes; of a folder, that of all files below it.
+/// The size of a file in bytes; of a folder, that of all files below it, where links are not followed.
 ///
 /// # Errors
 ///
-/// It is not there, or cannot be read; the path is that of what cannot.
+/// It is not there, or cannot be read.
 pub fn file_bytes(path: &Path) -> Result<u64, FileError> {
-    let failed = cannot("read", path);
-    let metadata = fs::metadata(path).map_err(failed)?;
-    if !metadata.is_dir() {
-        return Ok(metadata.len());
-    }
-    let mut sum = 0;
-    for entry in fs::read_dir(path).map_err(failed)? {
-        sum += file_bytes(&entry.map_err(failed)?.path())?;
-    }
-    Ok(sum)
+    swm_files::size(path).map_err(cannot("read", path))
 }
 
 #[cfg(test)]

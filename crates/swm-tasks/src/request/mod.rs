@@ -4,6 +4,7 @@
 //! with it is a value too: a [`TaskError`] has the setting, the reason and the remedy, and a front end words them in its own
 //! syntax ([`Words`]): the command as options, Python as keyword arguments.
 
+mod bench;
 mod board;
 mod bundle;
 mod clear;
@@ -42,6 +43,7 @@ use swm_core::settings::{Settings, read_of};
 
 pub(crate) use crate::error::wrong;
 pub use crate::error::{FileError, TaskError, cannot};
+pub use bench::{Bench, Throughput};
 pub use board::{BoardMade, MakeBoard};
 pub use bundle::{Bundled, MakeBundle};
 pub use copies::{Convert, CopyOptions, DatasetCopy, Merge, Parts, Split, holds_images};

@@ -1,4 +1,4 @@
-"""Requests that are all in their settings: world models that are measured, planners that are traced, images of episodes, replays."""
+"""Requests that are all in their settings: world models and machines that are measured, planners that are traced, images of episodes, replays."""
 
 from __future__ import annotations
 
@@ -180,6 +180,34 @@ def plan(
     }
     summary, files = asked("plan", request, progress)
     return {**summary, "files": files}
+
+
+@access_checked
+def bench(
+    env_name: str, policy: str | None = None, *, seconds: float | None = None, progress: bool = True, **settings: Any
+) -> list[dict[str, Any]]:
+    """Measure steps per second on this machine, with and without images, by number of threads. The same as ``swm-rs bench``.
+
+    Args:
+        env_name: An environment of this package.
+        policy: A policy of the core, whose time counts; None: ``"random"``.
+        seconds: Of each of 10 measurements, or 15 where there are several cores; None: 1.
+        progress: Whether to show a bar.
+        **settings: Of the environment.
+
+    Returns:
+        Of each measurement ``env``, ``threads``, ``num_envs``, ``pixels`` (whether images were rendered), ``image`` (their size and style) and
+        ``steps_per_second``.
+
+    Raises:
+        SwmError: A setting is wrong.
+
+    Example:
+        >>> swm.bench("swm_rs/PushT-v1", seconds=0.1)[0]["steps_per_second"]  # doctest: +SKIP
+        231045.2
+    """
+    request = {"env": native_id(env_name) or env_name, "env_option": settings, "policy": policy, "seconds": seconds}
+    return list(asked("bench", request, progress))
 
 
 @access_checked
