@@ -230,6 +230,22 @@ def test_functions_take_addresses(server: Server, tmp_path: Path) -> None:
     assert np.array_equal(copy.get_col_data("state"), own.get_col_data("state"))
 
 
+def test_requests_take_addresses(server: Server, command: str, tmp_path: Path) -> None:
+    room = "swm/TwoRoom-v2"
+    collect = [command, "collect", room, "--policy", "random", "--episodes", "4", "--max-steps", "12", "--image-size", "none", "--quiet"]
+    subprocess.run([*collect, "--out", str(server.folder / "room.h5")], check=True)
+    code = (
+        f"room, address = {room!r}, 's3://bucket/room.h5'\n"
+        f"task = {str(tmp_path / 'task.toml')!r}\n"
+        "print(len(swm.make_manifest(task, room, dataset=address, episodes=2, goal_offset=3)['pairs']))\n"
+        "print(swm.replay(address, progress=False)['ok'])\n"
+        "print(swm.measure(room, dataset=address, rows=4, horizon=2, plans=2, progress=False)['stride'])\n"
+    )
+    done = server.python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["2", "True", "1"], done.stdout
+
+
 def test_a_dataset_that_is_here_asks_no_server(server: Server) -> None:
     make(server.folder)
     done = server.python(READ + f"read({str(server.folder / 'pointmaze-medium-navigate-v0.npz')!r})")

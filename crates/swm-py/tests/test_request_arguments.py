@@ -119,12 +119,32 @@ def test_a_loader_takes_columns_and_states_of_loaders_alone(toy: Path) -> None:
             swm.data.Loader(dataset, batch_size=2).load_state_dict(state)  # pyright: ignore[reportArgumentType]
 
 
+def test_datasets_of_requests_are_found_by_name_as_those_that_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STABLEWM_HOME", str(tmp_path / "home"))
+    world = swm.World(ROOM, num_envs=1, max_episode_steps=12, add_pixels=False)
+    world.set_policy(swm.NativePolicy("random"))
+    world.collect(tmp_path / "home" / "datasets" / "room.h5", episodes=4, seed=0, progress=False)
+    monkeypatch.chdir(tmp_path)
+    assert swm.replay("room.h5", progress=False)["ok"]
+    assert measure(dataset="room.h5", rows=4)["stride"] == 1
+    assert len(swm.make_manifest("task.toml", ROOM, dataset="room.h5", episodes=2, goal_offset=3)["pairs"]) == 2
+    missing: list[tuple[Any, tuple[Any, ...], dict[str, Any]]] = [
+        (swm.replay, ("rom.h5",), {"progress": False}),
+        (swm.measure, (ROOM,), {**SMALL, "dataset": "rom.h5"}),
+        (swm.make_manifest, ("other.toml", ROOM), {"dataset": "rom.h5"}),
+        (swm.train, ("lewm", "rom.h5", "run"), {"preset": "small"}),
+    ]
+    for function, arguments, more in missing:
+        with pytest.raises(FileNotFoundError, match=r"'rom\.h5' is neither in .*datasets nor a path"):
+            function(*arguments, **more)
+
+
 def test_steps_per_second_are_measured_and_refusals_name_arguments() -> None:
     found = swm.bench(ROOM, seconds=0.01, progress=False, render="fast")
     assert len(found) in (10, 15) and all(one["steps_per_second"] > 0 for one in found)
     assert {one["image"] for one in found} >= {"", "64x64 exact", "224x224 fast"}
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"seconds": 0}, "seconds=0: use a number above 0"),
+        ({"seconds": 0}, "seconds=0.0: use a number above 0"),
         ({"seconds": float("nan")}, "seconds"),
         ({"policy": "nobody"}, "nobody"),
         ({"render": "best"}, "render"),

@@ -114,10 +114,11 @@ def test_a_tracker_gets_what_a_training_writes(tmp_path: Path) -> None:
 
 def test_a_library_that_is_missing_is_told_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "wandb", None)
+    (data := tmp_path / "a.h5").touch()
     with pytest.raises(ImportError, match="tracking by wandb needs the package wandb; `pip install wandb`"):
-        swm.train("lewm", "none.h5", tmp_path / "run", tracker="wandb")
+        swm.train("lewm", data, tmp_path / "run", tracker="wandb")
     with pytest.raises(ValueError, match="there is no tracker 'wandbi'"):
-        swm.train("lewm", "none.h5", tmp_path / "run", tracker=["wandbi"])
+        swm.train("lewm", data, tmp_path / "run", tracker=["wandbi"])
     assert not (tmp_path / "run").exists()
 
 

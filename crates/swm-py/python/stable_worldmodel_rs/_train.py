@@ -63,7 +63,7 @@ def train(
 
     Args:
         baseline: What is trained: ``"lewm"``, ``"pldm"``, ``"gcsl"``, ``"keypoint-wm"``, ``"sac"``, …
-        dataset: The dataset to learn from; with ``resume`` only if it has moved.
+        dataset: The dataset to learn from, as of :func:`data.load_dataset`; with ``resume`` only if it has moved.
         out: The folder of the run; it must hold none.
         resume: The run to go on with, in the place of ``baseline`` and ``out``.
         preset: Such as ``"paper"`` or ``"small"``.
@@ -105,6 +105,7 @@ def train(
         ``best`` (its step and value). ``mpc:RUN`` plans with a world model, ``policy:RUN`` acts as a policy.
 
     Raises:
+        FileNotFoundError: There is no such dataset.
         ImportError: The library of a tracker is not installed; the message has how to install it.
         SwmError: A setting is wrong, the dataset lacks what the model needs, or a loss is not finite; the message names it.
 
@@ -112,11 +113,13 @@ def train(
         >>> swm.train("pldm", "pusht.h5", "runs/pldm", preset="small", epochs=1)["run"]  # doctest: +SKIP
         'runs/pldm'
     """
+    from .data._paths import recorded
+
     if settings is not None and not isinstance(cast("Any", settings), Mapping):
         raise TypeError(f'settings is {kind_of(settings)}; give a dict of names and values: {{"optim.lr": 1e-3}}')
     request: dict[str, Any] = {
         "baseline": baseline,
-        "dataset": home_path("dataset", dataset),
+        "dataset": None if dataset is None else recorded("dataset", dataset),
         "opening": opening,
         "out": home_path("out", out),
         "resume": home_path("resume", resume),

@@ -95,8 +95,7 @@ impl Bench {
         report: &mut dyn Report,
     ) -> Result<Throughput, TaskError> {
         let entry = registry.env(&self.env)?;
-        let mut config =
-            EnvConfig { image: image.map(|(size, _)| size), settings: self.env_option.clone() };
+        let mut config = EnvConfig { image: image.map(|(size, _)| size), settings: self.env_option.clone() };
         let has_styles = entry.settings.iter().any(|setting| setting.name == "render");
         if let Some((_, style)) = image.filter(|_| has_styles) {
             config.settings.insert("render".to_owned(), style.into());

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::{Map, Value as Json, json};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry};
 use swm_tasks::request::NUM_ENVS;
-pub(super) use swm_tasks::request::{Shard, policy_args};
+pub(super) use swm_tasks::request::Shard;
 
 use super::output::counted;
 use super::threads::ThreadsArg;

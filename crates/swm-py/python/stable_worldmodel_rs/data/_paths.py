@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from .._access import access_checked
-from .._arguments import path_of
+from .._arguments import home_path, path_of
 from .._core import core as _swm
 from ._wrong import nearest_names
 
@@ -66,3 +66,16 @@ def dataset_place(name: str, source: str | Path, cache_dir: str | Path | None) -
     if isinstance(path, Path) and path.is_file():
         path.open("rb").close()  # What may not be read is no damaged dataset.
     return str(path)
+
+
+def recorded(name: str, value: Any) -> str:
+    """Where the dataset of a request is: its address, its path, or the one of this name among the user's datasets.
+
+    Raises:
+        TypeError: It is no path, such as a dataset that is open.
+        FileNotFoundError: There is none.
+    """
+    path = home_path(name, value) or ""
+    if _swm.is_remote(str(value)):
+        return str(value)
+    return path if Path(path).exists() else str(find_dataset(path, datasets_folder()))

@@ -118,8 +118,10 @@ def make_manifest(
         **settings: Of the environment.
 
     Raises:
+        FileNotFoundError: There is no such dataset.
         SwmError: The file exists and is not this manifest; or the environment, a factor or the dataset does not fit.
     """
+    from ..data._paths import recorded
     from ..data.native import as_options
 
     shape = checked_shape(image_shape)
@@ -132,7 +134,7 @@ def make_manifest(
         "out": str(path),
         "episodes": episodes,
         "seed": seed,
-        "dataset": None if dataset is None else existing(dataset, "dataset"),
+        "dataset": None if dataset is None else recorded("dataset", dataset),
         "opening": as_options(opening or {}),
         "pairs": None if pairs is None else _chosen(pairs),
         "clear": None if clear is None else existing(clear, "manifest"),

@@ -71,17 +71,20 @@ def measure(
         possible and of impossible episodes).
 
     Raises:
+        FileNotFoundError: There is no such dataset.
         SwmError: A setting is wrong, or the model does not fit the environment or the dataset; the message names it.
 
     Example:
         >>> swm.measure("swm_rs/TwoRoom-v2", "constant", episodes=4, rows=8, horizon=3, plans=4)["stride"]
         1
     """
+    from ..data._paths import recorded
+
     request = {
         "env": native_id(env_name) or env_name,
         "env_option": settings,
         "model": model,
-        "dataset": home_path("dataset", dataset),
+        "dataset": None if dataset is None else recorded("dataset", dataset),
         "opening": opening,
         "image_size": _size(image_shape),
         "probe": names_of(probe),
@@ -292,15 +295,17 @@ def replay(
         ``ok``, ``episodes``, ``rows``, and the largest differences by column.
 
     Raises:
+        FileNotFoundError: There is no such dataset.
         SwmError: The file names no environment of this package, lacks what a start needs, or a setting is wrong.
 
     Example:
         >>> swm.replay("pusht.h5", "0..10")["ok"]  # doctest: +SKIP
         True
     """
+    from ..data._paths import recorded
     from ..data.native import as_options
 
-    file, options = existing(path, "dataset"), as_options(opening or {})
+    file, options = recorded("path", path), as_options(opening or {})
     if env_name is None:
         # What the file says; where that is nothing, the replay does.
         for _, run in json.loads(_swm.Reader.open(file, None, json.dumps(options) if options else None).runs):
