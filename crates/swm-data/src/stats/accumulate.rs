@@ -94,17 +94,30 @@ impl Accumulate for Rows {
             (level, sorted.iter().map(of).collect())
         };
         let each = |value: fn(&Moments) -> f64| self.columns.iter().map(value).collect();
+        let (mean, std) = self.columns.iter().zip(&sorted).map(|(all, sample)| center(all, sample)).unzip();
         ColumnStatistics {
             rows: self.rows,
             not_finite,
-            mean: each(Moments::mean),
-            std: each(Moments::std),
+            mean,
+            std,
             min: each(Moments::min),
             max: each(Moments::max),
             quantiles: quantiles.iter().map(at).collect(),
             quantiles_exact: self.rows <= self.capacity as u64,
         }
     }
+}
+
+/// Mean and std of one value of a row. Where their sums are beyond f64, as of marks such as 1e308, those of the sample.
+fn center(all: &Moments, sample: &[f64]) -> (f64, f64) {
+    let (mean, std) = (all.mean(), all.std());
+    if mean.is_finite() && std.is_finite() {
+        return (mean, std);
+    }
+    let scale = sample.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
+    let mut scaled = Moments::default();
+    sample.iter().for_each(|value| scaled.add(value / scale));
+    (scaled.mean() * scale, scaled.std() * scale)
 }
 
 /// Of images, by channel.
@@ -177,5 +190,25 @@ fn interpolate(level: f64, count: u64, value: impl Fn(u64) -> f64) -> f64 {
     let place = level * (count - 1) as f64;
     let below = place.floor();
     let (low, high) = (value(below as u64), value((below as u64 + 1).min(count - 1)));
-    low + (high - low) * (place - below)
+    let (share, step) = (place - below, high - low);
+    if step.is_finite() { low + step * share } else { low * (1.0 - share) + high * share }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_whose_squares_are_beyond_f64_have_statistics() {
+        let mut rows = Rows::new(1, 100, 0);
+        rows.add(Slice::F64(&[f64::MAX, f64::MIN, 0.0, f64::MAX]));
+        let found = rows.finish(&[0.25, 0.5]);
+        assert_eq!((found.mean[0], found.min[0], found.max[0]), (f64::MAX / 4.0, f64::MIN, f64::MAX));
+        // Of 1, -1, 0 and 1: 11 / 16.
+        assert!((found.std[0] / f64::MAX - 0.6875_f64.sqrt()).abs() < 1e-12, "{:e}", found.std[0]);
+        assert_eq!(found.quantiles, [(0.25, vec![f64::MIN / 4.0]), (0.5, vec![f64::MAX / 2.0])]);
+        let mut one = Rows::new(1, 100, 0);
+        one.add(Slice::F64(&[1e200, 3e200]));
+        assert_eq!((one.finish(&[]).mean[0], one.finish(&[]).std[0]), (2e200, 1e200));
+    }
 }

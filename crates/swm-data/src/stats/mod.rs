@@ -65,7 +65,8 @@ pub struct ColumnStatistics {
     pub not_finite: u64,
     /// Means; empty if no row counts, as are all other lists then.
     pub mean: Vec<f64>,
-    /// Standard deviations, of the population (divided by the number of rows).
+    /// Standard deviations, of the population (divided by the number of rows); where squares of differences are beyond f64, of the rows
+    /// that quantiles are of.
     pub std: Vec<f64>,
     /// Least values.
     pub min: Vec<f64>,

@@ -46,6 +46,8 @@ pub struct Problem {
     pub column: Option<String>,
     /// What is wrong.
     pub reason: String,
+    /// This program does not read it; the dataset may be sound.
+    pub unsupported: bool,
 }
 
 /// Episodes that one thread reads before the others are waited for.
@@ -63,8 +65,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         report.notes.push("it has no checksums: changed values cannot be noticed".to_owned());
     }
     if let Err(error) = dataset.check_whole() {
-        let reason = said(error, None, None);
-        report.problems.push(Problem { episode: None, column: None, reason });
+        report.problems.push(Problem::of(error, None, None));
     }
     // What other programs wrote is as they wrote it, in copies, too.
     let is_of_others = dataset.info().runs.iter().any(|(_, run)| run.source.is_some());
@@ -138,17 +139,22 @@ impl EpisodeCheck {
         let columns = schema.fields().len();
         let mut found =
             Self { rows, problems: Vec::new(), missing: vec![0; columns], infinite: vec![None; columns] };
-        let mut problem = |column: Option<&str>, reason: String| {
+        let mut add = |problem: Problem| {
             if found.problems.len() < MAX_PROBLEMS {
-                let (episode, column) = (Some(episode), column.map(str::to_owned));
-                found.problems.push(Problem { episode, column, reason });
+                found.problems.push(problem);
             }
         };
+        let wrong = |column: Option<&str>, reason: String| Problem {
+            episode: Some(episode),
+            column: column.map(str::to_owned),
+            reason,
+            unsupported: false,
+        };
         if rows == 0 {
-            problem(None, "it has no rows".to_owned());
+            add(wrong(None, "it has no rows".to_owned()));
         }
         if let Err(error) = dataset.check_episode(episode) {
-            problem(None, said(error, Some(episode), None));
+            add(Problem::of(error, Some(episode), None));
         }
         for (column, field) in schema.fields().iter().enumerate() {
             let mut column_check = ColumnCheck { rows, width: field.dim(), ..ColumnCheck::default() };
@@ -174,46 +180,49 @@ impl EpisodeCheck {
                 Ok::<_, DataError>(())
             });
             if let Err(error) = read {
-                problem(Some(&field.name), said(error, Some(episode), Some(&field.name)));
+                add(Problem::of(error, Some(episode), Some(&field.name)));
                 continue;
             }
             if let Some(row) = column_check.changes {
-                problem(Some(&field.name), format!("it is constant in an episode, but changes at row {row}"));
+                let reason = format!("it is constant in an episode, but changes at row {row}");
+                add(wrong(Some(&field.name), reason));
             }
             if is_of_others {
                 found.infinite[column] = column_check.infinite;
             } else if let Some(row) = column_check.infinite {
-                problem(Some(&field.name), format!("row {row} holds an infinite number"));
+                add(wrong(Some(&field.name), format!("row {row} holds an infinite number")));
             }
             if let Some((row, before, number)) = steps.and_then(|steps| steps.wrong) {
-                problem(
-                    Some(STEP_IDX),
-                    format!("it does not count: row {row} holds {number} after {before}"),
-                );
+                let reason = format!("it does not count: row {row} holds {number} after {before}");
+                add(wrong(Some(STEP_IDX), reason));
             }
             found.missing[column] = column_check.missing;
             // Recordings leave out an action at the end, and what a first row cannot have; a column may be unused.
             let everywhere = column_check.missing == column_check.rows && field.name != ACTION;
             if let Some(row) = column_check.missing_within.filter(|_| !everywhere && !is_of_others) {
-                problem(Some(&field.name), format!("row {row} holds NaN"));
+                add(wrong(Some(&field.name), format!("row {row} holds NaN")));
             }
         }
         found
     }
 }
 
-/// What an error says, without the place that the report names already.
-fn said(error: DataError, episode: Option<usize>, column: Option<&str>) -> String {
-    match error {
-        DataError::Damaged { column: None, episode: None, reason, .. }
-        | DataError::Unsupported { column: None, episode: None, reason, .. } => reason.to_string(),
-        DataError::Damaged { column: at, episode: here, reason, .. }
-        | DataError::Unsupported { column: at, episode: here, reason, .. }
-            if here == episode && at.as_deref() == column =>
-        {
-            reason.to_string()
-        }
-        error => error.to_string(),
+impl Problem {
+    /// What an error says, without the place that the report names already.
+    fn of(error: DataError, episode: Option<usize>, column: Option<&str>) -> Self {
+        let unsupported = matches!(error, DataError::Unsupported { .. });
+        let reason = match error {
+            DataError::Damaged { column: None, episode: None, reason, .. }
+            | DataError::Unsupported { column: None, episode: None, reason, .. } => reason.to_string(),
+            DataError::Damaged { column: at, episode: here, reason, .. }
+            | DataError::Unsupported { column: at, episode: here, reason, .. }
+                if here == episode && at.as_deref() == column =>
+            {
+                reason.to_string()
+            }
+            error => error.to_string(),
+        };
+        Self { episode, column: column.map(str::to_owned), reason, unsupported }
     }
 }
 
@@ -281,5 +290,25 @@ impl ColumnCheck {
                 self.infinite.get_or_insert(at);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::error::{invalid, unsupported};
+
+    #[test]
+    fn what_is_not_supported_is_told_from_what_is_wrong() {
+        let of = |reason: crate::error::FormatError| {
+            Problem::of(DataError::damaged(Path::new("a.h5"), reason), Some(3), None)
+        };
+        let (damaged, unread) =
+            (of(invalid("it ends early").at("row 2")), of(unsupported("12 bits").at("row 2")));
+        assert_eq!((damaged.reason.as_str(), damaged.unsupported), ("row 2: it ends early", false));
+        assert_eq!((unread.reason.as_str(), unread.unsupported), ("row 2: 12 bits", true));
+        assert_eq!(unread.episode, Some(3));
     }
 }

@@ -66,6 +66,7 @@ fn run(request: &request::Verify, registry: &Registry, output: &Output) -> Resul
     let verified = request.run(registry, &mut Reporter::new(output, Cancel::new()))?;
     let (report, pending) = (&verified.report, &verified.to_fix);
     let finished = pending.is_empty();
+    let is_unread = !report.problems.is_empty() && report.problems.iter().all(|problem| problem.unsupported);
     output.result(&verified, || {
         let mut text = format!(
             "{}: {}, {}{}\n",
@@ -77,7 +78,8 @@ fn run(request: &request::Verify, registry: &Registry, output: &Output) -> Resul
         for problem in &report.problems {
             let column = problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
             let episode = problem.episode.map(|episode| format!(" episode {episode}")).unwrap_or_default();
-            text += &format!("WRONG{episode}{column}: {}\n", problem.reason);
+            let kind = if problem.unsupported { "NOT READ" } else { "WRONG" };
+            text += &format!("{kind}{episode}{column}: {}\n", problem.reason);
         }
         for note in &report.notes {
             text += &format!("note: {note}\n");
@@ -86,6 +88,7 @@ fn run(request: &request::Verify, registry: &Registry, output: &Output) -> Resul
             text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
         }
         text += match (report.problems.is_empty(), finished) {
+            _ if is_unread => "not read as a whole: this program does not support what is named, and the dataset may be sound",
             (true, true) => "sound",
             (true, false) => "sound once it is repaired",
             (false, true) => "NOT SOUND: no repair brings back what is wrong; record or copy it again",
@@ -97,7 +100,10 @@ fn run(request: &request::Verify, registry: &Registry, output: &Output) -> Resul
     match report.problems.len() {
         0 if finished => Ok(()),
         0 => Err(format!("{file} has to be repaired; run: swm verify {file} --fix").into()),
-        problems => Err(format!("{file} is not sound: {}", counted(problems, "problem")).into()),
+        problems => {
+            let what = if is_unread { "is not read as a whole" } else { "is not sound" };
+            Err(format!("{file} {what}: {}", counted(problems, "problem")).into())
+        }
     }
 }
 
