@@ -111,6 +111,9 @@ fn make(task: &Task, args: &Args, work: &Work<'_>, folder: &Path) -> Result<Vec<
             for step in task.steps.iter().chain(&table.steps) {
                 work.step(step)?;
             }
+            for step in task.needs(row) {
+                work.step(&plan::with_seed(step, seed))?;
+            }
             let mut training = 0.0;
             for step in &row.steps {
                 training += work.step(&plan::with_seed(step, seed))?;

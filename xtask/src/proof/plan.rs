@@ -74,6 +74,29 @@ impl Task {
     pub(super) fn rows(&self) -> impl Iterator<Item = (&Table, &Row)> {
         self.tables.iter().flat_map(|table| table.rows.iter().map(move |row| (table, row)))
     }
+
+    /// Trainings of other rows that make what a row reads, each behind those that it reads itself.
+    pub(super) fn needs(&self, row: &Row) -> Vec<&str> {
+        let mut needs = Vec::new();
+        for command in row.steps.iter().chain([&row.result]) {
+            self.add_needs(command, row, &mut needs);
+        }
+        needs
+    }
+
+    fn add_needs<'a>(&'a self, command: &str, own: &Row, needs: &mut Vec<&'a str>) {
+        let reads = |name: &str| {
+            let mut words = command.split(|c: char| c.is_whitespace() || ",:=".contains(c));
+            words.any(|word| word == name)
+        };
+        let others = self.rows().filter(|(_, row)| !std::ptr::eq(*row, own)).flat_map(|(_, row)| &row.steps);
+        for step in others.filter(|step| option(step, "--out").is_some_and(reads)) {
+            if step.as_str() != command && !needs.contains(&step.as_str()) {
+                self.add_needs(step, own, needs);
+                needs.push(step);
+            }
+        }
+    }
 }
 
 impl Table {
@@ -108,6 +131,31 @@ pub(super) fn option<'a>(step: &'a str, name: &str) -> Option<&'a str> {
 mod tests {
     use super::*;
     use crate::process;
+
+    #[test]
+    fn a_row_needs_the_trainings_that_its_commands_read() {
+        let rows = [
+            ("base", "['train a --out base-SEED']", "eval --policy mpc:base-SEED --out base-SEED-result"),
+            (
+                "top",
+                "['train b --encoder base-SEED --out top-SEED']",
+                "eval --policy top:top-SEED --out top-SEED-result",
+            ),
+            ("both", "[]", "eval --policy mpc:base-SEED,proposal=top-SEED,elites=3 --out both-SEED-result"),
+        ];
+        let rows = rows.map(|(name, steps, result)| {
+            format!(
+                "[[tables.rows]]\nname = '{name}'\npolicy = 'P'\nsteps = {}\nresult = '{result}'\n",
+                steps.replace('\'', "\"")
+            )
+        });
+        let text = format!("steps = []\n[[tables]]\nname = 't'\n{}", rows.concat());
+        let task: Task = toml::from_str(&text).unwrap();
+        let needs = |at: usize| task.needs(&task.tables[0].rows[at]);
+        assert!(needs(0).is_empty());
+        assert_eq!(needs(1), ["train a --out base-SEED"]);
+        assert_eq!(needs(2), ["train a --out base-SEED", "train b --encoder base-SEED --out top-SEED"]);
+    }
 
     #[test]
     fn results_are_where_they_are_looked_for_and_names_are_distinct() {
