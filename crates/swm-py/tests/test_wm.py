@@ -15,6 +15,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from stable_worldmodel_rs import wm  # noqa: E402
+from stable_worldmodel_rs.wm._images import normalized  # noqa: E402
 from stable_worldmodel_rs.wm._weights import read_weights  # noqa: E402
 
 GOLDEN = Path(__file__).resolve().parents[3] / "tests" / "golden" / "checkpoints"
@@ -174,6 +175,89 @@ def test_weights_in_parts_and_a_kind_of_another_model_are_refused(tmp_path: Path
         wm.load_pretrained(tmp_path)
 
 
+def test_the_config_of_lewms_own_training_script_is_read(tmp_path: Path) -> None:
+    folder, config, _ = small_lewm(tmp_path)
+    names = {"Predictor": "ARPredictor", "Embedder": "Embedder", "MLP": "MLP"}
+    text = json.dumps({**config, "_target_": "jepa.JEPA", "embed_dim": 24, "history_size": 3})
+    for ours, theirs in names.items():
+        text = text.replace(f"stable_worldmodel.wm.lewm.module.{ours}\"", f'module.{theirs}"')
+    (folder / "config.json").write_text(text)
+    assert "module.ARPredictor" in text
+    joint_agrees(wm.load_pretrained(folder), expected("lewm_transformers4"))
+    # A part that no model has is no setting of a script.
+    (folder / "config.json").write_text(json.dumps({**config, "decoder": {"depth": 1}}))
+    with pytest.raises(ValueError, match="decoder is no setting that is known here"):
+        wm.load_pretrained(folder)
+
+
+def test_a_prejepa_of_the_config_of_its_training_is_read(tmp_path: Path) -> None:
+    source, data = GOLDEN / "prejepa", expected("prejepa")
+    model = config_of("prejepa")
+    tensors = read_weights(next(source.glob("*.pt")))
+    frozen = {name.replace("backbone.", "backbone.backbone.", 1) if name.startswith("backbone.") else name: value for name, value in tensors.items()}
+    config = {
+        "output_model_name": "dinowm",
+        "wm": {"history_size": 3, "num_preds": 1, "encoding": dict.fromkeys(model["extra_encoders"]["modules"], 1)},
+        "predictor": {"heads": 2, "dim_head": 6},
+        "backbone": {"name": "backbone"},
+    }
+    shutil.copytree(source / "backbone", tmp_path / "backbone")
+    pixels = data["pixels"]
+    info = {"pixels": many(pixels[:1]), "goal": many(pixels[1:]), "proprio": many(data["proprio"][:1]), "goal_proprio": many(data["proprio"][1:])}
+    for settings, kind in ((config, "dino-wm"), (model, None)):
+        (tmp_path / "config.json").write_text(json.dumps(settings))
+        torch.save(dict(sorted(frozen.items())), tmp_path / "weights.pt")
+        loaded = wm.load_pretrained(tmp_path, kind=kind)
+        assert loaded.image_size == 16
+        with torch.no_grad():
+            near(loaded.get_cost(dict(info), data["candidates"][None])[0], data["cost"])
+    (tmp_path / "config.json").write_text(json.dumps({**config, "wm": {"history_size": 2}}))
+    with pytest.raises(ValueError, match="config.json has wm.history_size 2, and its 48 positions are not those"):
+        wm.load_pretrained(tmp_path, kind="dino-wm")
+    with pytest.raises(ValueError, match="training config .* give kind='gcbc' or .* or 'dino-wm' or 'tdmpc2'"):
+        wm.load_pretrained(tmp_path)
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(ValueError, match="config.json is empty"):
+        wm.load_pretrained(tmp_path)
+
+
+def test_bytes_are_resized_to_what_the_predictor_takes() -> None:
+    model, data = wm.load_pretrained(GOLDEN / "prejepa"), expected("prejepa")
+    large = data["pixels"].repeat_interleave(2, 1).repeat_interleave(2, 2)
+    assert model.image_size == data["pixels"].shape[1]
+    with torch.no_grad():
+        tokens = model.encode({"pixels": large[:, None]}, emb_keys=[])["pixels_emb"]
+        small = torch.nn.functional.interpolate(normalized(large), size=(16, 16), mode="bilinear", antialias=True)
+        assert torch.allclose(tokens, model.encode({"pixels": small[:, None]}, emb_keys=[])["pixels_emb"], atol=1e-5)
+    with pytest.raises(ValueError, match="images of 32x32 have 64 patches, and this model is of 16; give images of 16x16"):
+        model.encode({"pixels": torch.zeros(1, 1, 3, 32, 32)}, emb_keys=[])
+
+
+def test_an_export_has_the_normalization_of_its_model(tmp_path: Path) -> None:
+    shutil.copytree(GOLDEN / "prejepa", tmp_path / "own")
+    (tmp_path / "own" / "swm.json").write_text(json.dumps({"set": {"normalization": "half"}}))
+    pixels = expected("prejepa")["pixels"]
+    own, other = wm.load_pretrained(tmp_path / "own"), wm.load_pretrained(GOLDEN / "prejepa")
+    with torch.no_grad():
+        seen = own.encode({"pixels": pixels[:, None]}, emb_keys=[])["pixels_emb"]
+        given = (pixels.float() / 127.5 - 1).movedim(-1, -3)[:, None]
+        assert torch.allclose(seen, other.encode({"pixels": given}, emb_keys=[])["pixels_emb"], atol=1e-5)
+    (tmp_path / "own" / "swm.json").write_text("[]")
+    with pytest.raises(ValueError, match="swm.json is damaged: .*; export the run again"):
+        wm.load_pretrained(tmp_path / "own")
+
+
+def test_a_model_is_saved_by_the_references_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STABLEWM_HOME", str(tmp_path))
+    model, config = wm.load_pretrained(GOLDEN / "lewm_transformers4"), config_of("lewm_transformers4")
+    assert wm.save_pretrained(model, run_name="mine", config={"model": config, "seed": 1}, config_key="model") == tmp_path / "checkpoints" / "mine"
+    joint_agrees(wm.load_pretrained("mine"), expected("lewm_transformers4"))
+    assert wm.save_pretrained(model, run_name="b", cache_dir=tmp_path / "other") == tmp_path / "other" / "checkpoints" / "b"
+    for wrong in ({}, {"folder": tmp_path, "run_name": "a"}, {"folder": tmp_path, "cache_dir": tmp_path}):
+        with pytest.raises(TypeError, match="give"):
+            wm.save_pretrained(model, **wrong)
+
+
 def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     model, config = wm.load_pretrained(GOLDEN / "lewm_transformers4"), config_of("lewm_transformers4")
     folder = wm.save_pretrained(model, tmp_path / "four", config)
@@ -325,6 +409,10 @@ def test_spoiled_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     refused(b"", "is empty: the download failed")
     refused(whole[: len(whole) // 2], r"is cut off \([\d,]+ bytes")
+    at = whole.index(state[last].numpy().tobytes()) if state[last].numel() > 16 else len(whole) // 2
+    refused(whole[:at] + bytes(8) + whole[at + 8 :], "the checksum of its record .* differs. Fetch it again")
+    wide = next(name for name in state if state[name].ndim == 2)
+    refused({**state, wide: state[wide].to(torch.int8)}, rf"{wide} hold whole numbers \(torch.int8\), and models take floats")
     refused(whole[: len(whole) // 2] + whole[-64:], "no file of torch.save, or a damaged one")
     refused({name: state[name] for name in list(state)[:-1]}, f"90 of 91 tensors fit; missing: {last}")
     refused({**state, "extra.weight": torch.zeros(2)}, "91 of 91 tensors fit; not used: extra.weight")

@@ -29,13 +29,19 @@ _MODULES: dict[str, Any] = {
     for home, module in (("lewm", lewm.module), ("pldm", pldm.module), ("prejepa", prejepa.module), ("gcrl", gcrl.module))
     for name in module.__all__
 }
-_PARTS: dict[str, Any] = _MODULES | {
+# As the training script of LeWM's authors names them (lucas-maes/le-wm).
+_OF_SCRIPT: dict[str, Any] = {
+    f"module.{theirs}": getattr(lewm.module, ours) for theirs, ours in (("ARPredictor", "Predictor"), ("Embedder", "Embedder"), ("MLP", "MLP"))
+}
+_PARTS: dict[str, Any] = _MODULES | _OF_SCRIPT | {
     "stable_pretraining.backbone.utils.vit_hf": vit_hf,
     "stable_pretraining.backbone.EvalOnly": EvalOnly,
     "torch.nn.ModuleDict": nn.ModuleDict,
     "torch.nn.Identity": nn.Identity,
 }
 _PARTIAL: dict[str, Any] = {f"torch.nn.{one.__name__}": one for one in (nn.BatchNorm1d, nn.LayerNorm, nn.GELU, nn.SiLU, nn.ReLU)}
+
+_ROOT = frozenset(inspect.signature(lewm.LeWM).parameters)
 
 KINDS = {"lewm": lewm.LeWM, "pldm": pldm.PLDM, "prejepa": prejepa.PreJEPA, "gcrl": gcrl.GCRL, "tdmpc2": tdmpc2.TDMPC2}
 """Models by the names under which errors list them."""
@@ -114,6 +120,9 @@ class _Builder:
         factory = (_MODELS if not place else _PARTS).get(name)
         if factory is None:
             raise ValueError(f"config.json: {where}: {target} is no module of a known model; nothing of a config is executed")
+        if not place and factory in (lewm.LeWM, pldm.PLDM):
+            # Training scripts keep settings of their own beside the parts, which the reference passes over, too.
+            settings = {key: value for key, value in settings.items() if key in _ROOT or not isinstance(value, (int, float, str))}
         values = {key: self._value(value, f"{place}{key}") for key, value in settings.items()}
         if factory is nn.ModuleDict:
             modules: dict[str, Any] = values["modules"] if isinstance(values.get("modules"), dict) else {"modules": None}

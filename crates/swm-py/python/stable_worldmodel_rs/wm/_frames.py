@@ -44,9 +44,27 @@ class TokenModel(nn.Module):
         setattr(self, self._encoder_name, encoder)
         known: Any = extra_encoders
         self.extra_encoders: Any = known if isinstance(known, nn.Module) or known is None else nn.ModuleDict(known)
-        self.image_size: int | None = None
+        self._side: int | None = None
         self.image_mean: tuple[float, ...] = MEAN
         self.image_std: tuple[float, ...] = STD
+
+    @property
+    def image_size(self) -> int | None:
+        """The side of the images whose patches are as many as the predictor takes; None: unknown, and bytes keep their size."""
+        encoder: Any = getattr(self, self._encoder_name)
+        sizes, patches = getattr(getattr(encoder, "backbone", encoder), "sizes", None), self._patches()
+        if self._side is not None or sizes is None or patches is None:
+            return self._side
+        side = round(patches**0.5)
+        return side * sizes.patch if side**2 == patches else None
+
+    @image_size.setter
+    def image_size(self, side: int | None) -> None:
+        self._side = side
+
+    def _patches(self) -> int | None:
+        """Tokens of a frame, by what predicts from them; None: unknown."""
+        return None
 
     def _extra_dims(self) -> dict[str, int]:
         """The dim of each appended embedding, in their order."""
@@ -60,6 +78,11 @@ class TokenModel(nn.Module):
         where = next(self.parameters())
         images = normalized(pixels, self.image_size, self.image_mean, self.image_std).to(where.device, where.dtype)
         found = encoder(images.flatten(0, 1), interpolate_pos_encoding=True).last_hidden_state[:, 1:]
+        wanted = self._patches()
+        if wanted is not None and found.shape[1] != wanted:
+            shape = "x".join(map(str, images.shape[-2:]))
+            fix = f"give images of {self.image_size}x{self.image_size}, or bytes, which are resized" if self.image_size else "give images of another size"
+            raise ValueError(f"images of {shape} have {found.shape[1]} patches, and this model is of {wanted}; {fix}")
         return found.unflatten(0, images.shape[:2])
 
     def encode(

@@ -6,10 +6,12 @@ from typing import Any
 
 from ._torch import F, Tensor, torch
 
-__all__ = ["MEAN", "STD", "normalized"]
+__all__ = ["HALF", "MEAN", "STD", "normalized"]
 
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
+HALF = (0.5, 0.5, 0.5)
+"""Mean and std of images from -1 to 1, as the authors of DINO-WM give them to their model."""
 
 
 def normalized(pixels: Any, side: int | None = None, mean: tuple[float, ...] = MEAN, std: tuple[float, ...] = STD) -> Tensor:

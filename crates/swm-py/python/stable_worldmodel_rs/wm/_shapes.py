@@ -5,18 +5,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
 from . import gcrl, prejepa
 from ._frames import frame_mask
+from ._images import HALF
 from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
 from ._vit import KNOWN, USUAL_HEADS, Vit, VitSizes, without_fixed
 from .gcrl.gcrl import EvalOnly, TeacherStudent
 
-__all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of"]
+__all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of", "world_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
 _LETTERS = {"s": "small", "b": "base", "l": "large"}
@@ -112,11 +113,7 @@ def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: st
     frozen = any(name.startswith("encoder.backbone.") for name in tensors)
     of_encoder = _below(tensors, "encoder.backbone." if frozen else "encoder.")
     encoder: nn.Module = encoder_of(of_encoder, None, folder, extra.get("encoder.heads"), f"{kind}: encoder")
-    extras = {
-        name.split(".")[1]: gcrl.module.Embedder(in_chans=value.shape[1], emb_dim=value.shape[0])
-        for name, value in tensors.items()
-        if name.startswith("extra_encoders.") and name.endswith(".patch_embed.weight")
-    }
+    extras = _embedders(tensors)
     action = _predictor(_below(tensors, "action_predictor."), sizes, f"{kind}: action_predictor")
     history = action.pos_embedding.shape[1] // action.pos_embedding_goal.shape[1]
     return gcrl.GCRL(
@@ -126,6 +123,59 @@ def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: st
         _held(tensors, "critic_predictor", sizes, kind),
         nn.ModuleDict(extras) if extras else None,
         history_size=history,
+    )
+
+
+def world_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], folder: Path, extra: Mapping[str, Any]) -> nn.Module:
+    """A PreJEPA of the config of its whole training: sizes from shapes, frames and heads from the config."""
+
+    def value(section: str, key: str) -> Any:
+        settings: Any = config.get(section)
+        stored = cast("dict[str, Any]", settings).get(key) if isinstance(settings, Mapping) else None
+        return extra.get(f"{section}.{key}", stored)
+
+    place = "dino-wm"
+    frozen = any(name.startswith("backbone.backbone.") for name in tensors)
+    own = _below(tensors, "backbone.backbone." if frozen else "backbone.")
+    name = value("backbone", "name")
+    encoder: nn.Module = encoder_of(own, name, folder, extra.get("encoder.heads"), f"{place}: encoder")
+    predictor = _causal(_below(tensors, "predictor."), value("wm", "history_size"), value("predictor", "heads"), "config.json has wm.history_size", place)
+    # Tokens are joined in the order of the config; safetensors sorts its names.
+    extras = _embedders(tensors, value("wm", "encoding") or ())
+    return prejepa.PreJEPA(EvalOnly(encoder) if frozen else encoder, predictor, nn.ModuleDict(extras) if extras else None, history_size=predictor.num_frames)
+
+
+def _embedders(tensors: Mapping[str, Tensor], order: Iterable[str] = ()) -> dict[str, nn.Module]:
+    """What embeds columns, by column: first those of ``order``, then as in the file."""
+    ending = ".patch_embed.weight"
+    weights = {name.split(".")[1]: value for name, value in tensors.items() if name.startswith("extra_encoders.") and name.endswith(ending)}
+    keys = [*(key for key in order if key in weights), *weights]
+    return {key: prejepa.module.Embedder(in_chans=weights[key].shape[1], emb_dim=weights[key].shape[0]) for key in dict.fromkeys(keys)}
+
+
+def _causal(tensors: Mapping[str, Tensor], frames: Any, heads: Any, where: str, place: str) -> prejepa.module.CausalPredictor:
+    """The predictor of a PreJEPA of so many frames and heads; ``where`` has the frames, for the message."""
+    try:
+        positions, mlp = tensors["pos_embedding"], tensors["transformer.layers.0.1.net.1.weight"]
+        inner = tensors["transformer.layers.0.0.to_qkv.weight"].shape[0] // 3
+    except KeyError as error:
+        raise ValueError(f"{place} lacks predictor.{error.args[0]}; it is of another model, or not whole") from error
+    tokens = positions.shape[1]
+    side = round((tokens / frames) ** 0.5) if isinstance(frames, int) and frames > 0 else 0
+    if side == 0 or side**2 * frames != tokens:
+        raise ValueError(f"{place}: {where} {frames}, and its {tokens} positions are not those of as many square images")
+    if heads is None and inner == 1024:
+        heads = 16
+    if not isinstance(heads, int) or heads < 1 or inner % heads:
+        raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, are in no file; give extra_args={{'predictor.heads': N}}")
+    return prejepa.module.CausalPredictor(
+        num_patches=side**2,
+        num_frames=frames,
+        dim=positions.shape[2],
+        depth=_blocks(tensors, r"transformer\.layers\.(\d+)\."),
+        heads=heads,
+        dim_head=inner // heads,
+        mlp_dim=mlp.shape[0],
     )
 
 
@@ -148,32 +198,17 @@ def archive_of(
     found = {ours + name[len(theirs) :]: value for name, value in tensors.items() for theirs, ours in _ARCHIVE.items() if name.startswith(theirs)}
     own = of_facebook(encoder)
     name = re.sub(r"^dinov2_vit([sbl])14$", lambda size: f"facebook/dinov2-{_LETTERS[size[1]]}", str(settings.get("encoder.name")))
-    try:
-        positions = found["predictor.pos_embedding"]
-        mlp = found["predictor.transformer.layers.0.1.net.1.weight"]
-        inner = found["predictor.transformer.layers.0.0.to_qkv.weight"].shape[0] // 3
-        extras = {key: found[f"extra_encoders.{key}.patch_embed.weight"] for key in ("proprio", "action")}
-    except KeyError as error:
-        raise ValueError(f"{place} lacks {error}; it is no archive of a DINO-WM with proprio and actions, or not whole") from error
-    history, tokens = settings.get("num_hist"), positions.shape[1]
-    side = round((tokens / history) ** 0.5) if isinstance(history, int) and history > 0 else 0
-    if history is None or side == 0 or side**2 * history != tokens:
-        raise ValueError(f"{place}: hydra.yaml has num_hist {history}, and its {tokens} positions are not those of as many square images")
-    heads = extra.get("predictor.heads", settings.get("predictor.heads", 16 if inner == 1024 else None))
-    if not isinstance(heads, int) or heads < 1 or inner % heads:
-        raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, are in no file; give extra_args={{'predictor.heads': N}}")
-    depth = _blocks(found, r"predictor\.transformer\.layers\.(\d+)\.")
-    sizes: dict[str, Any] = {"num_patches": side**2, "num_frames": history, "dim": positions.shape[2], "depth": depth}
-    sizes |= {"heads": heads, "dim_head": inner // heads, "mlp_dim": mlp.shape[0]}
+    extras = _embedders(found, ("proprio", "action"))
+    if set(extras) != {"proprio", "action"}:
+        raise ValueError(f"{place} has embeddings of {', '.join(extras) or 'no columns'}; it is no archive of a DINO-WM with proprio and actions, or not whole")
+    history, heads = settings.get("num_hist"), extra.get("predictor.heads", settings.get("predictor.heads"))
     with torch.device("meta"):
         backbone = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")
-        embedders = {key: prejepa.module.Embedder(in_chans=weight.shape[1], emb_dim=weight.shape[0]) for key, weight in extras.items()}
-        predictor = prejepa.module.CausalPredictor(**sizes)
-        model = prejepa.PreJEPA(backbone, predictor, nn.ModuleDict(embedders), history_size=history)
-    model.image_size = side * backbone.sizes.patch
-    model.image_mean = model.image_std = (0.5, 0.5, 0.5)
-    mask = frame_mask(history, side**2, side**2).float()
-    found |= {f"predictor.transformer.layers.{at}.0.bias": mask for at in range(depth)}
+        predictor = _causal(_below(found, "predictor."), history, heads, "hydra.yaml has num_hist", place)
+        model = prejepa.PreJEPA(backbone, predictor, nn.ModuleDict(extras), history_size=predictor.num_frames)
+    model.image_mean = model.image_std = HALF
+    mask = frame_mask(predictor.num_frames, predictor.num_patches, predictor.num_patches).float()
+    found |= {f"predictor.transformer.layers.{at}.0.bias": mask for at in range(len(predictor.transformer.layers))}
     return model, {**found, **{f"backbone.{name}": value for name, value in own.items()}}
 
 

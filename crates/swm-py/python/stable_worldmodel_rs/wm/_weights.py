@@ -49,6 +49,8 @@ def read_weights(file: Path) -> dict[str, Tensor]:
     Raises:
         ValueError: the file is no such file, is damaged, or has tensors that no model can use.
     """
+    if file.is_dir():
+        raise ValueError(f"{file} is a folder, and a file of weights was looked for; give the file")
     with file.open("rb") as stream:
         begin = stream.read(512)
     _check_begin(file, begin)
@@ -96,15 +98,25 @@ def _torch_file(file: Path, zipped: bool) -> Any:
                 raise ValueError(f"{file} is cut off ({size:,} bytes; its archive has no end): fetch it again")
     damaged = (RuntimeError, EOFError, OSError, KeyError, ValueError, IndexError, TypeError, AttributeError, pickle.UnpicklingError, zipfile.BadZipFile)
     try:
+        if zipped:
+            _compare_checksums(file)
         try:
             return torch.load(file, map_location="cpu", weights_only=True)
         except pickle.UnpicklingError:
             found, called = read_objects(file, zipped)
     except damaged as error:
-        raise ValueError(f"{file} is no file of torch.save, or a damaged one: {error}. Fetch it again") from error
+        reason = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
+        raise ValueError(f"{file} is no file of torch.save, or a damaged one: {reason}. Fetch it again") from error
     if called:
         logger.warning("%s would call %s if Python loaded it; ignored here. Do not load it with torch.load", file, ", ".join(called))
     return found
+
+
+def _compare_checksums(file: Path) -> None:
+    """Reads the records of an archive, which torch does without a look at their checksums."""
+    with zipfile.ZipFile(file) as archive:
+        if (spoiled := archive.testzip()) is not None:
+            raise ValueError(f"the checksum of its record {spoiled} differs")
 
 
 def _safetensors(file: Path) -> dict[str, Tensor]:

@@ -60,7 +60,7 @@ def load_pretrained(
         name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
             or a repository of the Hugging Face Hub that is in a cache. Nothing is fetched; see :func:`download_model`. Or the folder of
             DINO-WM's authors, with ``hydra.yaml`` and ``checkpoints/model_latest.pth``, which becomes a PreJEPA.
-        kind: ``"gcbc"``, ``"gciql"``, ``"gcivl"`` or ``"hilp"``, where ``config.json`` is that of a whole training.
+        kind: ``"gcbc"``, ``"gciql"``, ``"gcivl"``, ``"hilp"``, ``"dino-wm"`` or ``"tdmpc2"``, where ``config.json`` is that of a whole training.
         device: Where to.
         cache_dir: In the place of ``$STABLEWM_HOME``, ``~/.stable_worldmodel`` by default.
         extra_args: Other values in the config, by path: ``{"predictor.num_frames": 3}``; ``{"encoder.heads": N}`` where no file says it.
@@ -93,6 +93,7 @@ def load_pretrained(
         if kind is not None and type(model).__name__ != "GCRL":
             raise ValueError(f"kind={kind!r}: {file.parent / 'config.json'} is of another model, a {type(model).__name__}; leave kind out")
         cast("Any", model).pretrained_config = config
+        _see_as_exported(model, file.parent / "swm.json")
     else:
         model = _of_training(config, tensors, file, kind, extra)
     _fill(model, tensors, file)
@@ -113,6 +114,21 @@ def _of_config(config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: P
 
     with torch.device("meta"):
         return build(config, generation(tensors), backbone)
+
+
+def _see_as_exported(model: Any, file: Path) -> None:
+    """What a folder of ``swm export`` has beside the config: how its model normalizes images, which the config cannot have."""
+    from ._images import HALF
+
+    if not file.is_file() or file.stat().st_size > _MOST_CONFIG or not hasattr(model, "image_mean"):
+        return
+    try:
+        found: Any = json.loads(file.read_text(encoding="utf-8"))
+        half = found["set"].get("normalization") == "half"
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{file} is damaged: {error!r}; export the run again") from error
+    if half:
+        model.image_mean = model.image_std = HALF
 
 
 def _of_archive(
@@ -142,25 +158,38 @@ def _of_archive(
 def _of_training(
     config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, kind: str | None, extra: Mapping[str, Any]
 ) -> nn.Module:
-    from ._shapes import POLICIES, policy_of
+    from ._config import overridden
+    from ._shapes import POLICIES, policy_of, world_of
     from ._torch import torch
+    from .tdmpc2 import TDMPC2
 
     if "version" in config and "model_config" in config:
         raise ValueError(f"{file.parent} is a run of this program, not a published checkpoint; `mpc:{file.parent}` plans with it")
+    if not config:
+        raise ValueError(f"{file.parent / 'config.json'} is empty; take the one that was published beside the weights")
+    kinds = (*POLICIES, "dino-wm", "tdmpc2")
     if kind is None:
         what = config.get("output_model_name", "of no name")
         raise ValueError(
-            f"{file.parent / 'config.json'} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, POLICIES))}"
+            f"{file.parent / 'config.json'} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, kinds))}"
         )
-    if kind not in POLICIES:
-        raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(POLICIES)}")
+    if kind not in kinds:
+        raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(kinds)}")
     with torch.device("meta"):
+        if kind == "dino-wm":
+            return world_of(tensors, config, file.parent, extra)
+        if kind == "tdmpc2":
+            return TDMPC2(overridden(config, extra))
         return policy_of(tensors, config, kind, file.parent, extra)
 
 
 def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path) -> None:
     """Puts a file's tensors into a model without storage; all of them, or an error."""
     mine: dict[str, Tensor] = cast("Any", model).state_dict()
+    for inner in ("backbone.backbone.", "encoder.backbone."):
+        # What holds a frozen encoder in training, and not by the config.
+        if not any(name.startswith(inner) for name in mine):
+            tensors = {name.replace(inner, inner.removesuffix("backbone."), 1) if name.startswith(inner) else name: value for name, value in tensors.items()}
     given = _renamed(model, tensors)
     lacking, unused = [name for name in mine if name not in given], [name for name in given if name not in mine]
     other = [
@@ -172,6 +201,10 @@ def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path) -> None:
         fit = len(mine) - len(lacking) - len(other)
         parts = [f"{what}: {_some(names)}" for what, names in (("missing", lacking), ("not used", unused), ("shapes", other)) if names]
         raise ValueError(f"{file}: {fit} of {len(mine)} tensors fit; {'; '.join(parts)}. Is config.json of another checkpoint?")
+    if whole := [name for name, value in mine.items() if value.is_floating_point() and not given[name].is_floating_point()]:
+        raise ValueError(
+            f"{file}: {_some(whole)} hold whole numbers ({given[whole[0]].dtype}), and models take floats; such weights are quantized: give those before it"
+        )
     kept = {name: given[name].to(value.dtype) for name, value in mine.items()}
     cast("Any", model).load_state_dict(kept, assign=True)
 
@@ -291,10 +324,13 @@ def _plain(config: Any) -> dict[str, Any]:
 @access_checked
 def save_pretrained(
     model: nn.Module,
-    folder: str | os.PathLike[str],
+    folder: str | os.PathLike[str] | None = None,
     config: Any = None,
-    *,
+    config_key: str | None = None,
     filename: str = "weights.pt",
+    cache_dir: str | os.PathLike[str] | None = None,
+    *,
+    run_name: str | None = None,
     transformers: int | None = None,
 ) -> Path:
     """Writes ``weights.pt`` and ``config.json``, which :func:`load_pretrained`, ``swm import`` and the reference take; gives the folder.
@@ -304,7 +340,10 @@ def save_pretrained(
         folder: Made if missing; files of these names are replaced, each as a whole.
         config: What makes the model: a dict, or OmegaConf's node, with ``_target_``. It must fit the model. None: that of a model of
             :func:`load_pretrained` or :func:`from_config`.
+        config_key: What makes the model is below this key of ``config``, if it has it.
         filename: Of the weights.
+        cache_dir, run_name: The reference's arguments: ``run_name=`` in the place of ``folder`` is a folder below ``checkpoints`` of ``cache_dir``, by
+            default ``$STABLEWM_HOME``, where :func:`load_pretrained` finds it by its name.
         transformers: The version, 4 or 5, whose names the encoder's tensors get; None: those that the model has.
 
     Raises:
@@ -324,7 +363,13 @@ def save_pretrained(
     known = getattr(inner, "pretrained_config", None)
     if config is None and known is None:
         raise ValueError("config: this model holds none; give the settings that make it, a dict with _target_")
+    if (folder is None) == (run_name is None):
+        raise TypeError("save_pretrained takes folder, where the model goes, or run_name, a folder below $STABLEWM_HOME/checkpoints; give one of them")
+    if cache_dir is not None and run_name is None:
+        raise TypeError("cache_dir holds the folders of run_name; give run_name in the place of folder, or leave cache_dir out")
     settings = _plain(known if config is None else config)
+    if config_key is not None and isinstance(settings.get(config_key), Mapping):
+        settings = _plain(settings[config_key])
     state = _renamed(inner, state, transformers)
     own = [part.sizes for part in inner.modules() if isinstance(part, Vit)]
 
@@ -343,7 +388,7 @@ def save_pretrained(
     if of_config != of_model:
         other = [name for name in {**of_config, **of_model} if of_config.get(name) != of_model.get(name)]
         raise ValueError(f"config is of a model with other tensors than this one: {_some(other)}; give the one that made it")
-    where = Path(folder)
+    where = Path(folder) if folder is not None else _home(None if cache_dir is None else Path(cache_dir)) / str(run_name)
     if where.exists() and not where.is_dir():
         raise NotADirectoryError(f"{where} is a file; name a folder for the model")
     where.mkdir(parents=True, exist_ok=True)

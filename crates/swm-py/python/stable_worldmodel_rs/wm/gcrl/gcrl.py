@@ -84,6 +84,10 @@ class GCRL(TokenModel):
         self.log_std_max: float = log_std_max
         self.log_stds: Tensor = nn.Parameter(torch.zeros(predictor.out_proj.weight.shape[0]))
 
+    def _patches(self) -> int | None:
+        positions = getattr(self.action_predictor, "pos_embedding_goal", None)
+        return None if positions is None else positions.shape[1]
+
     def encode(self, info: dict[str, Any], *rest: Any, target: str = "embed", **options: Any) -> dict[str, Any]:
         """As :meth:`TokenModel.encode`, with ``embed`` for a name."""
         return super().encode(info, *rest, target=target, **options)

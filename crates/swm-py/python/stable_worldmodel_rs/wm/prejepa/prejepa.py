@@ -47,6 +47,9 @@ class PreJEPA(TokenModel):
         self.num_pred: int = num_pred
         self.interpolate_pos_encoding: bool = interpolate_pos_encoding
 
+    def _patches(self) -> int | None:
+        return getattr(self.predictor, "num_patches", None)
+
     def predict(self, embedding: Tensor) -> Tensor:
         """The frame after each: ``(B, T, P, W)`` to the same."""
         return self.predictor(embedding.flatten(1, 2)).unflatten(1, embedding.shape[1:3])
