@@ -18,7 +18,7 @@ use swm::data::{
 use swm::files::remote::Event;
 
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
-use crate::errors::{DataFault, OrRaise as _, SwmError};
+use crate::errors::{DataFault, OrRaise as _, SwmError, in_words};
 use crate::fork::Process;
 use crate::interrupt::interruptible;
 use crate::whole;
@@ -182,9 +182,9 @@ impl Reader {
         let options = RenderOptions::default()
             .image(ImageSize { height: image.0, width: image.1 })
             .settings(json_map(settings)?)
-            .factors(self.factor_values(py, factors)?)
+            .factors(self.factor_values(py, factors, "look")?)
             .looks(looks.map_err(|error| DataFault::new_err(error.to_string()))?)
-            .canonical(canonical.map(|look| self.factor_values(py, look)).transpose()?);
+            .canonical(canonical.map(|look| self.factor_values(py, look, "canonical")).transpose()?);
         self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
     }
 
@@ -374,10 +374,17 @@ fn json_map(text: &str) -> PyResult<serde_json::Map<String, serde_json::Value>> 
 }
 
 impl Reader {
-    /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices.
-    fn factor_values(&self, py: Python<'_>, text: &str) -> PyResult<BTreeMap<String, swm::core::Value>> {
+    /// Values of factors of the environment that it was recorded in, from JSON: numbers, or names of colors and choices. They are those of
+    /// this argument.
+    fn factor_values(
+        &self,
+        py: Python<'_>,
+        text: &str,
+        argument: &'static str,
+    ) -> PyResult<BTreeMap<String, swm::core::Value>> {
         let dataset = self.share(py)?;
-        swm::tasks::request::look_of(dataset.as_ref(), registry(), &json_map(text)?, &mut ()).or_raise()
+        swm::tasks::request::look_of(dataset.as_ref(), registry(), &json_map(text)?, &mut ())
+            .map_err(|error| in_words(error, argument))
     }
 
     /// A handle that stops reading when the flag is set, and the flag.

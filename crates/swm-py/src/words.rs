@@ -14,9 +14,11 @@ pub(crate) struct Arguments {
 const OF_REQUEST: &[(&str, &str, &str)] = &[
     ("board", "out", "out"),
     ("bundle", "out", "out"),
+    ("canonical", "set", "canonical"),
     ("convert", "image_size", "image_size"),
     ("convert", "target", "dest"),
     ("evaluate", "out", "out"),
+    ("look", "set", "look"),
     ("merge", "image_size", "image_size"),
     ("merge", "out", "dest"),
     ("preview", "dataset", "source"),

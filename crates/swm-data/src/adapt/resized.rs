@@ -129,7 +129,13 @@ impl Resized {
             changes.push(change);
         }
         if !fields.iter().any(|field| stored_of(field).is_some()) {
-            return refuse("image_size", format!("{} holds no images", inner.path().display()));
+            return refuse(
+                "image_size",
+                format!(
+                    "{} holds no images; those of a replayable recording are rendered, in the size that `render` gives",
+                    inner.path().display()
+                ),
+            );
         }
         info.schema = Schema::new(fields).map_err(|error| DataError::damaged(inner.path(), error))?;
         let mut runs = info.runs.to_vec();

@@ -28,7 +28,7 @@ _FIX = (
 # The package of the zoo.
 _ZOO = "stable_worldmodel_zoo"
 _ZOO_ADVICE = (
-    "`pip install stable-worldmodel-zoo`, or unpack the folder of a release into `zoo` of the data folder (SWM_HOME); "
+    "`pip install` the wheel stable_worldmodel_zoo-*.whl of a release, or unpack the folder of a release into `zoo` of the data folder (SWM_HOME); "
     "`cargo xtask zoo NAME` makes one in a checkout"
 )
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).

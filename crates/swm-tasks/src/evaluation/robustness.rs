@@ -158,11 +158,12 @@ impl Robustness {
     pub fn markdown(&self) -> String {
         let percent = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.0} %"));
         let mut text = format!(
-            "{}, {} tier, {} pairs, {} trainings\n\n",
+            "{}, {} tier, {} pairs, {} training{}\n\n",
             self.env,
             self.tier,
             self.pairs,
-            self.policies.len()
+            self.policies.len(),
+            if self.policies.len() == 1 { "" } else { "s" }
         );
         let with = |given: bool, head: &'static str| if given { head } else { "" };
         let (oracle, published) =

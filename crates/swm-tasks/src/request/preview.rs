@@ -7,7 +7,8 @@ use swm_core::env::PIXELS;
 use swm_core::{Dtype, FieldKind, ImageSize, Metadata, Registry, SliceMut};
 use swm_data::adapt::Watched;
 use swm_data::{Dataset, OpenOptions, RenderOptions, Rendered, Steps};
-use swm_media::{Clip, Format, contact_sheet, framed, png};
+use swm_media::sheet::contact_sheet_on;
+use swm_media::{Clip, Format, framed, png};
 
 use super::copies::{check_exists, ended};
 use super::selection::selection;
@@ -21,6 +22,8 @@ use crate::threads::{self, within};
 const GOAL: &str = "goal";
 /// White space between the tiles, in pixels.
 const GAP: usize = 2;
+/// What is between frames: no usual background.
+const GRAY: [u8; 3] = [128; 3];
 /// Size of images that are rendered because the recording holds none.
 const RENDERED: ImageSize = ImageSize { height: 128, width: 128 };
 /// Episodes that are shown where none are chosen.
@@ -224,7 +227,7 @@ impl Shown {
         for (row, goal) in rows.iter_mut().zip(goals) {
             row.insert(0, goal);
         }
-        let (height, width, pixels) = contact_sheet(&rows, self.height, self.width, GAP)?;
+        let (height, width, pixels) = contact_sheet_on(GRAY, &rows, self.height, self.width, GAP)?;
         Ok(png::write(out, height, width, &pixels)?)
     }
 
@@ -239,7 +242,7 @@ impl Shown {
                 .map(|shots| shots.get(at).or(shots.last()).map_or(&[][..], Vec::as_slice))
                 .collect();
             let rows: Vec<Vec<&[u8]>> = tiles.chunks(columns).map(<[&[u8]]>::to_vec).collect();
-            let (height, width, pixels) = contact_sheet(&rows, self.height, self.width, GAP)?;
+            let (height, width, pixels) = contact_sheet_on(GRAY, &rows, self.height, self.width, GAP)?;
             clip.get_or_insert_with(|| Clip::new(height, width, 10.0)).push(&pixels)?;
         }
         clip.ok_or_else(|| "the episodes have no rows".into())

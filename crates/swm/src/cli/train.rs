@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{HumanDuration, ProgressBar};
@@ -19,12 +19,15 @@ use super::threads::ThreadsArg;
 use super::track::TrackArgs;
 use super::words::{Options, Renamed};
 use super::{Failure, Output, interrupt, usage};
+use crate::jobs::task;
 use crate::jobs::tracking::around;
 
 /// The defaults of a request, for help and for what is not given.
 static DEFAULT: LazyLock<request::Train> = LazyLock::new(request::Train::default);
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
 const SAVING: Duration = Duration::from_secs(25);
+/// The same in a task whose time is limited: the script has the signal come 120 s before the end.
+const SAVING_IN_TIME: Duration = Duration::from_secs(110);
 
 /// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
@@ -293,9 +296,16 @@ impl Report for Watching<'_> {
             true => format!("run: swm train --resume {folder}"),
             false => "run the same command".to_owned(),
         };
-        interrupt::allow(SAVING);
-        self.cancel =
-            interrupt::watch_resumable(move || format!("the last checkpoint is safe in {folder}"), how);
+        let is_limited = task::time_left(Instant::now()).is_some();
+        interrupt::allow(if is_limited { SAVING_IN_TIME } else { SAVING });
+        let safe = move || {
+            let saved = Path::new(&folder).join("checkpoints").read_dir();
+            match saved.is_ok_and(|mut saved| saved.next().is_some()) {
+                true => format!("the last checkpoint is safe in {folder}"),
+                false => format!("{folder} has no checkpoint yet, and begins anew"),
+            }
+        };
+        self.cancel = interrupt::watch_resumable(safe, how);
         let bar = self.output.bar_alone(stage.total, stage.unit);
         Ok(Box::new(Steps { bar, output: self.output.clone() }))
     }

@@ -121,12 +121,16 @@ impl Evaluate {
             Some(dir) if self.join => Some(CellLedger::join(dir, DIVISION, &whole, cells, pairs)?),
             _ => None,
         };
+        // They stay until the receipt has what is in them.
+        let mut ledgers = Vec::new();
         let mut all = |name: &str, candidate: &Candidate, role: Option<Role>| -> Result<_, TaskError> {
             let own = identity(&(manifest.hash(), candidate, &fingerprints, steps), files)?;
             // Without its files, a policy in Python may be another one when it is run again.
             let keeps = entrant.is_identified || *candidate != entrant.candidate;
             let path = out.filter(|_| keeps).map(|dir| dir.join(format!("{name}.jsonl")));
-            runs.all(candidate, role, path.as_deref(), &own, self.again)
+            let (episodes, ledger) = runs.all(candidate, role, path.as_deref(), &own, self.again)?;
+            ledgers.extend(ledger);
+            Ok(episodes)
         };
         let started = Instant::now();
         let (episodes, wall_time_s, mut references) = match (held, &joined) {
@@ -152,6 +156,7 @@ impl Evaluate {
         }
         let receipt = asked.with_results(episodes, references, wall_time_s);
         let path = out.map(|dir| write_receipt(dir, &receipt)).transpose()?;
+        ledgers.into_iter().try_for_each(Ledger::close)?;
         joined.map_or(Ok(()), CellLedger::close)?;
         Ok(Evaluated::Receipt(Box::new(receipt), path))
     }
@@ -275,8 +280,8 @@ impl Runs<'_, '_> {
         apart(self.report, run)?
     }
 
-    /// All episodes of `candidate`; those of an earlier try are in the ledger `path`, which belongs to `identity`. One of another
-    /// evaluation is replaced if `again`.
+    /// All episodes of `candidate`, and the ledger `path` that holds them; those of an earlier try are in it, if it belongs to `identity`.
+    /// One of another evaluation is replaced if `again`.
     fn all(
         &mut self,
         candidate: &Candidate,
@@ -284,7 +289,7 @@ impl Runs<'_, '_> {
         path: Option<&Path>,
         identity: &impl serde::Serialize,
         again: bool,
-    ) -> Result<Vec<EpisodeResult>, TaskError> {
+    ) -> Result<(Vec<EpisodeResult>, Option<Ledger>), TaskError> {
         let open = |path: &Path| match again {
             true => Ledger::open_again(path, identity),
             false => Ledger::open(path, identity),
@@ -304,7 +309,6 @@ impl Runs<'_, '_> {
             ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(pair, result))
         })?;
         drop(progress);
-        ledger.map_or(Ok(()), Ledger::close)?;
         if role.is_none() {
             let Summary { success_rate, ci95: [low, high], .. } = Summary::of(&episodes);
             self.report.info(&Message::new(format!(
@@ -312,7 +316,7 @@ impl Runs<'_, '_> {
                 candidate.policy
             )));
         }
-        Ok(episodes)
+        Ok((episodes, ledger))
     }
 
     /// Runs the episodes of a part that are not in its ledger.

@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
+use swm_core::error::BoxError;
 use swm_core::testing::TOY;
-use swm_core::{Registry, Rollout, World, WorldOptions, policies};
+use swm_core::{Cancel, Registry, Rollout, World, WorldOptions, policies};
 
 use super::{Evaluate, Evaluated};
-use crate::request::{Fix, MakeManifest, Message, Request as _, TaskError};
+use crate::evaluation::Role;
+use crate::request::{Fix, MakeManifest, Message, Progress, Report, Request as _, Stage, TaskError};
 
 fn registry() -> Registry {
     Registry::new().with(swm_data::FORMATS).with(swm_data_foreign::LAYOUTS).with(&[TOY])
@@ -244,4 +246,50 @@ fn a_dataset_that_does_not_fit_is_refused() {
     assert!(text.contains("its actions have 2 values, those of swm/Toy-v0 1"), "{text}");
     let text = refused(json!({ "state": "n_contacts", "all": "state", "action": "n_contacts" }));
     assert!(text.contains("map") && text.contains("two names"), "{text}");
+}
+
+/// Ends the work where the reference policy `no-op` begins, unless it goes on; keeps what is told.
+#[derive(Default)]
+struct Stops {
+    cancel: Cancel,
+    goes_on: bool,
+    told: Vec<String>,
+}
+
+impl Report for Stops {
+    fn note(&mut self, note: &Message) {
+        self.told.push(note.to_string());
+    }
+
+    fn info(&mut self, info: &Message) {
+        self.told.push(info.to_string());
+    }
+
+    fn cancel(&self) -> Cancel {
+        self.cancel.clone()
+    }
+
+    fn begin(&mut self, stage: &Stage<'_>) -> Result<Box<dyn Progress>, BoxError> {
+        if stage.role == Some(Role::NoOp) && !self.goes_on {
+            self.cancel.cancel();
+        }
+        Ok(Box::new(()))
+    }
+}
+
+#[test]
+fn an_evaluation_that_is_interrupted_among_its_references_keeps_every_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let [task, out] = ["task.toml", "out"].map(|name| folder.path().join(name));
+    manifest(&task);
+    let given = json!({ "manifest": task, "policy": "random", "reference": ["no-op"], "out": out });
+    let asked = Evaluate::from_json(&object(given)).unwrap();
+    let mut first = Stops::default();
+    asked.run(&registry(), &mut first).unwrap_err();
+    assert!(out.join("episodes.jsonl").exists() && !out.join("receipt.json").exists());
+    let mut second = Stops { goes_on: true, ..Stops::default() };
+    asked.run(&registry(), &mut second).unwrap();
+    assert!(second.told.iter().any(|text| text == "3 of 3 episodes done already"), "{:?}", second.told);
+    let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().ends_with(".jsonl")), "{left:?}");
 }

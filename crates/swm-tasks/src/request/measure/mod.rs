@@ -169,6 +169,7 @@ impl Request for Measure {
         let (model, env) = (model.as_mut(), env.as_mut());
         let measure = || quality(model, env, &recorded, &probed, &violations, &options, begins);
         let found = apart(report, || within(self.threads, measure))???;
+        progress.done(None);
         if let Some(note) = few_episodes(&found, recorded.len()) {
             report.note(&note);
         }

@@ -25,6 +25,9 @@ pub(super) fn trained(
     name: &str,
 ) -> Result<Option<(&'static ModelEntry, PolicyArgs)>, TaskError> {
     if !name.contains(':') && registry.find::<ModelEntry>(name).is_err() {
+        if name.starts_with("gain=") {
+            gain(name)?;
+        }
         if name.starts_with("pixels=") || gain(name).is_ok() {
             return Ok(None);
         }
@@ -74,6 +77,9 @@ fn gain(model: &str) -> Result<Option<f64>, TaskError> {
         ("true", _) => Ok(Some(1.0)),
         ("constant", _) => Ok(None),
         (_, Some(Ok(gain))) if gain.is_finite() => Ok(Some(gain)),
+        (_, Some(_)) => {
+            Err(Message::about("model", model, "a gain is a finite number, such as gain=0.8").into())
+        }
         _ => Err(no_model(model, "trained ones such as lewm:RUN")),
     }
 }

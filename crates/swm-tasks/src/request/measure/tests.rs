@@ -32,7 +32,7 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (json!({ "rows": 3 }), "rows=3: use more than the horizon, which is 3", None),
         (json!({ "threads": 0 }), "threads=0: use 1 to 1024", None),
         (json!({ "model": "best" }), models, None),
-        (json!({ "model": "gain=x" }), models, None),
+        (json!({ "model": "gain=x" }), "model=gain=x: a gain is a finite number", None),
         (json!({ "model": "pixels=0" }), models, None),
         (json!({ "model": "lewm:runs/a" }), "need a build with the feature `baselines`", None),
         (json!({ "model": "pixels=4" }), "it sees images of at least 4x4", Some(Fix::give("image_size"))),

@@ -306,8 +306,11 @@ struct Episodes {
 }
 
 impl Recorder for Episodes {
-    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
-        self.progress.done(None);
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
+        // The first row is that of the reset.
+        if row.episode.step > 0 {
+            self.progress.done(None);
+        }
         Ok(())
     }
 

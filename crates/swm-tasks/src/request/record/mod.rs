@@ -16,7 +16,8 @@ use swm_core::{
     Cancel, EnvConfig, EpisodeSink, ImageSize, Metadata, Registry, ResetOptions, Rollout, World, WorldError,
     WorldOptions,
 };
-use swm_data::{WriteMode, WriteOptions};
+use swm_data::{DataError, WriteMode, WriteOptions};
+use swm_files::WriterLock;
 
 use super::{
     Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Needs, Report, Request, Scenario, Shard, Stage,
@@ -261,9 +262,13 @@ impl Record {
     /// Refuses to write a file that is there, where nothing of it may change. What is asked for is checked first: an answer to this
     /// would only bring the next refusal.
     fn check_absent(&self, registry: &Registry) -> Result<(), TaskError> {
-        match self.mode == WriteMode::Error && self.out.exists() {
-            true => Err(self.exists(registry).into()),
-            false => Ok(()),
+        if self.mode != WriteMode::Error || !self.out.exists() {
+            return Ok(());
+        }
+        // Neither of the ways on is one for a file that somebody writes.
+        match WriterLock::holder_here(&self.out) {
+            Some(holder) => Err(DataError::Busy { path: self.out.clone(), holder }.into()),
+            None => Err(self.exists(registry).into()),
         }
     }
 
