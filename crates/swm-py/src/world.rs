@@ -8,6 +8,7 @@ use swm::core::{
     Batch, EnvConfig, EnvEntry, EnvSpec, EnvState, EpisodeSeed, FactorSpec, ImageSize, LiveEpisode, Policy,
     Registry, ResetOptions, SavedSlot, SuccessRule, World, WorldError, WorldOptions,
 };
+use swm::tasks::request::{Message, model_image, note_elites, note_images, policy_args};
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::fork::Process;
@@ -333,6 +334,20 @@ impl PyWorld {
         })?;
         replaced.map_or(Ok(()), |infos| self.retire(py, infos))?;
         Ok(description)
+    }
+
+    /// What a user should know of a native policy in this world: images of another size than its model was trained on, a search that keeps
+    /// most samples.
+    fn notes_on(&self, py: Python<'_>, policy: &str) -> PyResult<Vec<String>> {
+        py.detach(|| {
+            let mut core = self.shared.lock()?;
+            let (world, mut notes) = (core.world()?, Vec::<Message>::new());
+            let args = policy_args(registry(), policy).or_raise()?;
+            note_elites(registry(), world.entry(), &args, &mut notes);
+            let trained = model_image(registry(), world.entry(), policy);
+            note_images(policy, trained, world.options().env.image, &mut notes);
+            Ok(notes.iter().map(ToString::to_string).collect())
+        })
     }
 
     /// The seed of a native policy's own noise; 0: noise comes from the episodes' seeds.

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .._arguments import names_of
 from .._core import core as _swm
+from .._requests import log_notes
 from . import foreign
 from .ids import native_id
 from .native import NativePool, checked_shape, make_native
@@ -352,6 +353,7 @@ class World(Runs):
         assert self._core is not None
         if isinstance(policy, NativePolicy):
             self._core.set_policy(policy.text)
+            log_notes(self._core.notes_on(policy.text))
             self._core.set_policy_seed(policy.seed)
         else:
             self._core.set_policy(None, foreign=describe(policy))
