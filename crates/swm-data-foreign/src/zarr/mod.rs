@@ -61,6 +61,7 @@ fn find(path: &Path) -> Result<Found> {
         let spans = found.end_to_end();
         found.sources.push(Source::step(path, &path.replace('/', "."), vec![array], spans));
     };
+    let mut behind = Vec::new();
     for name in store.arrays(DATA)? {
         let whole = format!("{DATA}/{name}");
         match ZarrArray::open(&store, &whole) {
@@ -69,7 +70,10 @@ fn find(path: &Path) -> Result<Found> {
                 let reason = format!("it has {own} rows, and `{ENDS}` ends at {rows}");
                 found.skipped.push((name.replace('/', "."), reason));
             }
-            Ok(array) => step(&name, Arc::new(array), &mut found),
+            Ok(array) => {
+                behind.push((name.clone(), array.rows() - rows));
+                step(&name, Arc::new(array), &mut found);
+            }
             Err(error) if error.is_unsupported() => {
                 found.skipped.push((name.replace('/', "."), error.to_string()));
             }
@@ -84,8 +88,26 @@ fn find(path: &Path) -> Result<Found> {
             }
         });
     }
+    about_rest(&behind, &mut found);
     about_pusht(&mut found)?;
     Ok(found)
+}
+
+/// Notes rows behind the last end, which are of no episode: by array, how many.
+fn about_rest(behind: &[(String, usize)], found: &mut Found) {
+    let Some(&(_, first)) = behind.first() else { return };
+    if first > 0 && behind.iter().all(|&(_, rows)| rows == first) {
+        found.notes.push(format!(
+            "all of its arrays have {first} rows behind the last end of `{ENDS}`, which are left out: they are an episode whose end is not \
+             marked, as a recording that was interrupted has it; append {} to `{ENDS}` to read it",
+            found.lengths.iter().sum::<usize>() + first
+        ));
+        return;
+    }
+    let note = |(name, rows): &(String, usize)| {
+        format!("`{name}` has {rows} rows behind the last end of `{ENDS}`, which are left out")
+    };
+    found.notes.extend(behind.iter().filter(|(_, rows)| *rows > 0).map(note));
 }
 
 /// Lengths of episodes, from where each ends among all rows.

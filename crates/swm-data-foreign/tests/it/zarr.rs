@@ -311,3 +311,28 @@ fn no_mutation_makes_it_trip() {
 fn is_sound(path: &Path) -> bool {
     open(path).is_ok_and(|mut dataset| verify(dataset.as_mut(), &mut |_| {}).problems.is_empty())
 }
+
+#[test]
+fn rows_behind_the_last_end_have_a_note() {
+    let folder = tempfile::tempdir().unwrap();
+    let about = |rows: usize| json!({ "shape": [rows], "chunks": [rows], "dtype": "<f4" });
+    let notes = |name: &str, other: usize| {
+        let store = Files::new(folder.path().join(name), &[2, 5]);
+        for (array, rows) in [("data/action", 8), ("data/state", other)] {
+            let values = floats((0..rows).map(|row| row as f32));
+            store.array(array, &about(rows), &[("0", &values)]);
+        }
+        let dataset = open(&store.0).unwrap();
+        assert_eq!(lengths(dataset.as_ref()), [2, 3]);
+        dataset.info().notes.join("\n")
+    };
+    let all = notes("all.zarr", 8);
+    assert!(
+        all.contains("all of its arrays have 3 rows behind the last end of `meta/episode_ends`"),
+        "{all}"
+    );
+    assert!(all.contains("an episode whose end is not marked"), "{all}");
+    let some = notes("some.zarr", 5);
+    assert!(some.contains("`action` has 3 rows behind the last end of `meta/episode_ends`"), "{some}");
+    assert!(!some.contains("`state` has") && !some.contains("not marked"), "{some}");
+}
