@@ -85,8 +85,9 @@ fn find(tree: &Tree, name: &str, max_steps: Option<usize>) -> Result<Result<Foun
         }
     };
     // In antmaze, terminals mark the rows at the goal, and an episode goes on.
+    let last = paths.iter().any(|path| path == "next_observations");
     let is_at_goal = is_antmaze(name)
-        || terminals.windows(2).any(|two| two[0] && two[1]) && goes_on(tree, &terminals, &timeouts)?;
+        || terminals.windows(2).any(|two| two[0] && two[1]) && goes_on(tree, &terminals, &timeouts, last)?;
     let is_end = |row: usize| timeouts[row] || (!is_at_goal && terminals[row]);
     let mut starts = Vec::new();
     let mut first = 0;
@@ -96,7 +97,6 @@ fn find(tree: &Tree, name: &str, max_steps: Option<usize>) -> Result<Result<Foun
             first = row + 1;
         }
     }
-    let last = paths.iter().any(|path| path == "next_observations");
     found.lengths = starts.iter().map(|(_, count)| count + usize::from(last)).collect();
     let ends = starts.iter().flat_map(|&(first, count)| (first..first + count).chain(last.then_some(rows)));
     let ends: Vec<usize> = ends.collect();
@@ -158,28 +158,36 @@ fn is_antmaze(name: &str) -> bool {
     ["antmaze", "ant_maze", "ant-maze"].iter().any(|start| name.contains(start))
 }
 
-/// Whether observations go on behind `terminals` as they do elsewhere in an episode, rather than begin anew: by the median of their
-/// distances from one row to the next.
-fn goes_on(tree: &Tree, terminals: &[bool], timeouts: &[bool]) -> Result<bool> {
+/// Whether observations go on behind `terminals`, rather than begin anew: where most of them are the next ones of the row before, in files
+/// that have these; else by the median of their distances from one row to the next, which is that elsewhere in an episode.
+fn goes_on(tree: &Tree, terminals: &[bool], timeouts: &[bool], has_next: bool) -> Result<bool> {
     /// Pairs of rows of either kind.
     const MOST: usize = 1000;
     /// What begins anew is more than so many usual steps away.
     const FAR: f64 = 2.0;
+    /// Next ones that are written in other bits.
+    const SAME: f64 = 1e-5;
     let rows = array(tree, "/", "observations", false)?;
+    let next = if has_next { Some(array(tree, "/", "next_observations", false)?) } else { None };
     let scratch = &mut Scratch::default();
-    let mut median = |is_wanted: &dyn Fn(usize) -> bool| -> Result<f64> {
+    let mut row_of = |array: &Shared, row: usize| -> Result<Vec<f64>> {
+        let row = values(array.as_ref(), Steps { first: row, count: 1, stride: 1 }, scratch)?;
+        Ok((0..row.len()).map(|at| row.as_slice().as_f64(at).unwrap_or(0.0)).collect())
+    };
+    let mut median = |from: &Shared, is_wanted: &dyn Fn(usize) -> bool| -> Result<f64> {
         let mut distances = Vec::new();
         let pairs = (0..terminals.len().saturating_sub(1)).filter(|&row| !timeouts[row] && is_wanted(row));
         for row in pairs.take(MOST) {
-            let two = values(rows.as_ref(), Steps { first: row, count: 2, stride: 1 }, scratch)?;
-            let value = |at: usize| two.as_slice().as_f64(at).unwrap_or(0.0);
-            let dim = two.len() / 2;
-            distances.push((0..dim).map(|at| (value(at + dim) - value(at)).powi(2)).sum::<f64>());
+            let (one, other) = (row_of(from, row)?, row_of(&rows, row + 1)?);
+            distances.push(one.iter().zip(&other).map(|(one, other)| (other - one).powi(2)).sum::<f64>());
         }
         distances.sort_by(f64::total_cmp);
         Ok(distances.get(distances.len() / 2).copied().unwrap_or(0.0).sqrt())
     };
-    Ok(median(&|row| terminals[row])? <= FAR * median(&|row| !terminals[row])?)
+    match next {
+        Some(next) => Ok(median(&next, &|row| terminals[row])? <= SAME),
+        None => Ok(median(&rows, &|row| terminals[row])? <= FAR * median(&rows, &|row| !terminals[row])?),
+    }
 }
 
 fn notes(name: &str, is_at_goal: bool, found: &mut Found) {

@@ -217,6 +217,33 @@ fn other_tensors_of_dinowm_are_columns_or_left_out_by_name() {
     copied(&golden("dinowm_pusht_noise"), &path);
     let part = path.join("train");
     fs::copy(part.join("rel_actions.pth"), part.join("rewards.pth")).unwrap();
+/// Observations that go on slowly, or begin anew near the last one, tell nothing; `next_observations` do.
+#[test]
+fn terminals_in_a_row_are_ends_by_the_observations_behind_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, observations: &[f32], next: &[f32]| {
+        let path = folder.path().join(name);
+        let file = hdf5_metno::File::create(&path).unwrap();
+        put(&file, "observations", &[6, 1], observations);
+        put(&file, "next_observations", &[6, 1], next);
+        put(&file, "actions", &[6, 1], &[0.5_f32; 6]);
+        put(&file, "rewards", &[6], &[0.0_f32; 6]);
+        put(&file, "terminals", &[6], &[true, true, false, true, true, false]);
+        put(&file, "timeouts", &[6], &[false, false, false, false, false, true]);
+        drop(file);
+        open(&path).unwrap()
+    };
+    // Every episode begins near 0, and every step is 9.
+    let anew = write("short.hdf5", &[0.0, 0.1, 0.2, 9.2, 0.0, 0.1], &[9.0, 9.1, 9.2, 18.2, 9.0, 9.1]);
+    assert_eq!(lengths(anew.as_ref()), [2, 2, 3, 2, 2]);
+    assert!(anew.schema().index("terminated").is_some());
+    // Observations jump, as the next ones do.
+    let on =
+        write("jumps.hdf5", &[0.0, 50.0, 60.0, 61.0, 120.0, 190.0], &[50.0, 60.0, 61.0, 120.0, 190.0, 191.0]);
+    assert_eq!(lengths(on.as_ref()), [7]);
+    assert!(on.schema().index("terminated").is_none());
+}
+
     fs::write(part.join("notes.pth"), "a text").unwrap();
     rename(&part.join("obses"), "episode_000.mp4", "episode_00000.mp4");
     let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
