@@ -6,21 +6,19 @@ use std::sync::Arc;
 use swm_core::{Dtype, SliceMut};
 use swm_data::dataset::Steps;
 use swm_data::error::{FormatError, Result, unsupported, wrong_type};
-use swm_data::hdf5::{Bytes, Table, Tree};
+use swm_data::hdf5::{Bytes, Table, Tree, is_hdf5};
 
 use super::array::{Array, Reshaped, Scratch, Shared, values};
 
 /// Rows of an array.
 pub(super) type Rows = Shared;
 
-/// What HDF5 files begin with.
-const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// What images of JPEG begin with.
 const JPEG: &[u8] = b"\xff\xd8\xff";
 
 /// A file, if it is one of HDF5 that can be opened.
 pub(super) fn open(path: &Path) -> Option<Tree> {
-    swm_files::begins(path, SIGNATURE).then(|| Tree::open(path).ok()).flatten()
+    is_hdf5(path).then(|| Tree::open(path).ok()).flatten()
 }
 
 impl Array for Table {

@@ -34,6 +34,12 @@ pub use blosc::unshuffle;
 pub use storage::Scratch;
 pub use tree::{Bytes, Table, Tree};
 
+/// Whether a file begins as those of HDF5 do, perhaps behind a block of its user.
+#[must_use]
+pub fn is_hdf5(path: &Path) -> bool {
+    superblock::detect(path)
+}
+
 /// Names in a file, as [`members::Members::names`] has them. What is no HDF5 file, or cannot be opened, has none.
 pub(crate) fn names(path: &Path) -> Vec<String> {
     let tree = superblock::detect(path).then(|| Tree::open(path).ok()).flatten();
