@@ -10,7 +10,7 @@ use serde_json::Value;
 use swm_core::{Column, Dtype, FieldKind};
 use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, Steps};
-use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing};
+use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported};
 use swm_data::hdf5::Tree;
 
 use super::array::{Constant, Joined, Memory, Reshaped, Scratch, Shared, numbers};
@@ -43,31 +43,63 @@ fn file_of(path: &Path) -> Option<PathBuf> {
     places.into_iter().find(|place| place.is_file())
 }
 
-/// The family of a file, and its groups of episodes in their order.
-fn episodes(tree: &Tree) -> Option<(Family, Vec<String>)> {
-    [Family::Robomimic, Family::ManiSkill, Family::Minari].into_iter().find_map(|family| {
-        let (_, root, start, sign) = family.signs();
-        let (groups, _) = tree.members(root).ok()?;
-        let mut groups: Vec<String> = groups.into_iter().filter(|name| name.starts_with(start)).collect();
-        groups.sort_by_key(|name| super::natural(name));
-        let groups: Vec<String> =
-            groups.iter().map(|name| format!("{}/{name}", root.trim_end_matches('/'))).collect();
-        let (below, tables) = tree.members(groups.first()?).ok()?;
-        below.iter().chain(&tables).any(|name| name == sign).then_some((family, groups))
-    })
+/// The episodes of a file.
+struct Episodes {
+    family: Family,
+    /// Their groups, in their order.
+    groups: Vec<String>,
+    /// Links by name in the places of others.
+    linked: Vec<String>,
+}
+
+impl Episodes {
+    fn of(tree: &Tree) -> Option<Self> {
+        [Family::Robomimic, Family::ManiSkill, Family::Minari].into_iter().find_map(|family| {
+            let (_, root, start, sign) = family.signs();
+            let sorted = |mut names: Vec<String>| {
+                names.retain(|name| name.starts_with(start));
+                names.sort_by_key(|name| super::natural(name));
+                names
+            };
+            let linked = sorted(tree.links(root).ok()?);
+            let path = |name| format!("{}/{name}", root.trim_end_matches('/'));
+            let groups: Vec<String> = sorted(tree.members(root).ok()?.0).into_iter().map(path).collect();
+            let is_it = match groups.first() {
+                Some(first) => {
+                    let (below, tables) = tree.members(first).ok()?;
+                    below.iter().chain(&tables).any(|name| name == sign)
+                }
+                None => !linked.is_empty(),
+            };
+            is_it.then_some(Self { family, groups, linked })
+        })
+    }
+
+    /// What a user has to know of episodes that are links; an error where all are.
+    fn about_links(&self) -> Result<Option<String>> {
+        let Some(first) = self.linked.first() else { return Ok(None) };
+        let about = format!(
+            "{} of its {} episodes are soft or external links, which are not followed; the first of them is `{first}`; copy what they \
+             lead to into their places (in h5py: `del group[name]`, then `group.copy(source, group, name)`)",
+            self.linked.len(),
+            self.linked.len() + self.groups.len()
+        );
+        if self.groups.is_empty() { Err(unsupported(about)) } else { Ok(Some(about)) }
+    }
 }
 
 pub(super) fn detect(path: &Path) -> bool {
     let tree = file_of(path).and_then(|file| super::hdf5::open(&file));
-    tree.is_some_and(|tree| episodes(&tree).is_some())
+    tree.is_some_and(|tree| Episodes::of(&tree).is_some())
 }
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
     let damaged = |error| DataError::damaged(path, error);
     let file = file_of(path).ok_or_else(|| damaged(missing("its file is missing")))?;
     let tree = Tree::open(&file)?;
-    let (family, mut groups) =
-        episodes(&tree).ok_or_else(|| damaged(invalid("it has no groups of episodes")))?;
+    let episodes = Episodes::of(&tree).ok_or_else(|| damaged(invalid("it has no groups of episodes")))?;
+    let linked = episodes.about_links().map_err(damaged)?;
+    let Episodes { family, mut groups, .. } = episodes;
     let mut known = vec![];
     let mut shift = Shift::No;
     if family == Family::Robomimic {
@@ -81,6 +113,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
     }
     let is_jpeg = family == Family::Minari && super::hdf5::is_jpeg(&file);
     let mut found = find(&tree, family, &groups, shift, is_jpeg).map_err(damaged)?;
+    found.notes.extend(linked);
     match family {
         Family::Robomimic => about_robomimic(&tree, shift, &mut found),
         Family::ManiSkill => about_maniskill(&file, &mut found),

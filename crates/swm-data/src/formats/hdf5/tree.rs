@@ -78,6 +78,15 @@ impl Tree {
         self.entries(group).map(|[groups, tables, _]| (groups, tables))
     }
 
+    /// The soft and external links in a group, by name, which are not followed.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Tree::members`].
+    pub fn links(&self, group: &str) -> Result<Vec<String>> {
+        self.entries(group).map(|[.., linked]| linked)
+    }
+
     /// Names in it as signs of a layout.
     pub(super) fn names(&self) -> Vec<String> {
         Members::names(&self.library)
