@@ -107,7 +107,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
         if let Some(split) = &options.split {
             groups = part(&tree, groups, split)?;
         }
-        shift = shift_of(&tree, &groups[0], options.shift)
+        shift = shift_of(&tree, &groups, options.shift)
             .map_err(damaged)?
             .map_err(|reason| DataError::Option { option: "shift", reason })?;
     }
