@@ -18,6 +18,7 @@ mod d4rl;
 mod dataset;
 mod dinowm;
 mod dreamer;
+mod encoded;
 mod found;
 mod grouped;
 mod hdf5;

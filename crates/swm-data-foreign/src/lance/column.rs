@@ -7,10 +7,10 @@ use swm_data::dataset::Steps;
 use swm_data::element::{Element, from_bytes};
 use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_lance::{Column, Cursor, Kind, Table, Values};
-use swm_media::{jpeg, png};
 
 use super::of_lance;
 use crate::array::{Array, Scratch, new_key};
+use crate::encoded;
 
 /// Bytes of numbers that are read at once, rows of images, and of texts.
 const PIECE_BYTES: usize = 4 << 20;
@@ -154,12 +154,7 @@ impl TableColumn {
             let values = self.table.read(&self.column, row, 1, &mut cursor).map_err(of_lance)?;
             match values.item(0).filter(|_| values.is_valid(0)) {
                 None => {}
-                Some(file @ [0xff, 0xd8, ..]) => return Ok(jpeg::shape(file)?),
-                Some(file) => {
-                    return png_shape(file).ok_or_else(|| {
-                        unsupported("its bytes are no images: neither JPEG nor PNG with 1 or 3 colors")
-                    });
-                }
+                Some(file) => return encoded::shape(file),
             }
         }
         Err(unsupported("its first rows have no images"))
@@ -213,30 +208,13 @@ impl TableColumn {
                 let shape = [height, width, colors];
                 for (row, out) in out.chunks_exact_mut(dim).enumerate() {
                     let file = values.item(row).filter(|_| values.is_valid(row));
-                    match file.ok_or_else(|| missing("an image is missing"))? {
-                        file @ [0xff, 0xd8, ..] => jpeg::decode_into(file, shape, out)?,
-                        file => png::decode_into(file, shape, out)?,
-                    }
+                    let file = file.ok_or_else(|| missing("an image is missing"))?;
+                    encoded::decode(file, shape, out)?;
                 }
                 Ok(())
             }
         }
     }
-}
-
-/// The size of a PNG file, and its colors: 1 or 3.
-fn png_shape(file: &[u8]) -> Option<[usize; 3]> {
-    let head = file.get(..26).filter(|head| head.starts_with(b"\x89PNG\r\n\x1a\n"))?;
-    let size = |at: usize| head[at..at + 4].iter().fold(0, |size, &byte| size << 8 | usize::from(byte));
-    let colors = match head[25] {
-        0 => 1,
-        2 | 3 => 3,
-        _ => return None,
-    };
-    let shape = [size(16), size(20), colors];
-    let [width, height, colors] = shape;
-    (width > 0 && height > 0 && width.checked_mul(height).is_some_and(|all| all <= MAX_DIM))
-        .then_some([height, width, colors])
 }
 
 impl Array for TableColumn {
@@ -289,13 +267,5 @@ mod tests {
         assert_eq!(shape(&Kind::Fixed(Box::new(f32s(2)), 4)).unwrap(), (Dtype::F32, vec![4, 2]));
         assert_eq!(shape(&Kind::Int { bits: 32, signed: false }).unwrap(), (Dtype::I64, vec![]));
         assert!(shape(&Kind::List(Box::new(Kind::Bool))).unwrap_err().is_unsupported());
-    }
-
-    #[test]
-    fn sizes_of_png_are_in_their_heads() {
-        let file = png::encode(2, 3, &[7; 18]).unwrap();
-        assert_eq!(png_shape(&file), Some([2, 3, 3]));
-        assert_eq!(png_shape(&file[..20]), None);
-        assert_eq!(png_shape(b"GIF89a"), None);
     }
 }
