@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use swm_core::{Column, Dtype, SliceMut};
 use swm_data::dataset::{Steps, copy_rows};
-use swm_data::error::{Result, invalid, wrong_type};
+use swm_data::element::is_not_utf8;
+use swm_data::error::{FormatError, Result, invalid, unsupported, wrong_type};
 use swm_data::hdf5;
 
 /// Rows of one type and shape.
@@ -39,6 +40,14 @@ pub(super) trait Array: Send + Sync + fmt::Debug {
 }
 
 pub(super) type Shared = Arc<dyn Array>;
+
+/// Why texts of other programs that are none are not read.
+pub(super) const NO_TEXT: &str = "its values are bytes and no text (UTF-8), for which there are no columns; store them as u8, or leave them out";
+
+/// An error of reading: texts that are none are sound bytes of another program.
+pub(super) fn of_other_program(error: FormatError) -> FormatError {
+    if is_not_utf8(&error) { unsupported(NO_TEXT) } else { error }
+}
 
 /// All values of some rows.
 pub(super) fn values(array: &dyn Array, rows: Steps, scratch: &mut Scratch) -> Result<Column> {

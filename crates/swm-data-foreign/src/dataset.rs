@@ -7,7 +7,7 @@ use swm_data::dataset::{Dataset, DatasetInfo, Origin, Steps};
 use swm_data::element;
 use swm_data::error::{DataError, Result, invalid};
 
-use super::array::{Scratch, Shared};
+use super::array::{Scratch, Shared, of_other_program};
 
 /// Where the rows of an episode are: the first of them end to end in an array, then perhaps one in another; the rest is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,7 +74,7 @@ impl Column {
                 array.shape()
             )));
         }
-        array.read(rows, out, scratch)
+        array.read(rows, out, scratch).map_err(of_other_program)
     }
 }
 

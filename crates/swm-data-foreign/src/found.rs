@@ -5,14 +5,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::{Field, FieldKind, Schema, SliceMut};
+use swm_core::{Dtype, Field, FieldKind, Schema, SliceMut};
 use swm_data::OpenOptions;
-use swm_data::dataset::{Dataset, DatasetInfo};
+use swm_data::dataset::{Dataset, DatasetInfo, Steps};
 use swm_data::element;
 use swm_data::error::{At as _, DataError, Result};
 use swm_data::foreign::{REWARDS_NOTE, RewardsAt, source_record};
 
-use super::array::{Scratch, Shared};
+use super::array::{Scratch, Shared, of_other_program, values};
 use super::dataset::{Column, ForeignDataset, Span};
 use super::images;
 
@@ -63,6 +63,16 @@ fn too_large(arrays: &[Shared], scratch: &mut Scratch) -> Option<String> {
         let look = || element::too_large(looked_at, array.rows(), array.dim(), read);
         (looked_at > 0).then(look).flatten()
     })
+}
+
+/// Why a column of texts is left out, of which the first few are looked at: its values are bytes.
+fn not_text(arrays: &[Shared], scratch: &mut Scratch) -> Option<String> {
+    /// Texts of an array that are looked at.
+    const LOOKED_AT: usize = 16;
+    let array = arrays.iter().find(|array| array.rows() > 0).filter(|array| array.dtype() == Dtype::Str)?;
+    let rows = Steps { first: 0, count: LOOKED_AT.min(array.rows()), stride: 1 };
+    let error = values(array.as_ref(), rows, scratch).map_err(of_other_program).err()?;
+    error.is_unsupported().then(|| error.to_string())
 }
 
 /// Names of the main camera, where there are several.
@@ -171,13 +181,14 @@ impl Found {
         }
     }
 
-    /// Leaves out columns that this program has no values for: rows of none, and whole numbers beyond the range of i64.
+    /// Leaves out columns that this program has no values for: rows of none, whole numbers beyond the range of i64, and texts that are
+    /// bytes.
     fn leave_out_unreadable(&mut self, scratch: &mut Scratch) {
         let Self { sources, skipped, .. } = self;
         sources.retain(|source| {
             let reason = match source.arrays.first() {
                 Some(array) if array.dim() == 0 => Some("its rows hold no values".to_owned()),
-                _ => too_large(&source.arrays, scratch),
+                _ => too_large(&source.arrays, scratch).or_else(|| not_text(&source.arrays, scratch)),
             };
             let is_read = reason.is_none();
             skipped.extend(reason.map(|reason| (source.new.clone(), reason)));

@@ -216,11 +216,24 @@ pub fn half(bits: u16) -> f32 {
     }
 }
 
+/// What is wrong with a text that is none.
+pub const NOT_UTF8: &str = "a text is not valid UTF-8";
+
+/// Whether it is the error of a text that is none.
+#[must_use]
+pub fn is_not_utf8(error: &FormatError) -> bool {
+    match error {
+        FormatError::Invalid(reason) => reason == NOT_UTF8,
+        FormatError::At { source, .. } => is_not_utf8(source),
+        _ => false,
+    }
+}
+
 /// Text up to the padding.
 pub(crate) fn text(bytes: &[u8]) -> Result<String> {
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
     let text = std::str::from_utf8(&bytes[..end]);
-    text.map(str::to_owned).map_err(|_| invalid("a text is not valid UTF-8"))
+    text.map(str::to_owned).map_err(|_| invalid(NOT_UTF8))
 }
 
 #[cfg(test)]
