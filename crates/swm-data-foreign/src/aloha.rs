@@ -14,7 +14,7 @@ use swm_data::{Channels, OpenOptions};
 
 use super::array::{Array, Scratch, Shared};
 use super::dataset::Span;
-use super::found::{Found, Source};
+use super::found::Found;
 use super::hdf5_files::{Files, has, paths};
 
 const NAME: &str = "aloha";
@@ -32,7 +32,8 @@ pub(super) fn detect(path: &Path) -> bool {
 }
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
-    let found = Files::open(paths(path, START), true).and_then(|files| find(&files, options.channels));
+    let found =
+        Files::open(paths(path, START), true, &SIGNS).and_then(|files| find(&files, options.channels));
     let (found, has_encoded) = found.map_err(|error| DataError::damaged(path, error))?;
     found.open(path, NAME, options, if has_encoded { &["channels"] } else { &[] })
 }
@@ -56,21 +57,23 @@ fn find(files: &Files, channels: Option<Channels>) -> Result<(Found, bool)> {
                 continue;
             }
         };
-        if arrays.iter().any(|array| array.is_encoded()) {
+        if arrays.iter().flatten().any(|array| array.is_encoded()) {
             has_encoded = true;
             match channels {
                 None => {
                     found.skipped.push((name, UNKNOWN_CHANNELS.to_owned()));
                     continue;
                 }
-                Some(Channels::Rgb) => arrays = arrays.into_iter().map(exchanged).collect(),
+                Some(Channels::Rgb) => {
+                    arrays = arrays.into_iter().map(|array| array.map(exchanged)).collect()
+                }
                 Some(Channels::Bgr) => {}
             }
-        } else if table.starts_with(IMAGES) && arrays[0].shape().len() == 1 {
+        } else if table.starts_with(IMAGES) && arrays.iter().flatten().any(|array| array.shape().len() == 1) {
             found.skipped.push((name, "its images are encoded, and not as JPEG".to_owned()));
             continue;
         }
-        found.sources.push(Source::step(&table, &name, arrays, spans.clone()));
+        found.add_partial(&table, &name, arrays, &spans);
     }
     found.notes.push(
         "it does not say its rate; the 50 rows per second of ALOHA are assumed; ACT trains on a real robot's row with the action of the row \

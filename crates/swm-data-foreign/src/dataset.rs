@@ -22,6 +22,11 @@ pub(super) struct Span {
     pub(super) tail: Option<(usize, usize)>,
 }
 
+impl Span {
+    /// No row of the episode is there.
+    pub(super) const NONE: Self = Self { array: 0, first: 0, count: 0, tail: None };
+}
+
 /// The arrays of a column, and where the rows of each episode are in them.
 #[derive(Debug)]
 pub(super) struct Column {

@@ -3,6 +3,7 @@
 //! Source of the layout: v-d4rl 425206b, `offlinedv2/dreamerv2/common/driver.py` and `replay.py`. A row holds an image, and the action and
 //! reward that led to it; those of the first row are zeros.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -16,6 +17,7 @@ use swm_data::npz::{self, ArrayType};
 use super::array::{Array, Memory, Scratch, Shared, new_key, numbers};
 use super::dataset::Span;
 use super::found::{Found, Source};
+use super::npz::names;
 
 const NAME: &str = "dreamer";
 
@@ -60,29 +62,67 @@ fn member(path: &Path, name: &str, storage: Option<&Path>) -> Result<npz::Array>
     npz::Array::open_member(path, &format!("{name}.npy"), storage).at(format_args!("array `{name}`"))
 }
 
+/// Whether each row of an episode is terminal. Old versions tell it by the discount behind it.
+fn ends(file: &Path, names: &BTreeSet<String>, rows: usize, storage: Option<&Path>) -> Result<Vec<bool>> {
+    let marks = |name: &str| -> Result<Vec<f64>> {
+        let marks = numbers(&Values::open(file, name, storage)?, &mut Scratch::default())?;
+        match marks.len() == rows {
+            true => Ok(marks),
+            false => Err(invalid(format!("{} values of `{name}`, and {rows} of `reward`", marks.len()))),
+        }
+    };
+    Ok(match names.contains(IS_TERMINAL) {
+        true => marks(IS_TERMINAL)?.into_iter().map(|mark| mark != 0.0).collect(),
+        false if names.contains("discount") => {
+            marks("discount")?.into_iter().map(|discount| discount == 0.0).collect()
+        }
+        false => vec![false; rows],
+    })
+}
+
+/// The arrays of a name, of the episodes that have it. Only the first of these is opened; others are, when they are read.
+fn arrays(
+    name: &str,
+    files: &[(&PathBuf, usize, bool)],
+    storage: Option<&Path>,
+) -> Result<Result<Vec<Option<Shared>>, String>> {
+    let Some(&(first, rows, _)) = files.iter().find(|(.., is_there)| *is_there) else {
+        return Ok(Ok(vec![None; files.len()]));
+    };
+    let model = match Values::open(first, name, storage) {
+        Ok(model) if model.rows != rows => {
+            let reason = format!("it has {} rows, and `reward` has {rows}", model.rows);
+            Err(invalid(reason).at(format_args!("array `{name}`")))
+        }
+        Err(error) if !error.is_unsupported() => return Err(error.at(first.display())),
+        model => model,
+    };
+    let model = match model {
+        Ok(model) => model,
+        Err(error) if SIGNS.contains(&name) => return Err(error.at(first.display())),
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let array = |&(file, rows, is_there): &(&PathBuf, usize, bool)| -> Option<Shared> {
+        let values = || Values { path: file.clone(), rows, key: new_key(), ..model.clone() };
+        is_there.then(|| Arc::new(values()) as Shared)
+    };
+    Ok(Ok(files.iter().map(array).collect()))
+}
+
 fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
-    let first = files.first().ok_or_else(|| missing("the folder has no archive"))?;
-    let names = npz::members(first).at(first.display())?;
+    if files.is_empty() {
+        return Err(missing("the folder has no archive"));
+    }
+    let (names, of_files) = names(files)?;
     let mut found = Found::default();
     let (mut terminal, mut last) = (Vec::new(), Vec::new());
-    let has = |name: &str| names.iter().any(|there| there == name);
-    for file in files {
+    for (file, names) in files.iter().zip(&of_files) {
+        let lacking: Vec<&str> = SIGNS.into_iter().filter(|sign| !names.contains(*sign)).collect();
+        if !lacking.is_empty() {
+            return Err(missing(format!("it has no `{}`", lacking.join("` and no `"))).at(file.display()));
+        }
         let rows = member(file, "reward", storage).at(file.display())?.rows();
-        let marks = |name: &str| -> Result<Vec<f64>> {
-            let marks = numbers(&Values::open(file, name, storage)?, &mut Scratch::default())?;
-            match marks.len() == rows {
-                true => Ok(marks),
-                false => Err(invalid(format!("{} values of `{name}`, and {rows} of `reward`", marks.len()))),
-            }
-        };
-        // Old versions tell a terminal image by the discount behind it.
-        let ends: Vec<bool> = match has(IS_TERMINAL) {
-            true => marks(IS_TERMINAL).at(file.display())?.into_iter().map(|mark| mark != 0.0).collect(),
-            false if has("discount") => {
-                marks("discount").at(file.display())?.into_iter().map(|discount| discount == 0.0).collect()
-            }
-            false => vec![false; rows],
-        };
+        let ends = ends(file, names, rows, storage).at(file.display())?;
         last.extend(ends.iter().enumerate().map(|(row, end)| row + 1 == rows && !end));
         terminal.extend(ends);
         found.lengths.push(rows);
@@ -96,32 +136,16 @@ fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
     };
     // What led to a row belongs to the row before.
     let (whole, without_first) = (spans(0), spans(1));
-    let rows_of_first = found.lengths[0];
     for name in names.iter().filter(|name| ![IS_TERMINAL, IS_LAST].contains(&name.as_str())) {
-        let is_sign = SIGNS.contains(&name.as_str());
-        let model = match Values::open(first, name, storage) {
-            Ok(model) if model.rows != rows_of_first => {
-                Err(invalid(format!("it has {} rows, and `reward` has {rows_of_first}", model.rows)))
+        let file = |(file, path): (usize, _)| (path, found.lengths[file], of_files[file].contains(name));
+        let files: Vec<_> = files.iter().enumerate().map(file).collect();
+        match arrays(name, &files, storage)? {
+            Ok(arrays) => {
+                let spans = if SIGNS.contains(&name.as_str()) { &without_first } else { &whole };
+                found.add_partial(name, name, arrays, spans);
             }
-            Err(error) if !error.is_unsupported() => return Err(error.at(first.display())),
-            model => model,
-        };
-        let model = match model {
-            Ok(model) => model,
-            Err(error) if is_sign => {
-                return Err(error.at(format_args!("array `{name}`")).at(first.display()));
-            }
-            Err(error) => {
-                found.skipped.push((name.clone(), error.to_string()));
-                continue;
-            }
-        };
-        let array = |(file, &rows): (&PathBuf, &usize)| -> Shared {
-            Arc::new(Values { path: file.clone(), rows, key: new_key(), ..model.clone() })
-        };
-        let arrays = files.iter().zip(&found.lengths).map(array).collect();
-        let spans = if is_sign { without_first.clone() } else { whole.clone() };
-        found.sources.push(Source::step(name, name, arrays, spans));
+            Err(reason) => found.skipped.push((name.clone(), reason)),
+        }
     }
     for (old, new, marks) in [(IS_TERMINAL, "terminated", terminal), (IS_LAST, "truncated", last)] {
         let spans = found.end_to_end();

@@ -99,6 +99,38 @@ impl Found {
         spans
     }
 
+    /// Adds a column of steps whose arrays some files lack: it is missing in the episodes of these. `spans` are those of all files.
+    pub(super) fn add_partial(&mut self, old: &str, new: &str, arrays: Vec<Option<Shared>>, spans: &[Span]) {
+        let has: Vec<bool> = spans.iter().map(|span| arrays[span.array].is_some()).collect();
+        self.note_absent(old, &has);
+        let mut before = 0;
+        let places: Vec<Option<usize>> = arrays
+            .iter()
+            .map(|array| {
+                before += usize::from(array.is_some());
+                array.as_ref().map(|_| before - 1)
+            })
+            .collect();
+        let span = |span: &Span| match places[span.array] {
+            Some(array) => Span { array, ..*span },
+            None => Span::NONE,
+        };
+        let spans = spans.iter().map(span).collect();
+        self.sources.push(Source::step(old, new, arrays.into_iter().flatten().collect(), spans));
+    }
+
+    /// Notes in how many episodes an array is not, if there are such: `has` says in which it is.
+    pub(super) fn note_absent(&mut self, path: &str, has: &[bool]) {
+        let without: Vec<usize> = (0..has.len()).filter(|&episode| !has[episode]).collect();
+        let Some(first) = without.first() else { return };
+        self.notes.push(format!(
+            "`{path}` is not in {} of its {} episodes, the first of which is {first}: its rows are missing there (NaN, -1, no text, \
+             black images)",
+            without.len(),
+            has.len()
+        ));
+    }
+
     /// The dataset. `known` names the options that acted already.
     pub(super) fn open(
         mut self,

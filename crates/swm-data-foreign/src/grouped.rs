@@ -214,20 +214,12 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
         }
         let moved =
             usize::from(shift == Shift::Yes && ["actions", "states", "rewards"].contains(&path.as_str()));
-        let without = || (0..all.len()).filter(|&episode| all[episode].is_none());
-        if let Some(first) = without().next() {
-            found.notes.push(format!(
-                "`{path}` is not in {} of its {} episodes, the first of which is {first}: its rows are missing there (NaN, -1, no text, \
-                 black images)",
-                without().count(),
-                all.len()
-            ));
-        }
+        found.note_absent(&path, &all.iter().map(Option::is_some).collect::<Vec<_>>());
         let mut last = next.remove(&format!("next_{path}"));
         let (mut arrays, mut spans): (Vec<Shared>, Vec<Span>) = Default::default();
         for (episode, rows) in all.iter_mut().enumerate() {
             let Some(rows) = rows.take() else {
-                spans.push(Span { array: 0, first: 0, count: 0, tail: None });
+                spans.push(Span::NONE);
                 continue;
             };
             let (array, count) = (arrays.len(), rows.rows().saturating_sub(moved));

@@ -71,14 +71,24 @@ impl Head {
 }
 
 impl Files {
-    /// With `is_jpeg`, rows of bytes that are images are decoded.
-    pub(super) fn open(paths: Vec<PathBuf>, is_jpeg: bool) -> Result<Self> {
+    /// With `is_jpeg`, rows of bytes that are images are decoded. Each file has the arrays `signs`.
+    pub(super) fn open(paths: Vec<PathBuf>, is_jpeg: bool, signs: &[&str]) -> Result<Self> {
         let heads =
             paths.iter().map(|path| heads(path, is_jpeg).at(path.display())).collect::<Result<Vec<_>>>()?;
-        match heads.is_empty() {
-            true => Err(missing("the folder has no file")),
-            false => Ok(Self { paths, heads }),
+        if heads.is_empty() {
+            return Err(missing("the folder has no file"));
         }
+        let files = Self { paths, heads };
+        for file in 0..files.len() {
+            let lacking: Vec<&str> =
+                signs.iter().copied().filter(|sign| !files.heads[file].contains_key(*sign)).collect();
+            if !lacking.is_empty() {
+                let reason = format!("it has no `{}`", lacking.join("` and no `"));
+                return Err(missing(reason).at(files.name(file)));
+            }
+            signs.iter().try_for_each(|sign| files.array(file, sign).map(drop))?;
+        }
+        Ok(files)
     }
 
     /// How many there are.
@@ -111,11 +121,17 @@ impl Files {
         Ok(Arc::new(stored.at(format_args!("array `{table}`")).at(self.name(file))?))
     }
 
-    /// The arrays of all files, which have so many rows each and equal rows.
-    pub(super) fn arrays(&self, table: &str, rows: &[usize]) -> Result<Vec<Shared>> {
-        let arrays = (0..self.len()).map(|file| self.array(file, table)).collect::<Result<Vec<_>>>()?;
+    /// The arrays of all files that have it, which have so many rows each and equal rows.
+    pub(super) fn arrays(&self, table: &str, rows: &[usize]) -> Result<Vec<Option<Shared>>> {
+        let array = |file: usize| {
+            let is_there = self.heads[file].contains_key(table);
+            is_there.then(|| self.array(file, table)).transpose()
+        };
+        let arrays = (0..self.len()).map(array).collect::<Result<Vec<_>>>()?;
+        let model = arrays.iter().flatten().next().map(Head::of);
         for (file, array) in arrays.iter().enumerate() {
-            let (found, first) = (Head::of(array), Head::of(&arrays[0]));
+            let (Some(array), Some(first)) = (array, &model) else { continue };
+            let found = Head::of(array);
             let reason = if found.rows != rows[file] {
                 format!("it has {} rows, and the episodes of the file have {}", found.rows, rows[file])
             } else if (found.dtype, &found.shape) != (first.dtype, &first.shape) {

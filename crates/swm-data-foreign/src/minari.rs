@@ -10,12 +10,13 @@ use serde_json::Value as Json;
 use swm_core::{Column, Dtype, SliceMut};
 use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, Steps, copy_rows};
-use swm_data::error::{At as _, DataError, FormatError, Result, invalid, unsupported, wrong_type};
+use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_data_lerobot::Table;
 
 use super::array::{Array, Scratch, Shared, new_key};
 use super::dataset::Span;
-use super::found::{Found, Source};
+use super::encoded;
+use super::found::Found;
 use super::grouped::{about_minari, json_at, json_in, name_in_minari};
 use super::natural;
 
@@ -70,41 +71,43 @@ fn find(folder: &Path) -> Result<Found> {
             files.len()
         )));
     }
-    let Some(first) = files.first() else { return Ok(Found::default()) };
-    let model = Table::open(first)?;
     let mut found = Found::default();
-    for file in &files {
-        // Those of the first are known.
-        found.lengths.push(if file == first { model.rows() } else { Table::open(file)?.rows() });
+    let mut columns: Vec<Columns> = Vec::new();
+    for (file, path) in files.iter().enumerate() {
+        let table = Table::open(path)?;
+        found.lengths.push(table.rows());
+        add_columns(&mut columns, file, table.leaves()).at(path.display())?;
     }
     let mut scratch = Scratch::default();
-    for (leaf, (path, is_bytes)) in model.leaves().into_iter().enumerate() {
+    for Columns { path, leaf, is_bytes, files: own } in columns {
         let root = path.split('/').next().unwrap_or_default();
         let space =
             spaces.iter().find(|(column, _)| *column == root).and_then(|(_, space)| below(space, &path));
-        let kind = match Kind::of(&model, leaf, is_bytes, space).at(format_args!("column `{path}`")) {
+        let kind = Table::open(&files[own[0]]).and_then(|model| Kind::of(&model, leaf, is_bytes, space));
+        let kind = match kind {
             Ok(kind) => kind,
-            Err(FormatError::At { source, .. }) if matches!(*source, FormatError::Unsupported(_)) => {
-                found.skipped.push((name_in_minari(&path), source.to_string()));
+            Err(error) if error.is_unsupported() => {
+                found.skipped.push((name_in_minari(&path), error.to_string()));
                 continue;
             }
-            Err(error) => return Err(error),
+            Err(error) => return Err(error.at(format_args!("column `{path}`"))),
         };
         // What belongs to steps has one row less than there are observations.
         let is_of_steps = matches!(root, "actions" | "rewards" | "terminations" | "truncations");
-        let array = |(file, &rows): (&PathBuf, &usize)| -> Shared {
-            let (path, kind, name) = (file.clone(), kind.clone(), path.clone());
-            Arc::new(Leaf { path, name, leaf, rows, kind, key: new_key() })
+        let array = |file: usize| -> Shared {
+            let (kind, name, rows) = (kind.clone(), path.clone(), found.lengths[file]);
+            Arc::new(Leaf { path: files[file].clone(), name, leaf, rows, kind, key: new_key() })
         };
-        let arrays: Vec<Shared> = files.iter().zip(&found.lengths).map(array).collect();
+        let mut arrays = vec![None; files.len()];
+        own.iter().for_each(|&file| arrays[file] = Some(array(file)));
         let span = |(array, &rows): (usize, &usize)| {
             let count = rows.saturating_sub(usize::from(is_of_steps));
             Span { array, first: 0, count, tail: None }
         };
-        let spans = found.lengths.iter().enumerate().map(span).collect();
-        found.sources.push(Source::step(&path, &name_in_minari(&path), arrays, spans));
+        let spans: Vec<Span> = found.lengths.iter().enumerate().map(span).collect();
+        found.add_partial(&path, &name_in_minari(&path), arrays, &spans);
     }
-    // Whether all can be read is seen in the first row of the first episode.
+    // Whether all can be read is seen in the first row of the first episode that has them.
     for source in &found.sources {
         if let Some(array) = source.arrays.first().filter(|array| array.rows() > 0) {
             super::array::values(array.as_ref(), Steps { first: 0, count: 1, stride: 1 }, &mut scratch)
@@ -113,6 +116,36 @@ fn find(folder: &Path) -> Result<Found> {
     }
     about_minari(&folder.join(ABOUT), &mut found);
     Ok(found)
+}
+
+/// A column of some files.
+struct Columns {
+    path: String,
+    /// Where it is in the first of them, and whether it holds bytes there.
+    leaf: usize,
+    is_bytes: bool,
+    files: Vec<usize>,
+}
+
+/// Adds the columns of a file, which has actions.
+fn add_columns(columns: &mut Vec<Columns>, file: usize, leaves: Vec<(String, bool)>) -> Result<()> {
+    if !leaves.iter().any(|(path, _)| path.split('/').next() == Some("actions")) {
+        return Err(missing("it has no column `actions`"));
+    }
+    for (leaf, (path, is_bytes)) in leaves.into_iter().enumerate() {
+        // Files have the same columns in the same order, nearly always.
+        let is_it = |columns: &&mut Columns| columns.path == path;
+        let at = match columns.get(leaf).is_some_and(|columns| columns.path == path) {
+            true => columns.get_mut(leaf),
+            false => columns.iter_mut().find(is_it),
+        };
+        match at {
+            Some(columns) if columns.files.last() == Some(&file) => {}
+            Some(columns) => columns.files.push(file),
+            None => columns.push(Columns { path, leaf, is_bytes, files: vec![file] }),
+        }
+    }
+    Ok(())
 }
 
 /// The space of a column, of that of its root.
@@ -287,11 +320,8 @@ impl Array for Leaf {
             let image =
                 images.get(row).ok_or_else(|| invalid(format!("row {row} has no image")).at(place()))?;
             match &image[..] {
-                [0xff, 0xd8, ..] => {
-                    swm_media::jpeg::decode_into(image, shape, out).map_err(FormatError::other).at(place())?;
-                }
-                [0x89, b'P', b'N', b'G', ..] => {
-                    swm_media::png::decode_into(image, shape, out).map_err(FormatError::other).at(place())?;
+                [0xff, 0xd8, ..] | [0x89, b'P', b'N', b'G', ..] => {
+                    encoded::decode(image, shape, out).at(place())?;
                 }
                 image if image.len() == out.len() => out.copy_from_slice(image),
                 image => {

@@ -2,6 +2,7 @@
 //!
 //! Sources of the layouts: ogbench 1.2.2, `data_gen_scripts`; PLDM cbaf674, `prepare_npz.py`.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use swm_core::{Dtype, SliceMut};
 use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, Steps};
 use swm_data::element::Element;
-use swm_data::error::{At as _, DataError, FormatError, Result, invalid};
+use swm_data::error::{At as _, DataError, Result, invalid};
 use swm_data::npz::{self, ArrayType};
 use swm_files::Readable;
 use swm_files::remote::is_remote;
@@ -128,18 +129,62 @@ impl Array for Member {
 const NAMES: &[(&str, &str)] =
     &[("observations", "observation"), ("actions", "action"), ("rewards", "reward"), (PLDM, "proprio")];
 
+/// The names of the arrays of any archive, each once; those of the first come first. And, by archive, which it has.
+pub(super) fn names(files: &[PathBuf]) -> Result<(Vec<String>, Vec<BTreeSet<String>>)> {
+    let (mut all, mut of_files): (Vec<String>, Vec<BTreeSet<String>>) = Default::default();
+    let mut known = BTreeSet::new();
+    for file in files {
+        let names = npz::members(file).at(file.display())?;
+        all.extend(names.iter().filter(|name| known.insert((*name).clone())).cloned());
+        of_files.push(names.into_iter().collect());
+    }
+    Ok((all, of_files))
+}
+
+/// The arrays of a name, of the archives that have it; the inner error says why they become no column.
+fn arrays(
+    name: &str,
+    files: &[(&PathBuf, usize, bool)],
+    storage: Option<&Path>,
+) -> Result<Result<Vec<Option<Shared>>, String>> {
+    let mut arrays: Vec<Option<Shared>> = Vec::new();
+    for &(path, rows, is_there) in files {
+        if !is_there {
+            arrays.push(None);
+            continue;
+        }
+        let array = match open_member(path, name, storage) {
+            Ok(array) if array.rows() != rows => {
+                Err(invalid(format!("it has {} rows, `terminals` has {rows}", array.rows())))
+            }
+            Err(error) if !error.is_unsupported() => return Err(error.at(path.display())),
+            opened => opened,
+        };
+        match array {
+            Ok(array) => arrays.push(Some(Arc::new(Member(array)))),
+            Err(error) if SIGNS.contains(&name) => return Err(error.at(path.display())),
+            Err(error) => return Ok(Err(error.to_string())),
+        }
+    }
+    Ok(Ok(arrays))
+}
+
+fn open_member(path: &Path, name: &str, storage: Option<&Path>) -> Result<npz::Array> {
+    npz::Array::open_member(path, &format!("{name}.npy"), storage).at(format_args!("array `{name}`"))
+}
+
 fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
-    let first = files.first().ok_or_else(|| invalid("the folder has no archive"))?;
-    let names = npz::members(first)?;
-    let open = |path: &Path, name: &str| {
-        npz::Array::open_member(path, &format!("{name}.npy"), storage).at(format_args!("array `{name}`"))
-    };
+    if files.is_empty() {
+        return Err(invalid("the folder has no archive"));
+    }
+    let (names, of_files) = names(files)?;
     let mut found = Found::default();
     let mut starts: Vec<(usize, usize)> = Vec::new();
     let (mut rows, mut last_rows) = (Vec::new(), Vec::new());
     for (file, path) in files.iter().enumerate() {
-        let ends =
-            numbers(&Member(open(path, "terminals")?), &mut Scratch::default()).at("array `terminals`")?;
+        let ends = open_member(path, "terminals", storage)
+            .and_then(|ends| numbers(&Member(ends), &mut Scratch::default()));
+        let ends = ends.at(path.display())?;
         let mut first = 0;
         for row in 0..ends.len() {
             // The mark of the last episode may be missing.
@@ -165,38 +210,17 @@ fn find(files: &[PathBuf], storage: Option<&Path>) -> Result<Found> {
     };
     let (whole, without_last) = (spans(0), spans(1));
     for name in names.iter().filter(|name| *name != "terminals") {
-        let mut arrays: Vec<Shared> = Vec::new();
-        let mut wrong = None;
-        for (path, &rows) in files.iter().zip(&rows) {
-            let opened = open(path, name);
-            match opened {
-                Ok(array) if array.rows() != rows => {
-                    wrong = Some(format!("it has {} rows, `terminals` has {rows}", array.rows()));
-                }
-                Ok(array) => arrays.push(Arc::new(Member(array))),
-                Err(FormatError::At { source, .. })
-                    if matches!(*source, FormatError::Unsupported(_)) && !SIGNS.contains(&name.as_str()) =>
-                {
-                    wrong = Some(source.to_string());
-                }
-                Err(error) => return Err(error),
+        let is_there = |file: usize| SIGNS.contains(&name.as_str()) || of_files[file].contains(name);
+        let files: Vec<_> =
+            files.iter().enumerate().map(|(file, path)| (path, rows[file], is_there(file))).collect();
+        let new = NAMES.iter().find(|(old, _)| old == name).map_or(name.as_str(), |(_, new)| new);
+        match arrays(name, &files, storage)? {
+            Ok(arrays) => {
+                let spans = if name == "actions" { &without_last } else { &whole };
+                found.add_partial(name, new, arrays, spans);
             }
+            Err(reason) => found.skipped.push((name.clone(), reason)),
         }
-        if let Some(reason) = wrong {
-            match SIGNS.contains(&name.as_str()) {
-                true => return Err(invalid(reason).at(format_args!("array `{name}`"))),
-                false => found.skipped.push((name.clone(), reason)),
-            }
-            continue;
-        }
-        let (is_action, new) = (name == "actions", NAMES.iter().find(|(old, _)| old == name));
-        let new = new.map_or(name.as_str(), |(_, new)| new);
-        found.sources.push(Source::step(
-            name,
-            new,
-            arrays,
-            if is_action { without_last.clone() } else { whole.clone() },
-        ));
     }
     let ends = found
         .lengths

@@ -31,7 +31,7 @@ pub(super) fn detect(path: &Path) -> bool {
 }
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
-    let found = Files::open(paths(path, ""), false).and_then(|files| find(&files));
+    let found = Files::open(paths(path, ""), false, &SIGNS).and_then(|files| find(&files));
     found.map_err(|error| DataError::damaged(path, error))?.open(path, NAME, options, &[])
 }
 
@@ -77,7 +77,7 @@ fn find(files: &Files) -> Result<Found> {
         match files.arrays(&table, &lengths) {
             Ok(arrays) => {
                 let spans = if LED.contains(&table.as_str()) { &without_first } else { &whole };
-                found.sources.push(Source::step(&table, &table, arrays, spans.clone()));
+                found.add_partial(&table, &table, arrays, spans);
             }
             Err(error) if is_sign => return Err(error),
             Err(error) => found.skipped.push((table, error.to_string())),

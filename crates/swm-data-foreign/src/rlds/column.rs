@@ -1,17 +1,19 @@
 //! Columns of the values of records.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use swm_core::{Column, Dtype, FieldKind, SliceMut};
 use swm_data::dataset::{Steps, copy_rows};
-use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
-use swm_media::{jpeg, png};
+use swm_data::element::NOT_UTF8;
+use swm_data::error::{At as _, Result, invalid, missing, unsupported, wrong_type};
 
-use super::example::{List, Lists, find, floats, integers, lists, texts};
+use super::example::{Entry, List, Lists, floats, integers, lists, scan, texts};
 use super::features::{Feature, Kind};
 use super::records::Record;
 use super::{NAME, STEPS};
 use crate::array::{Array, Scratch, new_key};
+use crate::encoded;
 
 /// The key of the marks of last steps, and of those that end the task.
 const LAST: &str = "steps/is_last";
@@ -24,6 +26,8 @@ pub(super) struct Episodes {
     lengths: Vec<usize>,
     /// The row behind each episode, of all.
     ends: Vec<usize>,
+    /// By key, the episodes that have no values of it.
+    lacking: BTreeMap<String, BTreeSet<usize>>,
     key: usize,
 }
 
@@ -74,17 +78,35 @@ impl Loaded {
     }
 }
 
-/// Values of a key of a record.
-fn count(record: &Record, key: &str) -> Result<usize> {
-    let found = find(record.length(), key, &|out, at| record.part(out, at).is_ok());
-    let count = found.and_then(|(number, list)| match number {
-        1 => texts(&list).ok().map(|texts| texts.len()),
-        2 => floats(&list).ok().map(|floats| floats.len()),
-        3 => integers(&list).ok().map(|integers| integers.len()),
-        _ => None,
-    });
+/// How many values a key of a record has, and the keys that have some.
+fn contents(record: &Record, counted: &str) -> Result<(usize, BTreeSet<String>)> {
+    let read = |out: &mut [u8], at| record.part(out, at).is_ok();
+    let count = |entries: &[Entry]| {
+        let entry = entries.iter().find(|entry| entry.key == counted)?;
+        let Some((number, from, size)) = entry.list else { return Some(0) };
+        let mut list = vec![0; usize::try_from(size).ok()?];
+        match number {
+            _ if !read(&mut list, from) => None,
+            1 => texts(&list).ok().map(|texts| texts.len()),
+            2 => floats(&list).ok().map(|floats| floats.len()),
+            3 => integers(&list).ok().map(|integers| integers.len()),
+            _ => None,
+        }
+    };
+    if let Some(entries) = scan(record.length(), &read)
+        && let Some(count) = count(&entries)
+    {
+        let keys = entries.into_iter().filter(|entry| entry.list.is_some()).map(|entry| entry.key);
+        return Ok((count, keys.collect()));
+    }
     // What is not where it usually is, is looked for in all of the record.
-    count.map_or_else(|| Loaded::read(record)?.count(key), Ok)
+    let loaded = Loaded::read(record)?;
+    let has_values = |list: &List| match list {
+        List::Bytes(range) | List::Floats(range) | List::Integers(range) => !range.is_empty(),
+        List::None => false,
+    };
+    let keys = loaded.lists.iter().filter(|(_, list)| has_values(list)).map(|(key, _)| key.clone());
+    Ok((loaded.count(counted)?, keys.collect()))
 }
 
 impl Episodes {
@@ -104,16 +126,25 @@ impl Episodes {
             of_steps.min_by_key(|feature| (!feature.key.starts_with("steps/is_"), per_step(feature)));
         let counted = counted.ok_or_else(|| unsupported("it has no feature of the steps that is read"))?;
         let each = per_step(counted);
-        let length = |(episode, record): (usize, &Record)| -> Result<usize> {
-            Ok(count(record, &counted.key).at(format_args!("episode {episode}"))? / each)
-        };
-        let lengths: Vec<usize> = records.iter().enumerate().map(length).collect::<Result<_>>()?;
+        let (mut lengths, mut lacking) = (Vec::with_capacity(records.len()), BTreeMap::new());
+        for (episode, record) in records.iter().enumerate() {
+            let (count, keys) = contents(record, &counted.key).at(format_args!("episode {episode}"))?;
+            lengths.push(count / each);
+            for feature in features.iter().filter(|feature| !keys.contains(&feature.key)) {
+                lacking.entry(feature.key.clone()).or_insert_with(BTreeSet::new).insert(episode);
+            }
+        }
         let mut end = 0;
         let ends = lengths.iter().map(|length| {
             end += length;
             end
         });
-        Ok(Self { ends: ends.collect(), lengths, records, key: new_key() })
+        Ok(Self { ends: ends.collect(), lengths, records, lacking, key: new_key() })
+    }
+
+    /// Whether an episode has values of a key.
+    pub(super) fn has(&self, episode: usize, key: &str) -> bool {
+        self.lacking.get(key).is_none_or(|episodes| !episodes.contains(&episode))
     }
 
     pub(super) fn lengths(&self) -> &[usize] {
@@ -162,13 +193,15 @@ impl Values {
             Kind::Numbers { dtype, shape } => (*dtype, shape.clone(), false),
             Kind::Text => (Dtype::Str, Vec::new(), false),
             Kind::Image { shape } => {
-                let first = episodes.lengths.iter().position(|&length| length > 0);
+                let has_some =
+                    |&episode: &usize| episodes.lengths[episode] > 0 && episodes.has(episode, &feature.key);
+                let first = (0..episodes.lengths.len()).find(has_some);
                 let shape = match (shape, first) {
                     (Some(shape), _) => *shape,
                     (None, None) => return Ok(Err("it has no images".to_owned())),
                     (None, Some(episode)) => {
                         let shape = episodes.with(episode, scratch, |loaded| {
-                            loaded.texts(&feature.key)?.first().map(|image| shape_of(image)).transpose()
+                            loaded.texts(&feature.key)?.first().map(|image| encoded::shape(image)).transpose()
                         });
                         match shape {
                             Ok(Some(shape)) => shape,
@@ -197,9 +230,7 @@ impl Values {
         let (dtype, name) = (self.dtype, self.feature.as_str());
         let column = self.episodes.with(episode, scratch, |loaded| {
             let column = if dtype == Dtype::Str {
-                let text = |bytes: &[u8]| {
-                    String::from_utf8(bytes.to_vec()).map_err(|_| invalid("a text is not UTF-8"))
-                };
+                let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).map_err(|_| invalid(NOT_UTF8));
                 Column::Str(loaded.texts(name)?.into_iter().map(text).collect::<Result<_>>()?)
             } else if let (Dtype::I64, List::Integers(range)) = (dtype, loaded.list(name)?) {
                 Column::I64(integers(&loaded.bytes[range.clone()])?)
@@ -252,24 +283,6 @@ fn cast(numbers: &[f64], dtype: Dtype) -> Result<Column> {
     })
 }
 
-/// The shape of an image of PNG or JPEG.
-fn shape_of(image: &[u8]) -> Result<[usize; 3]> {
-    if image.starts_with(&[0xff, 0xd8]) {
-        return jpeg::shape(image).map_err(FormatError::other);
-    }
-    // A PNG file begins with its signature and the chunk IHDR: width, height, bits, kind of colors.
-    let head: Option<&[u8; 26]> = image.first_chunk();
-    let head = head
-        .filter(|head| head.starts_with(b"\x89PNG"))
-        .ok_or_else(|| unsupported("its images are neither PNG nor JPEG"))?;
-    let size = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize;
-    let colors = if head[25] == 0 { 1 } else { 3 };
-    match (size(20), size(16)) {
-        (height @ 1..=0xffff, width @ 1..=0xffff) => Ok([height, width, colors]),
-        (height, width) => Err(invalid(format!("an image claims {height} × {width} pixels"))),
-    }
-}
-
 impl Array for Values {
     fn dtype(&self) -> Dtype {
         self.dtype
@@ -298,11 +311,7 @@ impl Array for Values {
                 self.episodes.with(episode, scratch, |loaded| {
                     let images = loaded.texts(&self.feature)?;
                     let image = images.get(at).ok_or_else(|| missing(format!("row {at} has no image")))?;
-                    match image {
-                        [0xff, 0xd8, ..] => jpeg::decode_into(image, shape, out)?,
-                        image => png::decode_into(image, shape, out)?,
-                    }
-                    Ok(())
+                    encoded::decode(image, shape, out)
                 })?;
                 continue;
             }

@@ -126,9 +126,16 @@ fn list_of(feature: &[u8], base: usize) -> Result<List> {
     Ok(found)
 }
 
-/// The kind and the bytes of the list of a key, of which no more is read than what is before it: images stay where they are. `None`: it is
-/// not there, or not where it usually is.
-pub(super) fn find(length: u64, key: &str, read: &dyn Fn(&mut [u8], u64) -> bool) -> Option<(u64, Vec<u8>)> {
+/// Where the list of a key is in its record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Entry {
+    pub(super) key: String,
+    /// The number of its kind, its first byte, and its bytes; `None`: it has no values.
+    pub(super) list: Option<(u64, u64, u64)>,
+}
+
+/// The entries of a record, of which no values are read: images stay where they are. `None`: they are not as they usually are.
+pub(super) fn scan(length: u64, read: &dyn Fn(&mut [u8], u64) -> bool) -> Option<Vec<Entry>> {
     /// Bytes that hold a key and what is before the values.
     const START: u64 = 512;
     let start = |at: u64, end: u64| {
@@ -143,26 +150,31 @@ pub(super) fn find(length: u64, key: &str, read: &dyn Fn(&mut [u8], u64) -> bool
     };
     let (1, head, size) = field(&start(0, length)?)? else { return None };
     let mut at = head as u64;
-    let end = at.checked_add(size).filter(|&end| end <= length)?;
-    while at < end {
-        let bytes = start(at, end)?;
+    at.checked_add(size).filter(|&end| end == length)?;
+    let mut found = Vec::new();
+    while at < length {
+        let bytes = start(at, length)?;
         let (1, head, size) = field(&bytes)? else { return None };
-        let next = (at + head as u64).checked_add(size).filter(|&next| next <= end)?;
+        let next = (at + head as u64).checked_add(size).filter(|&next| next <= length)?;
         let (1, begin, count) = field(&bytes[head..])? else { return None };
-        let (from, count) = (head + begin, usize::try_from(count).ok()?);
-        let behind = from.checked_add(count)?;
-        if bytes.get(from..behind)? == key.as_bytes() {
-            let (2, begin, _) = field(bytes.get(behind..)?)? else { return None };
+        let from = head + begin;
+        let behind = from.checked_add(usize::try_from(count).ok()?)?;
+        let key = std::str::from_utf8(bytes.get(from..behind)?).ok()?.to_owned();
+        let mut list = None;
+        if at + (behind as u64) < next {
+            let (2, begin, size) = field(bytes.get(behind..)?)? else { return None };
             let feature = behind + begin;
-            let (number, begin, size) = field(bytes.get(feature..)?)?;
-            let from = at + (feature + begin) as u64;
-            from.checked_add(size).filter(|&end| end <= next)?;
-            let mut list = vec![0; size as usize];
-            return read(&mut list, from).then_some((number, list));
+            if size > 0 {
+                let (number, begin, size) = field(bytes.get(feature..)?)?;
+                let from = at + (feature + begin) as u64;
+                from.checked_add(size).filter(|&end| end <= next)?;
+                list = (size > 0).then_some((number, from, size));
+            }
         }
+        found.push(Entry { key, list });
         at = next;
     }
-    None
+    Some(found)
 }
 
 /// The texts of a list.
@@ -252,9 +264,13 @@ mod tests {
             let bytes = record.get(at as usize..at as usize + out.len());
             bytes.map(|bytes| out.copy_from_slice(bytes)).is_some()
         };
-        let (number, list) = find(record.len() as u64, "i", &read).unwrap();
-        assert_eq!((number, integers(&list).unwrap()), (3, vec![1, 150]));
-        assert_eq!(find(record.len() as u64, "other", &read), None);
+        let entries = scan(record.len() as u64, &read).unwrap();
+        let list = |key: &str| entries.iter().find(|entry| entry.key == key).unwrap().list;
+        let (number, from, size) = list("i").unwrap();
+        let values = integers(&record[from as usize..(from + size) as usize]).unwrap();
+        assert_eq!((number, values, list("none")), (3, vec![1, 150], None));
+        assert_eq!(entries.len(), all.len());
+        assert_eq!(scan(record.len() as u64 - 1, &read), None);
         for end in 1..record.len() {
             // No cut record is read past its end.
             let _ = lists(&record[..end]);

@@ -21,6 +21,7 @@ use swm_data::error::{At as _, DataError, Result, invalid, missing, unsupported}
 use swm_files::{is_plain_name, read_regular};
 
 use super::array::{Scratch, Shared};
+use super::dataset::Span;
 use super::found::{Found, Source};
 
 const NAME: &str = "rlds";
@@ -143,7 +144,7 @@ fn find(folder: &Path, info: &Json, part: &Json, features: &[Feature]) -> Result
     }
     let episodes = Arc::new(Episodes::new(records, features)?);
     let mut found = Found { lengths: episodes.lengths().to_vec(), ..Found::default() };
-    let spans = found.end_to_end();
+    let whole = found.end_to_end();
     let mut scratch = Scratch::default();
     for feature in features {
         let (path, kind) = match feature.key.strip_prefix(STEPS) {
@@ -155,16 +156,18 @@ fn find(folder: &Path, info: &Json, part: &Json, features: &[Feature]) -> Result
             found.skipped.push((new, reason.clone()));
             continue;
         }
+        let has: Vec<bool> = (0..whole.len()).map(|episode| episodes.has(episode, &feature.key)).collect();
+        if !has.is_empty() && !has.contains(&true) {
+            found.skipped.push((new, "no record has values of it".to_owned()));
+            continue;
+        }
         match Values::new(&episodes, feature, kind, &mut scratch)? {
             Ok(values) => {
                 let arrays: Vec<Shared> = vec![Arc::new(values)];
-                found.sources.push(Source {
-                    old: feature.key.clone(),
-                    new,
-                    kind,
-                    arrays,
-                    spans: spans.clone(),
-                });
+                found.note_absent(&feature.key, &has);
+                let span = |(&span, &has): (&Span, &bool)| if has { span } else { Span::NONE };
+                let spans = whole.iter().zip(&has).map(span).collect();
+                found.sources.push(Source { old: feature.key.clone(), new, kind, arrays, spans });
             }
             Err(reason) => found.skipped.push((new, reason)),
         }

@@ -14,6 +14,8 @@ mod field;
 mod lance;
 mod layouts;
 #[cfg(feature = "video")]
+mod partial;
+#[cfg(feature = "video")]
 mod published;
 #[cfg(all(feature = "remote", feature = "video"))]
 mod remote;

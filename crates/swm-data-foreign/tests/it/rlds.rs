@@ -7,6 +7,8 @@ use serde_json::json;
 use swm_core::Column;
 use swm_data::OpenOptions;
 
+use crate::copied;
+use crate::partial::assert_partial;
 use crate::published::{check, column_of, golden, lengths, numbers, opened, rows};
 
 const SAMPLE: &str = "rlds_toy";
@@ -124,6 +126,10 @@ fn parts_have_files_of_several_episodes() {
         assert!(skipped.0 == "cloud" && skipped.1.contains("not the same in all rows"), "{skipped:?}");
         assert!(dataset.info().notes.iter().any(|note| note.contains("part `train` of val, train")));
     }
+    // Of several, one has to be named.
+    copied(&path, &folder.path().join("mine/2.0.0"));
+    let message = opened(&folder.path().join("mine"), &OpenOptions::default()).err().unwrap().to_string();
+    assert!(message.contains("several versions, 1.0.0, 2.0.0; open the folder of one"), "{message}");
     let val = OpenOptions::default().split(Some("val".to_owned()));
     assert_eq!(lengths(opened(&path, &val).unwrap().as_ref()), [4]);
     let none = OpenOptions::default().split(Some("test".to_owned()));
@@ -179,4 +185,123 @@ fn names_of_files_stay_in_their_folder() {
     let message = opened(folder.path(), &OpenOptions::default()).err().unwrap().to_string();
     assert!(message.contains("riegeli"), "{message}");
     assert!(golden(SAMPLE).is_dir());
+}
+
+/// An entry of a record: its key, the number of the kind of its list, and the list.
+fn entry(key: &str, kind: u8, list: &[u8]) -> Vec<u8> {
+    part(1, &[part(1, key.as_bytes()), part(2, &part(kind, list))].concat())
+}
+
+fn floats_of(values: &[f32]) -> Vec<u8> {
+    part(1, &values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<_>>())
+}
+
+fn texts_of(texts: &[&[u8]]) -> Vec<u8> {
+    texts.iter().flat_map(|text| part(1, text)).collect()
+}
+
+/// Writes a dataset of one part: the features of its steps beside `action`, and what the steps of each episode have beside it. An episode has
+/// two steps.
+fn write_steps(folder: &Path, more: serde_json::Value, episodes: &[Vec<u8>]) {
+    let mut steps = json!({"action": {"tensor": {"dtype": "float32", "encoding": "none", "shape": {}}}});
+    steps.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    let steps = json!({"sequence": {"feature": {"featuresDict": {"features": steps}}}});
+    let features = json!({"featuresDict": {"features": {"steps": steps}}});
+    let info =
+        json!({"name": "mine", "splits": [{"name": "train", "shardLengths": [episodes.len().to_string()]}]});
+    fs::write(folder.join("features.json"), features.to_string()).unwrap();
+    fs::write(folder.join("dataset_info.json"), info.to_string()).unwrap();
+    let actions = entry("steps/action", 2, &floats_of(&[1.0, 2.0]));
+    let records: Vec<Vec<u8>> = episodes.iter().map(|more| part(1, &[&actions[..], more].concat())).collect();
+    write_shard(&folder.join("mine-train.tfrecord-00000-of-00001"), &records);
+}
+
+#[test]
+fn a_record_may_lack_a_feature() {
+    let folder = tempfile::tempdir().unwrap();
+    let number = json!({"tensor": {"dtype": "float32", "encoding": "none", "shape": {}}});
+    let more = json!({"first": number, "later": number});
+    let extra = |key: &str| entry(key, 2, &floats_of(&[3.0, 4.0]));
+    write_steps(folder.path(), more, &[extra("steps/first"), extra("steps/later")]);
+    assert_partial(folder.path(), "first", "steps/first", 1, "NaN");
+    assert_partial(folder.path(), "later", "steps/later", 0, "NaN");
+}
+
+#[test]
+fn bytes_that_are_no_text_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = json!({"tensor": {"dtype": "string", "encoding": "none", "shape": {}}});
+    let more = json!({"blob": text, "word": text, "late": text});
+    let of = |late: &[u8]| {
+        let word = entry("steps/word", 1, &texts_of(&["ä".as_bytes(), b""]));
+        let late = entry("steps/late", 1, &texts_of(&[b"a", late]));
+        [entry("steps/blob", 1, &texts_of(&[b"\xff\x00", b"\xfe"])), word, late].concat()
+    };
+    let episodes: Vec<Vec<u8>> =
+        (0..40).map(|episode| of(if episode == 39 { b"\xff" } else { b"b" })).collect();
+    write_steps(folder.path(), more, &episodes);
+    let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
+    let skipped =
+        dataset.info().skipped.iter().map(|(name, reason)| format!("{name}: {reason}")).collect::<String>();
+    assert!(skipped.starts_with("blob") && skipped.contains("are bytes and no text"), "{skipped}");
+    let word = column_of(dataset.as_ref(), "word");
+    assert_eq!(rows(dataset.as_mut(), word, 3, 0, 1), Column::Str(vec!["ä".to_owned()]));
+    // Far behind, it is no damage, either.
+    let late = column_of(dataset.as_ref(), "late");
+    let steps = swm_data::Steps { first: 0, count: 2, stride: 1 };
+    let mut out = vec![String::new(); 2];
+    let error = dataset.rows(late, 39, steps, swm_core::SliceMut::Str(&mut out)).unwrap_err().to_string();
+    assert!(error.contains("bytes and no text") && !error.contains("damaged"), "{error}");
+}
+
+/// A PNG file of one color: `kind` is 0 (gray), 2 (RGB), 4 (gray and alpha) or 6 (RGBA).
+fn png(kind: u8, pixel: &[u8]) -> Vec<u8> {
+    let side = 16_u32;
+    let crc = |bytes: &[u8]| {
+        let step = |sum: u32, _| if sum & 1 == 1 { sum >> 1 ^ 0xedb8_8320 } else { sum >> 1 };
+        !bytes.iter().fold(!0, |sum, &byte| (0..8).fold(sum ^ u32::from(byte), step))
+    };
+    let chunk = |name: &[u8], bytes: &[u8]| {
+        let all = [name, bytes].concat();
+        [&(bytes.len() as u32).to_be_bytes()[..], &all, &crc(&all).to_be_bytes()].concat()
+    };
+    let line = [vec![0], pixel.repeat(side as usize)].concat();
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut packed, &line.repeat(side as usize)).unwrap();
+    let head = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[8, kind, 0, 0, 0]].concat();
+    let body = chunk(b"IDAT", &packed.finish().unwrap());
+    [b"\x89PNG\r\n\x1a\n".to_vec(), chunk(b"IHDR", &head), body, chunk(b"IEND", &[])].concat()
+}
+
+#[test]
+fn images_of_other_channels_are_read_as_tensorflow_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = json!({"image": {"shape": {"dimensions": ["16", "16", "3"]}, "dtype": "uint8", "encodingFormat": "png"}});
+    let images = [png(0, &[7]), png(6, &[1, 2, 3, 9]), png(4, &[5, 9]), png(2, &[1, 2, 3])];
+    let of = |two: &[Vec<u8>]| entry("steps/image", 1, &texts_of(&[&two[0], &two[1]]));
+    write_steps(folder.path(), json!({"image": image}), &[of(&images[..2]), of(&images[2..])]);
+    let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
+    let pixels = column_of(dataset.as_ref(), "pixels");
+    for (at, expected) in [[7; 3], [1, 2, 3], [5; 3], [1, 2, 3]].into_iter().enumerate() {
+        let read = rows(dataset.as_mut(), pixels, at / 2, at % 2, 1);
+        assert_eq!(read, Column::U8(expected.repeat(256)), "image {at}");
+    }
+}
+
+#[test]
+fn an_image_of_another_size_is_not_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = json!({"image": {"shape": {"dimensions": ["-1", "-1", "3"]}, "dtype": "uint8", "encodingFormat": "png"}});
+    let of = |side: usize| swm_media::png::encode(16, side, &vec![7; 16 * side * 3]).unwrap();
+    let two = |first: usize, second: usize| entry("steps/image", 1, &texts_of(&[&of(first), &of(second)]));
+    write_steps(folder.path(), json!({"image": image}), &[two(16, 16), two(16, 24)]);
+    let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
+    let pixels = column_of(dataset.as_ref(), "pixels");
+    let steps = swm_data::Steps { first: 0, count: 2, stride: 1 };
+    let mut out = vec![0; 2 * 16 * 16 * 3];
+    let error = dataset.rows(pixels, 1, steps, swm_core::SliceMut::U8(&mut out)).unwrap_err().to_string();
+    for part in ["episode 1", "row 1", "16 × 24 pixels", "16 × 16", "make all of one size"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    assert!(!error.contains("damaged"), "{error}");
 }

@@ -15,11 +15,11 @@ use crate::published::{column_of, golden, lengths, numbers, opened, rows};
 use crate::zarr::{Files, floats};
 use crate::{copied, open};
 
-fn has_note(dataset: &dyn Dataset, text: &str) -> bool {
+pub(crate) fn has_note(dataset: &dyn Dataset, text: &str) -> bool {
     dataset.info().notes.iter().any(|note| note.contains(text))
 }
 
-fn why_skipped(dataset: &dyn Dataset, name: &str) -> String {
+pub(crate) fn why_skipped(dataset: &dyn Dataset, name: &str) -> String {
     let found = dataset.info().skipped.iter().find(|(skipped, _)| skipped == name);
     found.unwrap_or_else(|| panic!("`{name}` is not left out: {:?}", dataset.info().skipped)).1.clone()
 }
@@ -87,16 +87,23 @@ fn columns_without_values_that_a_dataset_can_have_are_left_out() {
     }
 }
 
-/// Writes an array as `numpy.savez` does.
-fn put_npz(path: &Path, descriptor: &str, rows: usize, bytes: &[u8]) {
+/// Writes arrays as `numpy.savez` does: name, type, shape, bytes.
+pub(crate) fn npz(path: &Path, arrays: &[(&str, &str, &[usize], Vec<u8>)]) {
     let mut archive = zip::ZipWriter::new(fs::File::create(path).unwrap());
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-    archive.start_file("arr_0.npy", options).unwrap();
-    let text = format!("{{'descr': '{descriptor}', 'fortran_order': False, 'shape': ({rows},), }}");
-    archive.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
-    archive.write_all(format!("{text:<117}\n").as_bytes()).unwrap();
-    archive.write_all(bytes).unwrap();
+    for (name, descriptor, shape, bytes) in arrays {
+        archive.start_file(format!("{name}.npy"), options).unwrap();
+        let sizes: String = shape.iter().map(|size| format!("{size},")).collect();
+        let text = format!("{{'descr': '{descriptor}', 'fortran_order': False, 'shape': ({sizes}), }}");
+        archive.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
+        archive.write_all(format!("{text:<117}\n").as_bytes()).unwrap();
+        archive.write_all(bytes).unwrap();
+    }
     archive.finish().unwrap();
+}
+
+fn put_npz(path: &Path, descriptor: &str, rows: usize, bytes: &[u8]) {
+    npz(path, &[("arr_0", descriptor, &[rows], bytes.to_vec())]);
 }
 
 /// Opening looks at the first values only: it takes no longer for a larger file.
@@ -210,13 +217,6 @@ fn terminals_in_a_row_end_episodes_where_observations_begin_anew() {
     assert!(named.schema().index("terminated").is_none());
 }
 
-#[test]
-fn other_tensors_of_dinowm_are_columns_or_left_out_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("pusht_noise");
-    copied(&golden("dinowm_pusht_noise"), &path);
-    let part = path.join("train");
-    fs::copy(part.join("rel_actions.pth"), part.join("rewards.pth")).unwrap();
 /// Observations that go on slowly, or begin anew near the last one, tell nothing; `next_observations` do.
 #[test]
 fn terminals_in_a_row_are_ends_by_the_observations_behind_them() {
@@ -244,6 +244,13 @@ fn terminals_in_a_row_are_ends_by_the_observations_behind_them() {
     assert!(on.schema().index("terminated").is_none());
 }
 
+#[test]
+fn other_tensors_of_dinowm_are_columns_or_left_out_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pusht_noise");
+    copied(&golden("dinowm_pusht_noise"), &path);
+    let part = path.join("train");
+    fs::copy(part.join("rel_actions.pth"), part.join("rewards.pth")).unwrap();
     fs::write(part.join("notes.pth"), "a text").unwrap();
     rename(&part.join("obses"), "episode_000.mp4", "episode_00000.mp4");
     let mut dataset = opened(&path, &OpenOptions::default()).unwrap();
@@ -259,7 +266,7 @@ fn rename(folder: &Path, old: &str, new: &str) {
 }
 
 /// Writes a file of robomimic: arrays of each episode by `fill`.
-fn robomimic(path: &Path, episodes: usize, fill: impl Fn(&hdf5_metno::File, &str, usize)) {
+pub(crate) fn robomimic(path: &Path, episodes: usize, fill: impl Fn(&hdf5_metno::File, &str, usize)) {
     let file = hdf5_metno::File::create(path).unwrap();
     for episode in 0..episodes {
         let group = format!("data/demo_{episode}");
