@@ -39,12 +39,12 @@ pub(super) fn detect(path: &Path) -> bool {
     })
 }
 
-/// The archives of a folder, in the order of the numbers in their names; those of the validation part are another dataset.
+/// The archives of a folder, in the order of the numbers in their names.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(MAX_FILES);
     let mut files: Vec<PathBuf> = entries
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|kind| kind == "npz") && !is_validation(path))
+        .filter(|path| path.extension().is_some_and(|kind| kind == "npz"))
         .collect();
     files.sort_by_key(|path| super::natural(&stem(path)));
     files
@@ -54,18 +54,48 @@ fn stem(path: &Path) -> String {
     path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-fn is_validation(path: &Path) -> bool {
-    stem(path).ends_with(VALIDATION)
-}
-
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
-    let (part, note) = part(path, options.split.as_deref())?;
-    let files = if part.is_dir() { files(&part) } else { vec![part.clone()] };
+    let split = options.split.as_deref();
+    let (part, files, note) = if path.is_dir() {
+        let (files, note) = part_of_folder(path, split)?;
+        (path.to_owned(), files, note)
+    } else {
+        let (part, note) = part(path, split)?;
+        (part.clone(), vec![part], note)
+    };
     let found = find(&files, options.storage.as_deref());
     let mut found = found.map_err(|error| DataError::damaged(&part, error))?;
     found.notes.extend(note);
-    found.notes.extend(environment(&stem(&files[0])));
+    found.notes.extend(files.first().and_then(|first| environment(&stem(first))));
     found.open(&part, NAME, options, &["split", "storage"])
+}
+
+fn unknown_part(name: &str) -> DataError {
+    let reason = format!("there is no part `{name}`; datasets of OGBench have train and val");
+    DataError::Option { option: "split", reason }
+}
+
+/// The files of a part in a folder, and a note about those of the other one.
+fn part_of_folder(folder: &Path, split: Option<&str>) -> Result<(Vec<PathBuf>, Option<String>), DataError> {
+    let (val, train): (Vec<PathBuf>, Vec<PathBuf>) =
+        files(folder).into_iter().partition(|path| stem(path).ends_with(VALIDATION));
+    let (chosen, name) = match split {
+        None if train.is_empty() => return Ok((val, None)),
+        None => {
+            let note =
+                || format!("{} files of it are the part `val`; the option `split` names it", val.len());
+            let note = (!val.is_empty()).then(note);
+            return Ok((train, note));
+        }
+        Some("train") => (train, "NAME.npz"),
+        Some("val") => (val, "NAME-val.npz"),
+        Some(other) => return Err(unknown_part(other)),
+    };
+    if chosen.is_empty() {
+        let reason = format!("the folder has no files of this part, which are called `{name}`");
+        return Err(DataError::Option { option: "split", reason });
+    }
+    Ok((chosen, None))
 }
 
 /// The file of a part, and a note about the other one.
@@ -84,10 +114,7 @@ fn part(path: &Path, split: Option<&str>) -> Result<(PathBuf, Option<String>), D
         }
         Some("train") => train,
         Some("val") => val,
-        Some(other) => {
-            let reason = format!("there is no part `{other}`; datasets of OGBench have train and val");
-            return Err(DataError::Option { option: "split", reason });
-        }
+        Some(other) => return Err(unknown_part(other)),
     };
     let is_there = chosen.exists() || is_remote(&chosen) && Readable::open(&chosen).is_ok();
     match is_there {
