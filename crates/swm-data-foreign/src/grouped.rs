@@ -115,7 +115,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
     let mut found = find(&tree, family, &groups, shift, is_jpeg).map_err(damaged)?;
     found.notes.extend(linked);
     match family {
-        Family::Robomimic => about_robomimic(&tree, shift, &mut found),
+        Family::Robomimic => about_robomimic(&tree, &groups, shift, &mut found),
         Family::ManiSkill => about_maniskill(&file, &mut found),
         Family::Minari => about_minari(&file, &mut found),
     }
@@ -340,7 +340,7 @@ fn attribute(tree: &Tree, name: &str, found: &mut Found) -> Option<String> {
     })
 }
 
-fn about_robomimic(tree: &Tree, shift: Shift, found: &mut Found) {
+fn about_robomimic(tree: &Tree, groups: &[String], shift: Shift, found: &mut Found) {
     let env = json_in(attribute(tree, "env_args", found));
     rate(found, &env["env_kwargs"]["control_freq"]);
     if found.fps.is_none() {
@@ -362,13 +362,30 @@ fn about_robomimic(tree: &Tree, shift: Shift, found: &mut Found) {
     }
     let problem = json_in(attribute(tree, "problem_info", found));
     if let Some(language) = problem["language_instruction"].as_str() {
-        let (rows, spans) = (found.lengths.iter().sum(), found.end_to_end());
-        let value = Column::Str(vec![language.to_owned()]);
-        let array: Shared = Arc::new(Constant { value, rows });
-        let old = "problem_info.language_instruction".to_owned();
-        let (new, kind) = ("language".to_owned(), FieldKind::Episode);
-        found.sources.push(Source { old, new, kind, arrays: vec![array], spans });
+        let texts = vec![Some(language.to_owned()); groups.len()];
+        add_language("problem_info.language_instruction", texts, found);
+        return;
     }
+    let language = |group: &String| {
+        let about = json_in(tree.attribute(group, "ep_meta").ok()?);
+        about["lang"].as_str().map(str::to_owned)
+    };
+    add_language("ep_meta.lang", groups.iter().map(language).collect(), found);
+}
+
+/// Adds the instructions of episodes, if some have one.
+fn add_language(old: &str, texts: Vec<Option<String>>, found: &mut Found) {
+    if texts.iter().all(Option::is_none) {
+        return;
+    }
+    let array = |(text, &rows): (Option<String>, &usize)| -> Option<Shared> {
+        text.map(|text| Arc::new(Constant { value: Column::Str(vec![text]), rows }) as Shared)
+    };
+    let arrays = texts.into_iter().zip(&found.lengths).map(array).collect();
+    let span = |(array, &count): (usize, &usize)| Span { array, first: 0, count, tail: None };
+    let spans: Vec<Span> = found.lengths.iter().enumerate().map(span).collect();
+    found.add_partial(old, "language", arrays, &spans);
+    found.sources.last_mut().into_iter().for_each(|source| source.kind = FieldKind::Episode);
 }
 
 fn about_maniskill(file: &Path, found: &mut Found) {
