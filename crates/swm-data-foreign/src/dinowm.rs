@@ -181,6 +181,7 @@ fn lengths(folder: &Path, episodes: usize, steps: usize) -> Result<Vec<usize>> {
 /// Images: a file for each episode.
 fn images(folder: &Path, found: &mut Found) -> Result<()> {
     let file = |episode: usize, kind: &str| folder.join("obses").join(format!("episode_{episode:03}.{kind}"));
+    let deformable = |episode: usize| folder.join(format!("{episode:06}/obses.pth"));
     let spans: Vec<Span> = found
         .lengths
         .iter()
@@ -188,14 +189,17 @@ fn images(folder: &Path, found: &mut Found) -> Result<()> {
         .map(|(array, &count)| Span { array, first: 0, count, tail: None })
         .collect();
     let numbered = || found.lengths.iter().copied().enumerate();
-    if file(0, "pth").is_file() {
-        let first = Archive::open(&file(0, "pth"))
-            .and_then(|archive| archive.tensor())
-            .at("obses/episode_000.pth")?;
-        let one =
-            |(episode, rows)| -> Shared { Arc::new(TensorFile::new(file(episode, "pth"), rows, &first)) };
+    let mut tensors = |old: &str, file: &dyn Fn(usize) -> PathBuf| -> Result<()> {
+        let first = Archive::open(&file(0)).and_then(|archive| archive.tensor()).at(file(0).display())?;
+        let one = |(episode, rows)| -> Shared { Arc::new(TensorFile::new(file(episode), rows, &first)) };
         let arrays = numbered().map(one).collect();
-        found.sources.push(Source::step("obses/episode_*.pth", "pixels", arrays, spans));
+        found.sources.push(Source::step(old, "pixels", arrays, spans.clone()));
+        Ok(())
+    };
+    if file(0, "pth").is_file() {
+        tensors("obses/episode_*.pth", &|episode| file(episode, "pth"))?;
+    } else if deformable(0).is_file() {
+        tensors("*/obses.pth", &deformable)?;
     } else if file(0, "mp4").is_file() {
         match super::video::files(numbered().map(|(episode, rows)| (file(episode, "mp4"), rows))) {
             Ok(arrays) => found.sources.push(Source::step("obses/episode_*.mp4", "pixels", arrays, spans)),

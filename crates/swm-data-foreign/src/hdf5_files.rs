@@ -29,7 +29,10 @@ pub(super) fn paths(path: &Path, start: &str) -> Vec<PathBuf> {
         |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let mut paths: Vec<PathBuf> = entries
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|kind| kind == "hdf5") && name(path).starts_with(start))
+        .filter(|path| {
+            path.extension().is_some_and(|kind| kind == "hdf5" || kind == "h5")
+                && name(path).starts_with(start)
+        })
         .collect();
     paths.sort_by_cached_key(|path| natural(&name(path)));
     paths

@@ -59,6 +59,7 @@ const KNOWN: &[(Sign, &str, &str)] = &[
         "an RLDS dataset",
         "tensorflow_datasets.builder_from_directory",
     ),
+    (Sign::Folder(&["states.npy", "actions.npy"]), "a dataset of walls of PLDM", "numpy.load"),
     (Sign::Folder(&["states.pth"]), "a dataset of DINO-WM", "torch.load"),
     (Sign::Folder(&["train/states.pth"]), "a dataset of DINO-WM", "torch.load"),
     (Sign::Folder(&["metadata.yaml", "*.mcap"]), "a ROS 2 recording (rosbag2)", "rosbags"),

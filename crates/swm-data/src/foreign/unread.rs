@@ -67,7 +67,8 @@ pub(crate) fn unread(registry: &Registry, path: &Path) -> Option<DataError> {
         READ.iter().filter_map(|row| Some((row, registry.find::<Layout>(row.2).err()?))).peekable();
     lacking.peek()?;
     // Of a folder of HDF5 files, the first.
-    let members = hdf5::names(first_file(path, "hdf5").as_deref().unwrap_or(path));
+    let first = first_file(path, "hdf5").or_else(|| first_file(path, "h5"));
+    let members = hdf5::names(first.as_deref().unwrap_or(path));
     let ((_, name, layout), unknown) = lacking.find(|((sign, ..), _)| is_it(sign, path, &members))?;
     let fix = unknown.fix.unwrap_or_else(|| {
         let feature = if *layout == PARQUET { " with its feature `lerobot`" } else { "" };
