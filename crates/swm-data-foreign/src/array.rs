@@ -278,6 +278,69 @@ impl Array for Divided {
     }
 }
 
+/// The type that holds all values of both, if there is one.
+pub(super) fn common(a: Dtype, b: Dtype) -> Option<Dtype> {
+    const INTEGERS: [Dtype; 3] = [Dtype::U8, Dtype::I32, Dtype::I64];
+    const FLOATS: [Dtype; 2] = [Dtype::F32, Dtype::F64];
+    if a == b {
+        return Some(a);
+    }
+    let wider = |all: &[Dtype]| {
+        let at = |wanted: Dtype| all.iter().position(|&dtype| dtype == wanted);
+        Some(all[at(a)?.max(at(b)?)])
+    };
+    wider(&INTEGERS).or_else(|| wider(&FLOATS))
+}
+
+/// Numbers as those of a wider type.
+#[derive(Debug)]
+pub(super) struct Widened(pub(super) Shared, pub(super) Dtype);
+
+impl Array for Widened {
+    fn dtype(&self) -> Dtype {
+        self.1
+    }
+
+    fn rows(&self) -> usize {
+        self.0.rows()
+    }
+
+    fn shape(&self) -> &[usize] {
+        self.0.shape()
+    }
+
+    fn is_u64(&self) -> bool {
+        self.0.is_u64()
+    }
+
+    fn read(&self, rows: Steps, out: SliceMut<'_>, scratch: &mut Scratch) -> Result<()> {
+        widen(&values(self.0.as_ref(), rows, scratch)?, out)
+    }
+}
+
+/// Fills `out` with numbers of another type, which is none that it does not hold.
+pub(super) fn widen(from: &Column, mut out: SliceMut<'_>) -> Result<()> {
+    macro_rules! fill {
+        ($from:ident, $out:ident) => {
+            $out.iter_mut().zip($from).for_each(|(out, &value)| *out = value.into())
+        };
+    }
+    match (from, out.reborrow()) {
+        (Column::U8(from), SliceMut::I32(out)) => fill!(from, out),
+        (Column::U8(from), SliceMut::I64(out)) => fill!(from, out),
+        (Column::I32(from), SliceMut::I64(out)) => fill!(from, out),
+        (Column::F32(from), SliceMut::F64(out)) => fill!(from, out),
+        (from, out) => {
+            return Err(unsupported(format!(
+                "its values are {} here, and {} in the first episode; store all in one type",
+                from.dtype(),
+                out.dtype()
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// Rows of another shape: the values are the same.
 #[derive(Debug)]
 pub(super) struct Reshaped(pub(super) Shared, pub(super) Vec<usize>);

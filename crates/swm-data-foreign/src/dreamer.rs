@@ -7,14 +7,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swm_core::{Dtype, SliceMut};
+use swm_core::{Column, Dtype, SliceMut};
 use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, Steps};
 use swm_data::element::Element;
-use swm_data::error::{At as _, DataError, Result, invalid, missing};
+use swm_data::error::{At as _, DataError, Result, invalid, missing, unsupported};
 use swm_data::npz::{self, ArrayType};
 
-use super::array::{Array, Memory, Scratch, Shared, new_key, numbers};
+use super::array::{Array, Memory, Scratch, Shared, new_key, numbers, widen};
 use super::dataset::Span;
 use super::found::{Found, Source};
 use super::npz::names;
@@ -188,20 +188,16 @@ impl Values {
     }
 
     fn decoded(&self) -> Result<npz::Array> {
-        let array = member(&self.path, &self.name, self.storage.as_deref()).at(self.path.display())?;
-        let found = (array.rows(), array.row_shape(), array.elements());
-        match found == (self.rows, &self.shape[..], self.elements) {
+        let array = member(&self.path, &self.name, self.storage.as_deref())?;
+        if array.rows() != self.rows {
+            return Err(invalid(format!("it has {} rows, and `reward` has {}", array.rows(), self.rows)));
+        }
+        match array.row_shape() == self.shape {
             true => Ok(array),
-            false => Err(invalid(format!(
-                "{}: array `{}` has {} rows of {:?} {:?}, and {} rows of {:?} {:?} were expected, as in the first episode",
-                self.path.display(),
-                self.name,
-                found.0,
-                found.1,
-                found.2,
-                self.rows,
-                self.shape,
-                self.elements
+            false => Err(unsupported(format!(
+                "its rows are {:?} here, and {:?} in the first episode; store all in one shape",
+                array.row_shape(),
+                self.shape
             ))),
         }
     }
@@ -229,7 +225,15 @@ impl Array for Values {
             let bytes = self.rows.saturating_mul(self.dim()).saturating_mul(8);
             Ok((self.decoded()?, bytes / if self.dtype() == Dtype::U8 { 8 } else { 1 }))
         };
-        let array: &mut npz::Array = scratch.part((self.key, 0), make)?;
-        array.read((rows.first, rows.count, rows.stride), out, &mut Vec::new())
+        let place = || format!("{}, array `{}`", self.path.display(), self.name);
+        let array: &mut npz::Array = scratch.part((self.key, 0), make).at(place())?;
+        let own = array.elements().dtype();
+        let steps = (rows.first, rows.count, rows.stride);
+        if own == out.dtype() {
+            return array.read(steps, out, &mut Vec::new());
+        }
+        let mut column = Column::zeros(own, out.len());
+        array.read(steps, column.as_slice_mut(), &mut Vec::new())?;
+        widen(&column, out).at(place())
     }
 }

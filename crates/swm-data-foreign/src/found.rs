@@ -9,10 +9,10 @@ use swm_core::{Dtype, Field, FieldKind, Schema, SliceMut};
 use swm_data::OpenOptions;
 use swm_data::dataset::{Dataset, DatasetInfo, Steps};
 use swm_data::element;
-use swm_data::error::{At as _, DataError, Result};
+use swm_data::error::{At as _, DataError, Result, unsupported};
 use swm_data::foreign::{REWARDS_NOTE, RewardsAt, source_record};
 
-use super::array::{Scratch, Shared, of_other_program, values};
+use super::array::{Scratch, Shared, Widened, common, of_other_program, values};
 use super::dataset::{Column, ForeignDataset, Span};
 use super::images;
 
@@ -50,6 +50,24 @@ impl Source {
     /// A column of steps that is named after its path.
     pub(super) fn step(old: &str, new: &str, arrays: Vec<Shared>, spans: Vec<Span>) -> Self {
         Self { old: old.to_owned(), new: new.to_owned(), kind: FieldKind::Step, arrays, spans }
+    }
+
+    /// Gives the arrays the type that holds the values of all.
+    fn unify(&mut self) -> Result<()> {
+        let Some(first) = self.arrays.first().cloned() else { return Ok(()) };
+        let mut dtype = first.dtype();
+        for array in &self.arrays {
+            let wider = common(dtype, array.dtype()).filter(|_| array.shape() == first.shape());
+            dtype = wider.ok_or_else(|| {
+                let of = |array: &Shared| format!("{} {:?}", array.dtype(), array.shape());
+                let (first, array) = (of(&first), of(array));
+                unsupported(format!("its rows are {first} in some episodes, and {array} in others; store all in one type and shape"))
+            })?;
+        }
+        for array in self.arrays.iter_mut().filter(|array| array.dtype() != dtype) {
+            *array = Arc::new(Widened(array.clone(), dtype));
+        }
+        Ok(())
     }
 }
 
@@ -145,6 +163,7 @@ impl Found {
         let damaged = |error| DataError::damaged(path, error);
         let mut scratch = Scratch::default();
         self.leave_out_empty();
+        self.unify().map_err(damaged)?;
         self.leave_out_unreadable(&mut scratch);
         let cameras = self.cameras(path)?;
         let main = self.main_camera(options, &cameras)?;
@@ -211,6 +230,18 @@ impl Found {
             let mut has_rows = has_rows.iter();
             source.spans.retain(|_| has_rows.next() == Some(&true));
         }
+    }
+
+    /// Gives the arrays of each column one type; leaves out those that have none, or rows of several shapes, but for actions.
+    fn unify(&mut self) -> Result<()> {
+        for mut source in std::mem::take(&mut self.sources) {
+            match source.unify() {
+                Ok(()) => self.sources.push(source),
+                Err(error) if source.new == "action" => return Err(error.at(&source.old)),
+                Err(error) => self.skipped.push((source.new, error.to_string())),
+            }
+        }
+        Ok(())
     }
 
     /// Leaves out columns that this program has no values for: rows of none, whole numbers beyond the range of i64, and texts that are

@@ -208,7 +208,7 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
         }
     }
     for (path, mut all) in columns {
-        if let Some(reason) = reasons.remove(&path).or_else(|| differs(&path, &all, &found.lengths, &steps)) {
+        if let Some(reason) = reasons.remove(&path).or_else(|| differs(&all, &found.lengths, &steps)) {
             found.skipped.push((path.replace('/', "."), reason));
             continue;
         }
@@ -249,15 +249,10 @@ fn floats(rows: Rows) -> Result<Rows> {
     }
 }
 
-/// Why an array is no column: it is of another form in some episode, or has not a row for each step.
-fn differs(path: &str, all: &ByEpisode, lengths: &[usize], steps: &[usize]) -> Option<String> {
-    let first = all.iter().flatten().next()?;
+/// Why an array is no column: it has not a row for each step in some episode.
+fn differs(all: &ByEpisode, lengths: &[usize], steps: &[usize]) -> Option<String> {
     for (episode, rows) in all.iter().enumerate() {
         let Some(rows) = rows else { continue };
-        if (rows.dtype(), rows.shape()) != (first.dtype(), first.shape()) {
-            let (dtype, shape) = (rows.dtype(), rows.shape());
-            return Some(format!("`{path}` is {dtype} {shape:?} in episode {episode}, unlike in the first"));
-        }
         if rows.rows() != lengths[episode] && rows.rows() != steps[episode] {
             return Some(format!(
                 "it has {} rows in episode {episode} of {} steps",

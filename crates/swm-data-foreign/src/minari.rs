@@ -13,7 +13,7 @@ use swm_data::dataset::{Dataset, Steps, copy_rows};
 use swm_data::error::{At as _, DataError, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_data_lerobot::Table;
 
-use super::array::{Array, Scratch, Shared, new_key};
+use super::array::{Array, Scratch, Shared, new_key, widen};
 use super::dataset::Span;
 use super::encoded;
 use super::found::Found;
@@ -262,17 +262,18 @@ impl Leaf {
             }
             column => column,
         };
-        match column.dtype() == self.dtype() && column.len() == self.rows * self.dim() {
-            true => Ok(column),
-            false => Err(invalid(format!(
-                "it holds {} values of {}, and {} rows of {:?} {} were expected",
-                column.len(),
-                column.dtype(),
-                self.rows,
-                self.shape(),
-                self.dtype()
-            ))),
+        if column.len() != self.rows * self.dim() {
+            let (found, rows, shape) = (column.len(), self.rows, self.shape());
+            return Err(invalid(format!(
+                "it holds {found} values, and {rows} rows of {shape:?} were expected"
+            )));
         }
+        if column.dtype() == self.dtype() {
+            return Ok(column);
+        }
+        let mut wider = Column::zeros(self.dtype(), column.len());
+        widen(&column, wider.as_slice_mut())?;
+        Ok(wider)
     }
 }
 
