@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use swm_core::SliceMut;
+use swm_core::{Column as Values, SliceMut};
 use swm_data::dataset::{Dataset, DatasetInfo, Origin, Steps};
-use swm_data::element;
-use swm_data::error::{DataError, Result, invalid};
+use swm_data::error::{DataError, FormatError, Result, invalid};
 
 use super::array::{Scratch, Shared, of_other_program};
 
@@ -96,6 +95,22 @@ impl ForeignDataset {
     }
 }
 
+/// The first row that `read` fails for, and why, as it does for all of `steps`.
+fn first_failing(
+    mut steps: Steps,
+    mut error: FormatError,
+    mut read: impl FnMut(Steps) -> Result<()>,
+) -> (usize, FormatError) {
+    while steps.count > 1 {
+        let half = steps.count / 2;
+        match read(Steps { count: half, ..steps }) {
+            Err(earlier) => (steps.count, error) = (half, earlier),
+            Ok(()) => (steps.first, steps.count) = (steps.first + half * steps.stride, steps.count - half),
+        }
+    }
+    (steps.first, error)
+}
+
 impl Dataset for ForeignDataset {
     fn info(&self) -> &DatasetInfo {
         &self.info
@@ -114,10 +129,11 @@ impl Dataset for ForeignDataset {
     ) -> Result<(), DataError> {
         let dim = self.info.field(column).dim();
         let (columns, scratch) = (&self.columns[column], &mut self.scratch);
-        let mut read = |steps, out: SliceMut<'_>| columns.read(episode, steps, dim, out, scratch);
         let dtype = out.dtype();
+        let mut read = |steps, out: SliceMut<'_>| columns.read(episode, steps, dim, out, scratch);
         read(steps, out).map_err(|error| {
-            let row = element::failing_row(&error, dtype, steps, dim, read).unwrap_or(steps.first);
+            let read = |steps: Steps| read(steps, Values::zeros(dtype, steps.count * dim).as_slice_mut());
+            let (row, error) = first_failing(steps, error, read);
             self.info.damaged(column, episode, error.at(format_args!("row {row}")))
         })
     }

@@ -41,6 +41,9 @@ pub(super) fn layout(dtype: Dtype, shape: &[usize]) -> Option<Result<Layout>> {
     }
 }
 
+/// What rounding adds to numbers of 0 to 1.
+const ROUNDED: f64 = 1e-6;
+
 /// What the values of an image are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Range {
@@ -88,7 +91,7 @@ fn range(arrays: &[Shared], spans: &[Span], scratch: &mut Scratch) -> Result<Res
             }
         }
         match () {
-            () if low >= 0.0 && high > 0.0 && high <= 1.0 => return Ok(Ok(Range::Unit)),
+            () if low >= -ROUNDED && high > 0.0 && high <= 1.0 + ROUNDED => return Ok(Ok(Range::Unit)),
             () if low >= 0.0 && high > 0.0 && high <= 255.0 && is_whole => return Ok(Ok(Range::Bytes)),
             () if high == 0.0 && low == 0.0 || low > high => {}
             () => {
@@ -112,16 +115,19 @@ struct Image {
 
 impl Image {
     fn byte(&self, value: f64) -> Result<u8> {
-        let scaled = match self.range {
-            Range::Bytes => value,
-            Range::Unit => value * 255.0,
+        let is_byte = match self.range {
+            Range::Bytes => (0.0..=255.0).contains(&value) && value.fract() == 0.0,
+            Range::Unit => (-ROUNDED..=1.0 + ROUNDED).contains(&value),
         };
-        let is_byte = (0.0..=255.0).contains(&scaled) && (self.range == Range::Unit || value.fract() == 0.0);
+        let (scale, range) = match self.range {
+            Range::Bytes => (1.0, "whole numbers of 0 to 255"),
+            Range::Unit => (255.0, "numbers of 0 to 1"),
+        };
         match is_byte {
-            true => Ok((scaled + 0.5) as u8),
-            false => {
-                Err(invalid(format!("a value of an image is {value}, unlike those of the first episode")))
-            }
+            true => Ok((value * scale + 0.5).clamp(0.0, 255.0) as u8),
+            false => Err(unsupported(format!(
+                "a value of an image is {value}, unlike those of the first episode, which are {range}; store all images in one range, or as u8"
+            ))),
         }
     }
 }
@@ -215,6 +221,11 @@ mod tests {
         let mut later = ramp(1.0);
         later.extend(ramp(0.5));
         assert!(bytes_of(later, None).unwrap_err().contains("unlike those of the first episode"));
+        let mut rounded = ramp(1.0 / 191.0);
+        rounded[0] = -1e-7;
+        rounded[191] = 1.000_000_1;
+        let bytes = bytes_of(rounded, None).unwrap();
+        assert_eq!((bytes[0], bytes[191]), (0, 255));
         let flipped = bytes_of(ramp(1.0), Some(Flip::Vertical)).unwrap();
         assert_eq!(flipped[..3], [168, 169, 170]);
         assert_eq!(bytes_of(ramp(1.0), Some(Flip::HalfTurn)).unwrap()[..3], [189, 190, 191]);
