@@ -18,8 +18,10 @@ pub(super) const NAME: &str = "d4rl";
 
 const SIGNS: [&str; 4] = ["observations", "actions", "rewards", "terminals"];
 
+/// Whether a file has all signs, perhaps as links.
 fn is_it(tree: &Tree) -> bool {
-    tree.members("/").is_ok_and(|(_, tables)| SIGNS.iter().all(|sign| tables.iter().any(|name| name == sign)))
+    let (Ok((_, tables)), Ok(linked)) = (tree.members("/"), tree.links("/")) else { return false };
+    SIGNS.iter().all(|sign| tables.iter().chain(&linked).any(|name| name == sign))
 }
 
 pub(super) fn detect(path: &Path) -> bool {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use swm_core::{Dtype, SliceMut};
 use swm_data::dataset::Steps;
-use swm_data::error::{At as _, FormatError, Result, invalid, missing};
+use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported};
 use swm_data::hdf5::Tree;
 
 use super::array::{Array, Scratch, Shared, new_key};
@@ -38,13 +38,16 @@ pub(super) fn paths(path: &Path, start: &str) -> Vec<PathBuf> {
     paths
 }
 
-/// Whether a file has these arrays. Only the groups that they are in are listed: a file may have thousands.
+/// Whether a file has these arrays, perhaps as links. Only the groups that they are in are listed: a file may have thousands.
 pub(super) fn has(path: &Path, signs: &[&str]) -> bool {
     super::hdf5::open(path).is_some_and(|tree| {
         signs.iter().all(|sign| {
             let (group, name) = sign.rsplit_once('/').unwrap_or(("", sign));
-            tree.members(&format!("/{group}"))
-                .is_ok_and(|(_, tables)| tables.iter().any(|table| table == name))
+            let group = format!("/{group}");
+            let (Ok((_, tables)), Ok(linked)) = (tree.members(&group), tree.links(&group)) else {
+                return false;
+            };
+            tables.iter().chain(&linked).any(|table| table == name)
         })
     })
 }
@@ -118,7 +121,7 @@ impl Files {
                 head: head.clone(),
                 key: new_key(),
             }),
-            Some(Err(reason)) => Err(invalid(reason.clone())),
+            Some(Err(reason)) => Err(unsupported(reason.clone())),
             None => Err(missing("it is not there")),
         };
         Ok(Arc::new(stored.at(format_args!("array `{table}`")).at(self.name(file))?))

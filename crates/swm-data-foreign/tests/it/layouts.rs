@@ -51,7 +51,7 @@ fn files_are_named() {
     for (name, part) in [
         ("flat.hdf5", "a dataset of D4RL without `rewards`"),
         ("other.npz", "an archive of NumPy arrays"),
-        ("umi.zarr.zip", "a Zarr store"),
+        ("umi.zarr.zip", "a Zarr store without `meta/episode_ends`"),
         ("chunk_0.pt", "a file of PyTorch"),
         ("a.bag", "a ROS 1 recording"),
         ("a.db3", "an SQLite database"),
@@ -69,8 +69,13 @@ fn folders_are_named() {
     for (name, files, part) in [
         ("minari", &["data/metadata.json", "data/main_data.hdf5"][..], "a Minari dataset"),
         ("pusht.zarr", &[".zgroup", "meta/episode_ends/0"][..], "a Zarr replay buffer"),
-        ("other.zarr", &["zarr.json"][..], "a Zarr store"),
-        ("rlds", &["dataset_info.json", "features.json"][..], "an RLDS dataset"),
+        ("other.zarr", &["zarr.json"][..], "a Zarr store without `meta/episode_ends`"),
+        ("pldm", &["states.npy", "actions.npy"][..], "a dataset of walls of PLDM"),
+        (
+            "rlds",
+            &["dataset_info.json", "features.json"][..],
+            "an RLDS dataset whose `features.json` names no `steps`",
+        ),
         ("bag", &["metadata.yaml", "bag_0.mcap"][..], "a ROS 2 recording"),
     ] {
         for file in files {
