@@ -167,7 +167,7 @@ impl Found {
         self.leave_out_unreadable(&mut scratch);
         let cameras = self.cameras(path)?;
         let main = self.main_camera(options, &cameras)?;
-        let names = self.names(options, main)?;
+        let names = self.names(options, &cameras, main)?;
         let (mut fields, mut columns, mut mapping) = (Vec::new(), Vec::new(), Vec::new());
         for (index, (source, name)) in std::mem::take(&mut self.sources).into_iter().zip(names).enumerate() {
             let old = source.old.clone();
@@ -178,6 +178,10 @@ impl Found {
                     .map_err(damaged)?
                 {
                     Ok(converted) => arrays = converted,
+                    Err(reason) if Some(index) == main && options.camera.is_some() => {
+                        let reason = format!("the images of `{old}` cannot be read: {reason}");
+                        return Err(DataError::Option { option: "camera", reason });
+                    }
                     Err(reason) => {
                         self.skipped.push((name, reason));
                         continue;
@@ -330,7 +334,12 @@ impl Found {
     }
 
     /// The names of all columns: each once.
-    fn names(&mut self, options: &OpenOptions, main: Option<usize>) -> Result<Vec<String>, DataError> {
+    fn names(
+        &self,
+        options: &OpenOptions,
+        cameras: &[(usize, images::Layout)],
+        main: Option<usize>,
+    ) -> Result<Vec<String>, DataError> {
         let mut names: Vec<String> = self.sources.iter().map(|source| source.new.clone()).collect();
         let mut fixed = BTreeSet::new();
         if let Some(main) = main {
@@ -346,6 +355,10 @@ impl Found {
                     format!("the dataset has no `{old}` to become `{new}`; it has {}", known.join(", "));
                 return Err(DataError::Option { option: "map", reason });
             };
+            if new == "pixels" && !cameras.iter().any(|&(camera, _)| camera == at) {
+                let reason = format!("`{old}` holds no images, and cannot become `pixels`");
+                return Err(DataError::Option { option: "map", reason });
+            }
             if !fixed.insert(at) {
                 let reason = format!("`{old}` would get two names, `{}` and `{new}`", names[at]);
                 return Err(DataError::Option { option: "map", reason });

@@ -96,7 +96,7 @@ fn range(arrays: &[Shared], spans: &[Span], scratch: &mut Scratch) -> Result<Res
             () if high == 0.0 && low == 0.0 || low > high => {}
             () => {
                 return Ok(Err(format!(
-                    "its floats are {low} to {high}, and images have whole numbers of 0 to 255 or any of 0 to 1"
+                    "its floats are {low} to {high}, and images have whole numbers of 0 to 255 or any of 0 to 1; store them so"
                 )));
             }
         }
