@@ -2,7 +2,7 @@
 //!
 //! Sources of the layouts: robomimic 0.5, LIBERO 1952000 `scripts/create_dataset.py`, ManiSkill 3 `utils/wrappers/record.py`, Minari 0.5.4.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -67,7 +67,8 @@ impl Episodes {
             let is_it = match groups.first() {
                 Some(first) => {
                     let (below, tables) = tree.members(first).ok()?;
-                    below.iter().chain(&tables).any(|name| name == sign)
+                    let linked = tree.links(first).ok()?;
+                    below.iter().chain(&tables).chain(&linked).any(|name| name == sign)
                 }
                 None => !linked.is_empty(),
             };
@@ -100,12 +101,13 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
     let episodes = Episodes::of(&tree).ok_or_else(|| damaged(invalid("it has no groups of episodes")))?;
     let linked = episodes.about_links().map_err(damaged)?;
     let Episodes { family, mut groups, .. } = episodes;
-    let mut known = vec![];
+    let (mut known, mut notes) = (vec![], vec![]);
     let mut shift = Shift::No;
     if family == Family::Robomimic {
         known = vec!["split", "shift"];
         if let Some(split) = &options.split {
-            groups = part(&tree, groups, split)?;
+            let (chosen, absent) = part(&tree, &groups, split)?;
+            (groups, notes) = (chosen, absent.into_iter().collect());
         }
         shift = shift_of(&tree, &groups, options.shift)
             .map_err(damaged)?
@@ -113,7 +115,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
     }
     let is_jpeg = family == Family::Minari && super::hdf5::is_jpeg(&file);
     let mut found = find(&tree, family, &groups, shift, is_jpeg).map_err(damaged)?;
-    found.notes.extend(linked);
+    found.notes.extend(linked.into_iter().chain(notes));
     match family {
         Family::Robomimic => about_robomimic(&tree, &groups, shift, &mut found),
         Family::ManiSkill => about_maniskill(&file, &mut found),
@@ -122,8 +124,8 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset
     found.open(path, family.signs().0, options, &known)
 }
 
-/// The episodes of a part, as `mask` lists them.
-fn part(tree: &Tree, groups: Vec<String>, split: &str) -> Result<Vec<String>, DataError> {
+/// The episodes of a part, as `mask` lists them, and a note about those that are listed and not there.
+fn part(tree: &Tree, groups: &[String], split: &str) -> Result<(Vec<String>, Option<String>), DataError> {
     let refuse = |reason| Err(DataError::Option { option: "split", reason });
     let parts = tree.members("/mask").map(|(_, tables)| tables).unwrap_or_default();
     if !parts.iter().any(|part| part == split) {
@@ -138,13 +140,19 @@ fn part(tree: &Tree, groups: Vec<String>, split: &str) -> Result<Vec<String>, Da
         super::array::values(rows.as_ref(), whole, &mut Scratch::default())
     });
     let Ok(Column::Str(names)) = names else { return refuse(format!("`mask/{split}` holds no names")) };
-    let is_in = |group: &String| {
-        names.iter().any(|name| group.rsplit('/').next() == Some(name.trim_end_matches('\0')))
-    };
-    let chosen: Vec<String> = groups.into_iter().filter(is_in).collect();
+    let names: BTreeSet<&str> = names.iter().map(|name| name.trim_end_matches('\0')).collect();
+    let short = |group: &String| group.rsplit('/').next().unwrap_or_default().to_owned();
+    let known: BTreeSet<String> = groups.iter().map(short).collect();
+    let absent: Vec<&str> = names.iter().copied().filter(|name| !known.contains(*name)).collect();
+    let note = absent.first().map(|first| {
+        let count = absent.len();
+        format!("`mask/{split}` names {count} episodes that are not read, the first of which is `{first}`")
+    });
+    let is_in = |group: &&String| names.contains(short(group).as_str());
+    let chosen: Vec<String> = groups.iter().filter(is_in).cloned().collect();
     match chosen.is_empty() {
         true => refuse(format!("the part `{split}` has no episodes of the file")),
-        false => Ok(chosen),
+        false => Ok((chosen, note)),
     }
 }
 
@@ -182,9 +190,18 @@ fn find(tree: &Tree, family: Family, groups: &[String], shift: Shift, is_jpeg: b
             rows.iter().find(|(path, _)| is_below(path)).map(|(_, &rows)| rows)
         };
         let actions = below("actions").or_else(|| below("rewards"));
-        let actions = actions.ok_or_else(|| missing("it has no actions").at(format_args!("`{group}`")))?;
+        let actions = actions.ok_or_else(|| {
+            let fix = "its steps are those of its actions; delete the group from a copy of the file";
+            let reason = match reasons.get("actions") {
+                Some(reason) => format!("`actions`: {reason}"),
+                None => format!("it has no `actions`, and {fix}"),
+            };
+            unsupported(reason).at(format_args!("`{group}`"))
+        })?;
         let whole = match family {
-            Family::Robomimic if below("next_obs").is_some() => actions + 1,
+            Family::Robomimic if below("next_obs").is_some() || below("obs") == Some(actions + 1) => {
+                actions + 1
+            }
             Family::Robomimic => actions,
             Family::ManiSkill if below("obs").or_else(|| below("env_states")).is_some() => actions + 1,
             Family::ManiSkill => actions,

@@ -18,6 +18,7 @@ use swm_files::remote::is_remote;
 use super::array::{Array, Memory, Scratch, Shared, numbers};
 use super::dataset::Span;
 use super::found::{Found, Source};
+use super::hdf5::scalars;
 
 pub(super) const NAME: &str = "ogbench";
 
@@ -188,6 +189,7 @@ fn arrays(
             opened => opened,
         };
         match array {
+            Ok(array) if name == "rewards" => arrays.push(Some(scalars(Arc::new(Member(array))))),
             Ok(array) => arrays.push(Some(Arc::new(Member(array)))),
             Err(error) if SIGNS.contains(&name) => return Err(error.at(path.display())),
             Err(error) => return Ok(Err(error.to_string())),

@@ -32,24 +32,38 @@ const STEPS: &str = "steps/";
 /// Shards of a part, at most.
 const MAX_SHARDS: usize = 100_000;
 
-/// The folder of the files: that of the dataset, or of its only version.
-fn folder(path: &Path) -> Option<PathBuf> {
+/// The folders of the files: that of the dataset, or those of its versions.
+fn folders(path: &Path) -> Vec<PathBuf> {
     let is_it = |folder: &Path| folder.join(INFO).is_file() && folder.join(FEATURES).is_file();
     if is_it(path) {
-        return Some(path.to_owned());
+        return vec![path.to_owned()];
     }
-    let below = std::fs::read_dir(path).ok()?.flatten().take(1000).map(|entry| entry.path());
-    let mut versions = below.filter(|folder| is_it(folder));
-    let first = versions.next()?;
-    versions.next().is_none().then_some(first)
+    let entries = std::fs::read_dir(path).into_iter().flatten().flatten().take(1000);
+    let mut versions: Vec<PathBuf> =
+        entries.map(|entry| entry.path()).filter(|folder| is_it(folder)).collect();
+    versions.sort();
+    versions
 }
 
 pub(super) fn detect(path: &Path) -> bool {
     path.is_dir()
-        && folder(path).is_some_and(|folder| {
-            let features = json(&folder, FEATURES).unwrap_or_default();
+        && folders(path).first().is_some_and(|folder| {
+            let features = json(folder, FEATURES).unwrap_or_default();
             features["featuresDict"]["features"]["steps"]["sequence"].is_object()
         })
+}
+
+/// The only folder of a dataset.
+fn folder(path: &Path) -> Result<PathBuf> {
+    let mut folders = folders(path);
+    if let [_, _, ..] = folders[..] {
+        let names = folders.iter().filter_map(|folder| folder.file_name()?.to_str());
+        return Err(unsupported(format!(
+            "it has several versions, {}; open the folder of one of them",
+            names.collect::<Vec<_>>().join(", ")
+        )));
+    }
+    folders.pop().ok_or_else(|| missing(format!("`{INFO}` is missing")))
 }
 
 fn json(folder: &Path, name: &str) -> Result<Json> {
@@ -59,7 +73,7 @@ fn json(folder: &Path, name: &str) -> Result<Json> {
 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Dataset>, DataError> {
     let damaged = |error| DataError::damaged(path, error);
-    let folder = folder(path).ok_or_else(|| damaged(missing(format!("`{INFO}` is missing"))))?;
+    let folder = folder(path).map_err(damaged)?;
     let info = json(&folder, INFO).map_err(damaged)?;
     let (part, note) = part(&info, options.split.as_deref())?;
     let features = json(&folder, FEATURES).map_err(damaged)?;

@@ -269,7 +269,11 @@ fn known(name: &Json) -> Result<Codec> {
 
 fn not_read(what: &str, name: &Json) -> FormatError {
     let name = name.as_str().map_or_else(|| name.to_string(), str::to_owned);
-    unsupported(format!("its {what} `{name}` is not read; store it by Blosc, zstd or gzip, or uncompressed"))
+    let fix = match what {
+        "filter" => "without filters",
+        _ => "by Blosc, zstd or gzip, or uncompressed",
+    };
+    unsupported(format!("its {what} `{name}` is not read; store it {fix}"))
 }
 
 fn sizes(list: &Json) -> Result<Vec<usize>> {

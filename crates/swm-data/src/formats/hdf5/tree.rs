@@ -132,7 +132,10 @@ impl Tree {
 
     fn walk(&self, group: &str, below: &str, depth: usize, found: &mut Vec<String>) -> Result<()> {
         if depth > MAX_DEPTH || found.len() > MAX_MEMBERS {
-            return Err(unsupported("its groups are nested too deeply, or hold too many arrays"));
+            return Err(unsupported(format!(
+                "its groups are nested more than {MAX_DEPTH} deep, or hold more than {MAX_MEMBERS} arrays: `{below}`; where it is a hard \
+                 link to a group that it is in, delete it (in h5py: `del group[name]`)"
+            )));
         }
         let [groups, tables, linked] = self.entries(&format!("{group}/{below}"))?;
         found.extend(tables.iter().chain(&linked).map(|name| format!("{below}{name}")));
