@@ -21,6 +21,7 @@ mod dreamer;
 mod encoded;
 mod found;
 mod grouped;
+mod groups;
 mod hdf5;
 mod hdf5_files;
 mod images;

@@ -34,7 +34,11 @@ const KNOWN: &[(Sign, &str, &str)] = &[
     (Sign::Folder(&["data/main_data.hdf5"]), "a Minari dataset", "minari.load_dataset"),
     (Sign::Folder(&["main_data.hdf5"]), "the data of a Minari dataset", "minari.load_dataset"),
     (Sign::Hdf5(&["episode_*/observations"]), "the data of a Minari dataset", "minari.load_dataset"),
-    (Sign::Hdf5(&["data/demo_*"]), "a dataset of robomimic, LIBERO or MimicGen whose first demonstration has no `actions`", "h5py"),
+    (
+        Sign::Hdf5(&["data/demo_*"]),
+        "a dataset of robomimic, LIBERO or MimicGen whose first demonstration has no `actions`",
+        "h5py",
+    ),
     (Sign::Hdf5(&["traj_*/actions"]), "a dataset of ManiSkill", "h5py"),
     (Sign::Hdf5(&["observations", "actions", "terminals"]), "a dataset of D4RL without `rewards`", "h5py"),
     (
