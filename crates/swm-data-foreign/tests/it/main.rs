@@ -11,12 +11,16 @@ mod dreamer;
 #[cfg(feature = "video")]
 mod field;
 #[cfg(feature = "video")]
+mod hdf5;
+#[cfg(feature = "video")]
 mod lance;
 mod layouts;
 #[cfg(feature = "video")]
 mod partial;
 #[cfg(feature = "video")]
 mod published;
+#[cfg(feature = "video")]
+mod refused;
 #[cfg(all(feature = "remote", feature = "video"))]
 mod remote;
 #[cfg(feature = "video")]
