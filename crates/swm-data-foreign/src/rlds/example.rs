@@ -138,6 +138,8 @@ pub(super) struct Entry {
 pub(super) fn scan(length: u64, read: &dyn Fn(&mut [u8], u64) -> bool) -> Option<Vec<Entry>> {
     /// Bytes that hold a key and what is before the values.
     const START: u64 = 512;
+    /// Entries that are read one by one; records of more are read as a whole.
+    const MOST: usize = 1 << 12;
     let start = |at: u64, end: u64| {
         let mut bytes = vec![0; (end - at).min(START) as usize];
         read(&mut bytes, at).then_some(bytes)
@@ -153,6 +155,9 @@ pub(super) fn scan(length: u64, read: &dyn Fn(&mut [u8], u64) -> bool) -> Option
     at.checked_add(size).filter(|&end| end == length)?;
     let mut found = Vec::new();
     while at < length {
+        if found.len() == MOST {
+            return None;
+        }
         let bytes = start(at, length)?;
         let (1, head, size) = field(&bytes)? else { return None };
         let next = (at + head as u64).checked_add(size).filter(|&next| next <= length)?;
