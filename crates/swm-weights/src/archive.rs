@@ -4,10 +4,27 @@ use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
+use tempfile::NamedTempFile;
+
 /// The longest pickle that is looked at: as the reader of tensors allows.
 const LONGEST: u64 = 100 << 20;
 /// The longest end of an archive: its record, and a comment.
 const END: u64 = 22 + 0xffff;
+
+/// What an entry of the list begins with.
+const ENTRY: &[u8; 4] = b"PK\x01\x02";
+
+/// The list of an archive's entries.
+struct Directory {
+    /// Where it begins.
+    start: u64,
+    /// How many entries it has.
+    count: u64,
+    /// Its bytes.
+    len: u64,
+    /// Where the record of it begins.
+    end: u64,
+}
 
 /// Where an archive's pickle is.
 #[derive(Clone, Copy, Debug)]
@@ -23,16 +40,37 @@ pub(crate) fn has_end(file: &mut File) -> io::Result<bool> {
     Ok(directory(file)?.is_some())
 }
 
+/// A copy whose list of entries ends where its last record begins; `None`: there is no need.
+///
+/// PyTorch puts the records of large archives between both, also in small ones. A reader that counts the length of the list back from the last
+/// record takes such an archive for damaged where an entry of the list begins just there.
+pub(crate) fn copy_abutting(file: &mut File) -> io::Result<Option<NamedTempFile>> {
+    let Some(Directory { start, len, end, .. }) = directory(file)? else { return Ok(None) };
+    let Some(counted) = end.checked_sub(len).filter(|counted| *counted > start) else { return Ok(None) };
+    let mut mark = [0; 4];
+    file.seek(SeekFrom::Start(counted))?;
+    file.read_exact(&mut mark)?;
+    if mark != *ENTRY {
+        return Ok(None);
+    }
+    let mut out = NamedTempFile::new()?;
+    file.seek(SeekFrom::Start(0))?;
+    io::copy(&mut (&mut *file).take(start + len), &mut out)?;
+    file.seek(SeekFrom::Start(end))?;
+    io::copy(file, &mut out)?;
+    Ok(Some(out))
+}
+
 /// The entry `data.pkl` of an archive, where it is stored as it is.
 pub(crate) fn find_pickle(file: &mut File) -> io::Result<Option<Pickle>> {
-    let Some((mut at, count)) = directory(file)? else { return Ok(None) };
+    let Some(Directory { start: mut at, count, .. }) = directory(file)? else { return Ok(None) };
     for _ in 0..count {
         let mut head = [0; 46];
         file.seek(SeekFrom::Start(at))?;
         file.read_exact(&mut head)?;
         let two = |place: usize| u64::from(u16::from_le_bytes([head[place], head[place + 1]]));
         let four = |place: usize| two(place) | two(place + 2) << 16;
-        if head[..4] != *b"PK\x01\x02" {
+        if head[..4] != *ENTRY {
             return Ok(None);
         }
         let mut name = vec![0; two(28) as usize];
@@ -53,8 +91,8 @@ pub(crate) fn find_pickle(file: &mut File) -> io::Result<Option<Pickle>> {
     Ok(None)
 }
 
-/// Where the list of entries begins, and how many it has.
-fn directory(file: &mut File) -> io::Result<Option<(u64, u64)>> {
+/// The list of entries, as the last record has it, or that of large archives.
+fn directory(file: &mut File) -> io::Result<Option<Directory>> {
     let len = file.metadata()?.len();
     let mut end = vec![0; len.min(END) as usize];
     file.seek(SeekFrom::Start(len - end.len() as u64))?;
@@ -65,18 +103,23 @@ fn directory(file: &mut File) -> io::Result<Option<(u64, u64)>> {
     let little = |bytes: &[u8], place: usize, count: usize| {
         bytes[place..place + count].iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
     };
-    let (count, start) = (little(&end[record..], 10, 2), little(&end[record..], 16, 4));
+    let of = |place, bytes| little(&end[record..], place, bytes);
+    let (count, bytes, start) = (of(10, 2), of(12, 4), of(16, 4));
+    let begins = len - end.len() as u64;
     if start != 0xffff_ffff && count != 0xffff {
-        return Ok(Some((start, count)));
+        return Ok(Some(Directory { start, count, len: bytes, end: begins + record as u64 }));
     }
     // The record of large archives, whose place stands right before this one.
     let Some(locator) = record.checked_sub(20).filter(|at| end[*at..].starts_with(b"PK\x06\x07")) else {
         return Ok(None);
     };
     let mut large = [0; 56];
-    file.seek(SeekFrom::Start(little(&end[locator..], 8, 8)))?;
+    let place = little(&end[locator..], 8, 8);
+    file.seek(SeekFrom::Start(place))?;
     file.read_exact(&mut large)?;
-    Ok(large.starts_with(b"PK\x06\x06").then(|| (little(&large, 48, 8), little(&large, 32, 8))))
+    let of = |place| little(&large, place, 8);
+    let found = Directory { start: of(48), count: of(32), len: of(40), end: place };
+    Ok(large.starts_with(b"PK\x06\x06").then_some(found))
 }
 
 impl Pickle {

@@ -60,8 +60,13 @@ pub type Saved = (String, Vec<usize>, Values);
 ///
 /// The operating system refuses, or a zip archive cannot list so much.
 pub fn save(path: &Path, tensors: &[Saved]) -> io::Result<()> {
-    let mut archive = Archive { out: BufWriter::new(File::create(path)?), at: 0, entries: Vec::new() };
-    archive.add("data.pkl", &pickle(tensors))?;
+    save_as(ROOT, path, &pickle(tensors), tensors)
+}
+
+/// Writes an archive below this folder within it.
+fn save_as(root: &'static str, path: &Path, pickle: &[u8], tensors: &[Saved]) -> io::Result<()> {
+    let mut archive = Archive { out: BufWriter::new(File::create(path)?), root, at: 0, entries: Vec::new() };
+    archive.add("data.pkl", pickle)?;
     archive.add("byteorder", b"little")?;
     for (index, (.., values)) in tensors.iter().enumerate() {
         archive.add(&format!("data/{index}"), &values.bytes())?;
@@ -124,6 +129,7 @@ fn numbers(out: &mut Vec<u8>, all: &[usize]) {
 /// A zip archive that is being written.
 struct Archive<W> {
     out: W,
+    root: &'static str,
     at: u64,
     entries: Vec<Entry>,
 }
@@ -137,7 +143,7 @@ struct Entry {
 
 impl<W: Write> Archive<W> {
     fn add(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
-        let name = format!("{ROOT}/{name}");
+        let name = format!("{}/{name}", self.root);
         let mut sum = Checksum::default();
         sum.add(bytes);
         let too_large = || {
@@ -239,5 +245,37 @@ mod tests {
             .windows(24)
             .position(|window| window == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0_f32].map(f32::to_le_bytes).concat());
         assert_eq!(at.unwrap() as u64 % ALIGNMENT, 0);
+    }
+
+    /// The folder in an archive is the file's stem, and PyTorch writes 76 bytes of records of large archives before the end: as long as
+    /// the list's first entry is with 21 letters.
+    #[test]
+    fn archives_of_any_name_are_read_with_the_records_that_pytorch_writes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.pt");
+        let tensors = [
+            ("a".to_owned(), vec![1], Values::Floats(vec![1.5])),
+            ("b".to_owned(), vec![1], Values::Floats(vec![2.5])),
+        ];
+        for root in ["lewm_epoch_10_object", "lewm_epoch_100_object", "lewm_epoch_1000_object"] {
+            save_as(root, &path, &pickle(&tensors), &tensors).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let (list, end) = bytes.split_at(bytes.len() - 22);
+            let count = u64::from(u16::from_le_bytes([end[10], end[11]]));
+            let of = |at: usize| u64::from(u32::from_le_bytes(end[at..at + 4].try_into().unwrap()));
+            let mut large = b"PK\x06\x06".to_vec();
+            large.extend_from_slice(&44_u64.to_le_bytes());
+            large.extend_from_slice(&[45, 0, 45, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+            [count, count, of(12), of(16)]
+                .iter()
+                .for_each(|number| large.extend_from_slice(&number.to_le_bytes()));
+            large.extend_from_slice(b"PK\x06\x07\x00\x00\x00\x00");
+            large.extend_from_slice(&(list.len() as u64).to_le_bytes());
+            large.extend_from_slice(&1_u32.to_le_bytes());
+            assert_eq!(large.len(), 76);
+            std::fs::write(&path, [list, &large, end].concat()).unwrap();
+            let found = contents(&path, Of::Values).unwrap().tensors;
+            assert_eq!((&found["a"].values[..], &found["b"].values[..]), (&[1.5][..], &[2.5][..]), "{root}");
+        }
     }
 }

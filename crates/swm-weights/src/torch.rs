@@ -21,7 +21,10 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
     let bytes = place.and_then(|place| place.read(&mut file).ok()).unwrap_or_default();
     let found = pickle::look_through(&bytes);
     let mut passed_over = Vec::new();
-    let mut opened = open(path, path, of);
+    let unusable = |error: std::io::Error| WeightsError::unusable(path, error.to_string());
+    let abutting = place.map(|_| archive::copy_abutting(&mut file)).transpose().map_err(unusable)?.flatten();
+    let from = abutting.as_ref().map_or(path, |copy| copy.path());
+    let mut opened = open(from, path, of);
     // Tensors of an object that is no module, such as those of an optimizer, are no weights.
     while let (Err(Failed::Object(class)), Some(place)) = (&opened, place) {
         if passed_over.contains(class) || passed_over.len() == MOST_CLASSES {
@@ -29,11 +32,9 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         }
         passed_over.push(class.clone());
         let Some(without) = pickle::without(&bytes, &found, &passed_over) else { break };
-        let folder = tempfile::tempdir().map_err(|error| WeightsError::unusable(path, error.to_string()))?;
+        let folder = tempfile::tempdir().map_err(unusable)?;
         let copy = folder.path().join("copy");
-        place
-            .copy_with(path, &copy, &without)
-            .map_err(|error| WeightsError::unusable(path, error.to_string()))?;
+        place.copy_with(from, &copy, &without).map_err(unusable)?;
         opened = open(&copy, path, of);
     }
     let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
