@@ -35,7 +35,7 @@ pub struct Contents {
     pub format: &'static str,
     /// Functions that Python would call if it loaded the file.
     pub calls: Vec<String>,
-    /// Classes of objects that were passed over, such as optimizers.
+    /// What was passed over: classes of objects that hold tensors, such as optimizers, and keys of further copies of the weights.
     pub passed_over: Vec<String>,
 }
 

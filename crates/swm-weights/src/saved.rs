@@ -278,4 +278,33 @@ mod tests {
             assert_eq!((&found["a"].values[..], &found["b"].values[..]), (&[1.5][..], &[2.5][..]), "{root}");
         }
     }
+    #[test]
+    fn copies_of_the_weights_are_named_and_other_objects_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.pt");
+        let tensors = [("a.b".to_owned(), vec![1], Values::Floats(vec![1.5]))];
+        let whole = pickle(&tensors);
+        // {"model": …, "ema": …, "epoch": 3}
+        let mut nested = b"\x80\x02}(".to_vec();
+        for key in ["model", "ema"] {
+            text(&mut nested, key);
+            nested.extend_from_slice(&whole[2..whole.len() - 1]);
+        }
+        text(&mut nested, "epoch");
+        number(&mut nested, 3);
+        nested.extend_from_slice(b"u.");
+        save_as(ROOT, &path, &nested, &tensors).unwrap();
+        let found = contents(&path, Of::Shapes).unwrap();
+        assert_eq!((found.tensors.len(), &found.passed_over[..]), (1, &["ema".to_owned()][..]));
+
+        let mut list = b"\x80\x02]".to_vec();
+        text(&mut list, "a");
+        list.extend_from_slice(b"a.");
+        save_as(ROOT, &path, &list, &[]).unwrap();
+        let message = contents(&path, Of::Shapes).unwrap_err().to_string();
+        assert!(
+            message.contains("holds one object of type `list`") && message.contains("state_dict()"),
+            "{message}"
+        );
+    }
 }

@@ -1,6 +1,6 @@
 //! Files of PyTorch. A pickle is parsed, and nothing in it is executed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::path::Path;
 
@@ -12,6 +12,8 @@ use crate::{archive, pickle};
 
 /// Keys under which trainers store the weights of a model.
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
+/// How the reader of pickles words that a file of PyTorch holds something else than a dictionary, which it names then.
+const NO_DICTIONARY: &str = "Expected a dictionary at the root of the PyTorch file, found ";
 /// Classes of objects that hold tensors which are no weights; more than so many in a file are passed over by nobody.
 const MOST_CLASSES: usize = 16;
 
@@ -52,6 +54,7 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         }
         (Failed::Other(error), _) => error,
     })?;
+    passed_over.extend(contents.passed_over);
     Ok(Contents { calls: found.calls, passed_over, ..contents })
 }
 
@@ -70,6 +73,16 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
     };
     let reader = PytorchReader::new(from).map_err(|error| match error {
         PytorchError::Pickle(PickleError::UnsupportedType(class)) => Failed::Object(class),
+        PytorchError::InvalidFormat(text) => match text.strip_prefix(NO_DICTIONARY) {
+            Some(found) => {
+                let reason = format!(
+                    "holds one object of type `{found}` and no names of tensors; save the model's `state_dict()`, in Python: \
+                     `torch.save(model.state_dict(), FILE)`"
+                );
+                Failed::Other(WeightsError::unusable(path, reason))
+            }
+            None => broken(&text),
+        },
         error => broken(&error),
     })?;
     let format = match reader.metadata().format_type {
@@ -83,8 +96,11 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
         let prefix = format!("{key}.");
         names.iter().any(|name| name.starts_with(&prefix))
     });
-    let inside = nested.and_then(|key| PytorchReader::with_top_level_key(from, key).ok());
-    let reader = inside.unwrap_or(reader);
+    let inside = nested.and_then(|key| Some((PytorchReader::with_top_level_key(from, key).ok()?, key)));
+    let (reader, passed_over) = match inside {
+        Some((inside, key)) => (inside, copies(&names, key)),
+        None => (reader, Vec::new()),
+    };
     // A file of ours can be empty: the state of a training before its first step.
     if reader.tensors().is_empty() {
         return Err(Failed::Other(WeightsError::unusable(path, "holds no tensors")));
@@ -111,5 +127,13 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
         let is_whole = matches!(tensor.dtype(), DType::I64 | DType::I32 | DType::Bool | DType::U8);
         tensors.insert(name, Stored { shape: tensor.shape().to_vec(), values, is_whole });
     }
-    Ok(Contents { tensors, format, ..Contents::default() })
+    Ok(Contents { tensors, format, passed_over, ..Contents::default() })
+}
+
+/// Keys beside `nested` below which its tensors are once more, such as averaged ones.
+fn copies(names: &[String], nested: &str) -> Vec<String> {
+    let parts = || names.iter().filter_map(|name| name.split_once('.'));
+    let inside: BTreeSet<&str> = parts().filter(|(key, _)| *key == nested).map(|(_, name)| name).collect();
+    let others = parts().filter(|(key, name)| *key != nested && inside.contains(name));
+    others.map(|(key, _)| key.to_owned()).collect::<BTreeSet<_>>().into_iter().collect()
 }
