@@ -58,6 +58,9 @@ const IDLE: [&str; 6] = [
 
 /// All tensors under the names that they have here, without the idle ones.
 pub fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    // Parts of a model may have been compiled by themselves.
+    let stored =
+        stored.into_iter().map(|(name, tensor)| (name.replace("._orig_mod.", "."), tensor)).collect();
     let stored = without_prefixes(stored);
     let has = |prefix: &str| stored.keys().any(|name| name.starts_with(prefix));
     // LeWM has an encoder of actions, too, with more layers.
@@ -223,6 +226,14 @@ mod tests {
         assert_eq!(renamed(&["ema.a.weight", "n_averaged"]), ["ema.a.weight", "n_averaged"]);
         // Something else beside it may be another model.
         assert_eq!(renamed(&["model.a", "head.b"]), ["head.b", "model.a"]);
+    }
+
+    #[test]
+    fn parts_that_were_compiled_have_the_names_of_others() {
+        assert_eq!(
+            renamed(&["model.a._orig_mod.b.weight", "model.a.c._orig_mod.weight"]),
+            ["a.b.weight", "a.c.weight"]
+        );
     }
 
     #[test]
