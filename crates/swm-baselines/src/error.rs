@@ -231,7 +231,26 @@ fn mismatch(missing: &[String], unused: &[String], wrong: &[String]) -> String {
     let kinds = [("missing", missing), ("unused", unused), ("of another shape", wrong)];
     let parts: Vec<String> =
         kinds.iter().filter(|(_, names)| !names.is_empty()).map(|(kind, names)| list(kind, names)).collect();
-    parts.join("; ") + ". Use the settings that the weights were trained with"
+    let fix = match prefix(missing, unused) {
+        Some(prefix) => format!(
+            "The model is below `{prefix}` in the file; store it alone, in Python: `torch.save({{k.removeprefix(\"{prefix}\"): v for k, v \
+             in weights.items() if k.startswith(\"{prefix}\")}}, FILE)`"
+        ),
+        None => "Use the settings that the weights were trained with".to_owned(),
+    };
+    format!("{}. {fix}", parts.join("; "))
+}
+
+/// What most of the missing names have before them in the file.
+fn prefix<'a>(missing: &[String], unused: &'a [String]) -> Option<&'a str> {
+    let before = |name: &String| {
+        unused
+            .iter()
+            .find_map(|unused| unused.strip_suffix(name.as_str()).filter(|prefix| prefix.ends_with('.')))
+    };
+    let prefix = missing.iter().find_map(before)?;
+    let below = missing.iter().filter(|name| unused.contains(&format!("{prefix}{name}"))).count();
+    (2 * below > missing.len()).then_some(prefix)
 }
 
 fn list(kind: &str, names: &[String]) -> String {
@@ -268,5 +287,15 @@ mod tests {
         let text = error.to_string();
         assert!(text.contains("10 missing: layer.0, "), "{text}");
         assert!(text.contains("layer.7, and 2 more; 1 unused: head."), "{text}");
+        assert!(text.ends_with("Use the settings that the weights were trained with"), "{text}");
+    }
+
+    #[test]
+    fn a_mismatch_names_what_is_before_all_names() {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<String>>();
+        let text = mismatch(&names(&["a.b", "c"]), &names(&["net.a.b", "net.c", "probe.d"]), &[]);
+        assert!(text.contains("The model is below `net.` in the file; store it alone"), "{text}");
+        let text = mismatch(&names(&["a.b", "c", "e"]), &names(&["net.a.b", "probe.d"]), &[]);
+        assert!(text.ends_with("Use the settings that the weights were trained with"), "{text}");
     }
 }
