@@ -13,7 +13,9 @@ use super::settings::OnlineSettings;
 use super::table::restore_agent;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::train::{Checkpoint, Imported, RUN_VERSION, RunFolder, Which, descriptions, step_of};
+use crate::train::{
+    Checkpoint, Imported, RUN_VERSION, RunFolder, Which, descriptions, refuse_foreign, step_of,
+};
 
 /// An agent's run, but for its weights and episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +63,7 @@ impl OnlineConfig {
     ///
     /// The file cannot be read, is of a run on a dataset, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
+        refuse_foreign(run)?;
         if !is_online(run)? {
             return Err(run.wrong("it trained a model, not an agent; use a run of an agent"));
         }

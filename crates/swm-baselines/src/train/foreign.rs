@@ -6,6 +6,9 @@ use std::path::Path;
 use serde_json::Value as Json;
 use swm_weights::ENDINGS;
 
+use super::folder::RunFolder;
+use crate::error::BaselineError;
+
 /// The longest `config.json` of others that is read, in bytes.
 pub const LONGEST_CONFIG: u64 = 1 << 20;
 
@@ -19,6 +22,16 @@ pub fn is_foreign(path: &Path) -> bool {
     }
     let Some(bytes) = read(&path.join("config.json")) else { return path.join("hydra.yaml").is_file() };
     serde_json::from_slice::<Json>(&bytes).is_ok_and(|config| config.get("version").is_none())
+}
+
+/// Refuses a checkpoint of others where a run of this program is wanted.
+pub(crate) fn refuse_foreign(run: &RunFolder) -> Result<(), BaselineError> {
+    if !is_foreign(run.path()) {
+        return Ok(());
+    }
+    let (shown, fix) = (run.path().display(), "import it first: `swm import");
+    Err(run
+        .wrong(format!("it is a checkpoint of others, not a run of this program; {fix} {shown} --out RUN`")))
 }
 
 fn read(config: &Path) -> Option<Vec<u8>> {

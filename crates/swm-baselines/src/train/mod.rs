@@ -42,6 +42,7 @@ pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{RunFolder, RunLock};
+pub(crate) use foreign::refuse_foreign;
 pub use foreign::{LONGEST_CONFIG, is_foreign};
 pub use looks::ImageLooks;
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};

@@ -9,7 +9,7 @@ use super::checkpoints::Checkpoint;
 use super::data::{ACTION, DataConfig, PROPRIO};
 use super::fit::State;
 use super::folder::RunFolder;
-use super::foreign::is_foreign;
+use super::foreign::refuse_foreign;
 use super::settings::FitSettings;
 use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
@@ -77,12 +77,7 @@ impl RunConfig {
         if let Some(agent) = online_agent(run)? {
             return Err(run.wrong(format!("it trained an agent, not a model; use it as `{agent}:RUN`")));
         }
-        if is_foreign(run.path()) {
-            let (shown, fix) = (run.path().display(), "import it first: `swm import");
-            return Err(run.wrong(format!(
-                "it is a checkpoint of others, not a run of this program; {fix} {shown} --out RUN`"
-            )));
-        }
+        refuse_foreign(run)?;
         let config: Self = run.config()?;
         if config.version != RUN_VERSION {
             let version = config.version;
