@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 import json
 import pickle
+import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ import pytest
 
 import stable_worldmodel_rs as swm
 from stable_worldmodel_rs import _swm
+from stable_worldmodel_rs._progress import Progress
 from stable_worldmodel_rs.world.policies import PolicyInfos
 
 h5py = pytest.importorskip("h5py")
@@ -234,6 +237,19 @@ def test_a_bar_shows_progress(capsys: pytest.CaptureFixture[str], tmp_path: Path
     world.collect(tmp_path / "b.h5", episodes=3, seed=0, progress=False)
     captured = capsys.readouterr()
     assert captured.err == "" and captured.out == ""
+
+
+def test_a_bar_in_a_file_is_a_line_for_what_is_new(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("tqdm")
+    log = tmp_path / "log"
+    with log.open("w") as file:
+        monkeypatch.setattr("sys.stderr", file)
+        with Progress("Recording", total=8) as bar:
+            for done in (0, 0, 0, 1, 1, 2):
+                time.sleep(0.15)
+                bar.tick(done, 0, 0)
+    lines = re.split("[\\r\\n]+", log.read_text().strip())
+    assert len(lines) == 2 and "0/8" in lines[0] and "2/8" in lines[1], lines
 
 
 def in_place(infos: dict[str, Any]) -> Any:

@@ -43,6 +43,30 @@ def test_names_and_paths(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
         swm.data.HDF5Dataset("toy", keys_to_load=["nope"])
 
 
+def test_paths_are_no_names_of_the_cache(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    here = write(tmp_path / "here" / "toy.h5")
+    monkeypatch.setenv("STABLEWM_HOME", str(tmp_path))
+    monkeypatch.setenv("HOME", str(here.parent))
+    monkeypatch.chdir(here.parent)
+    assert swm.data.load_dataset("toy.h5").path == path
+    (said,) = caplog.messages
+    assert str(path) in said and "'./toy.h5'" in said
+    caplog.clear()
+    for name in ("./toy.h5", f"{here}", "~/toy.h5"):
+        opened = swm.data.load_dataset(name)
+        assert opened.path.samefile(here) and not caplog.messages, name
+    here.unlink()
+    for name in ("./toy.h5", "~/toy.h5", "../here/toy.h5"):
+        with pytest.raises(FileNotFoundError, match=f"^'{name}' does not exist"):
+            swm.data.load_dataset(name)
+    monkeypatch.chdir(path.parent)
+    assert swm.data.load_dataset("toy.h5").path == path and not caplog.messages
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(swm.DataError) as caught:
+        swm.data.load_dataset(".")
+    assert str(path.parent) not in str(caught.value)
+
+
 def test_whole_columns_and_rows(path: Path) -> None:
     dataset = swm.data.load_dataset(path)
     together = {key: np.concatenate([np.asarray(episode(n, seed)[key]) for seed, n in enumerate(LENGTHS)]) for key in episode(1, 0)}

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from types import TracebackType
 from typing import Any
 
+# Seconds between two lines of a bar in a file, as of the command.
+_FILE_PERIOD = 10.0
+
 
 class Progress:
-    """A bar over episodes, updated from the loop that runs them.
+    """A bar over episodes, updated from the loop that runs them. Where stderr is a file, it is a line every ten seconds at most.
 
     Args:
         title: What is done.
@@ -34,7 +38,10 @@ class Progress:
             from tqdm.auto import tqdm
         except ImportError:
             return
-        self._bar = tqdm(total=total or None, desc=title, unit=f" {unit}", dynamic_ncols=True)
+        # The output of a notebook's kernel is no terminal, and yet shows bars.
+        live = "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
+        period: dict[str, float] = {} if live else {"mininterval": _FILE_PERIOD}
+        self._bar = tqdm(total=total or None, desc=title, unit=f" {unit}", dynamic_ncols=True, **period)
 
     def begin(self, label: str, total: int, unit: str) -> None:
         """Leave the bar that there is as it stands, and show another one, called ``label``, of ``total`` units."""
@@ -53,7 +60,8 @@ class Progress:
             return
         if successes:
             bar.set_postfix_str(f"{successes} successful", refresh=False)
-        bar.update(done - bar.n)
+        if done != bar.n:
+            bar.update(done - bar.n)
 
     def __enter__(self) -> Progress:
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Any, cast
@@ -11,6 +12,7 @@ from .._arguments import home_path, path_of
 from .._core import core as _swm
 from ._wrong import nearest_names
 
+logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 DEFAULT_CACHE_DIR = Path.home() / ".stable_worldmodel"
 
 
@@ -46,16 +48,28 @@ def resolve(name: str | Path | None, path: str | Path | None, folder: str | Path
 
 
 def find_dataset(name: str, datasets: Path) -> Path:
-    """A dataset by its name in a folder, by its path, or by the repository that it was fetched from."""
-    for place in (datasets / name, Path(name), Path(name).expanduser()):
-        if place.exists():
-            return place
-    if "/" in name and not name.startswith((".", "/", "~")):
+    """A dataset by its name in a folder, by its path, or by the repository that it was fetched from.
+
+    What begins with ``.``, ``~`` or ``/`` is a path, and no name in the folder.
+    """
+    if name.startswith((".", "~")) or Path(name).is_absolute():
+        path = Path(os.path.expanduser(name))
+        if path.exists():
+            return path
+        raise FileNotFoundError(f"{name!r} does not exist{nearest_names(path)}")
+    kept, here = datasets / name, Path(name)
+    if kept.exists():
+        if here.exists() and not kept.samefile(here):
+            logger.warning("%s is read, and not the dataset of the same name in the working directory; %r is that one", kept, f"./{name}")
+        return kept
+    if here.exists():
+        return here
+    if "/" in name:
         fetched = datasets / name.replace("/", "--")
         if fetched.is_dir() and any(fetched.iterdir()):
             return fetched
-        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here{nearest_names(Path(name))}; fetch it with swm.data.download({name!r})")
-    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path{nearest_names(Path(name).expanduser())}")
+        raise FileNotFoundError(f"{name!r} is neither in {datasets} nor here{nearest_names(here)}; fetch it with swm.data.download({name!r})")
+    raise FileNotFoundError(f"{name!r} is neither in {datasets} nor a path{nearest_names(here)}")
 
 
 def dataset_place(name: str, source: str | Path, cache_dir: str | Path | None) -> str:

@@ -53,9 +53,9 @@ def load_dataset(name: str | Path, cache_dir: str | Path | None = None, format: 
     """Opens a dataset.
 
     Args:
-        name: A file or folder (absolute, or below ``<cache_dir>/datasets``, or below the working directory), the id of a
-            repository that :func:`download` has fetched, or ``lerobot://<repo id>``. An address, ``https://…``, ``s3://BUCKET/KEY``
-            or ``hf://datasets/USER/REPO[@REVISION]/PATH``, is read where it is, and fetched as far as it is read.
+        name: A file or folder (absolute, or below ``<cache_dir>/datasets``, or below the working directory; what begins with ``.`` or ``~``
+            is a path alone), the id of a repository that :func:`download` has fetched, or ``lerobot://<repo id>``. An address, ``https://…``,
+            ``s3://BUCKET/KEY`` or ``hf://datasets/USER/REPO[@REVISION]/PATH``, is read where it is, and fetched as far as it is read.
         cache_dir: Default: ``$STABLEWM_HOME``, else ``~/.stable_worldmodel``.
         format: Default: what the path says.
         **kwargs: Arguments of the reader, such as ``num_steps`` and ``frameskip``. Of a dataset of another program (DINO-WM,
