@@ -87,6 +87,33 @@ def test_a_setting_that_is_an_argument_is_offered_once() -> None:
         swm.World("swm/PushT-v1", add_pixels=False, max_episode_step=3)
 
 
+def test_wrong_names_are_said_before_what_is_missing() -> None:
+    import gymnasium
+
+    for name, meant in (("swm/PushTT-v1", "swm/PushT-v1"), ("PushT", "swm/PushT-v1"), ("PushT-v1", "swm/PushT-v1"), ("swm_rs/TwoRom-v2", "swm/TwoRoom-v2")):
+        with pytest.raises((gymnasium.error.UnregisteredEnv, swm.EnvError), match=f"did you mean ['`]{meant}"):
+            swm.World(name)
+    for name, meant in (("PushT", "swm/PushT-v1"), ("swm/TwoRom-v1", "swm/TwoRoom-v1")):
+        with pytest.raises(gymnasium.error.NameNotFound, match=f"did you mean '{meant}'"):
+            swm.envs.info(name)
+    for name in ("swm/PushT-v1", "CartPole-v1"):
+        with pytest.raises((swm.EnvError, TypeError), match=r"did you mean image_shape=\?"):
+            swm.World(name, image_size=(64, 64))  # type: ignore[arg-type]
+        with pytest.raises((swm.EnvError, TypeError), match="nonsense"):
+            swm.World(name, nonsense=1)
+
+
+def test_ids_of_this_package_have_a_version(tmp_path: Path) -> None:
+    for name, meant in (("swm/PushT", "swm/PushT-v1"), ("swm/TwoRoom", "swm/TwoRoom-v1"), ("swm_rs/TwoRoom", "swm_rs/TwoRoom-v2")):
+        said = f"'{name}' names no version; give '{meant}'"
+        with pytest.raises(swm.EnvError, match=said):
+            swm.World(name, image_shape=(64, 64))
+        with pytest.raises(swm.EnvError, match=said):
+            swm.make_manifest(tmp_path / "a.toml", name)
+        with pytest.raises(swm.EnvError, match=said):
+            swm.envs.info(name)
+
+
 @pytest.mark.parametrize("wrong", [64, (64,), (64, 64, 3), (6.4, 6.4), "64"])
 def test_the_shape_of_images_is_named(wrong: object) -> None:
     import gymnasium

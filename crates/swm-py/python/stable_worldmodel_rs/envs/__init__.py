@@ -46,7 +46,7 @@ def info(env_name: str | None = None) -> Any:
     Args:
         env_name: ``"swm/PushT-v1"``; None: a list of all.
     """
-    from ..world.ids import native_id
+    from ..world.ids import native_id, nearest_id
 
     every: list[dict[str, Any]] = json.loads(_swm.environments())
     if env_name is None:
@@ -56,5 +56,7 @@ def info(env_name: str | None = None) -> Any:
     if found is None:
         from gymnasium.error import NameNotFound
 
-        raise NameNotFound(f"`{env_name}` is no environment of this package; it has {', '.join(sorted(WORLDS))}")
+        near = nearest_id(env_name)
+        hint = f"it has {', '.join(sorted(WORLDS))}" if near is None else f"did you mean {near!r}? swm.envs.WORLDS lists all"
+        raise NameNotFound(f"`{env_name}` is no environment of this package; {hint}")
     return found

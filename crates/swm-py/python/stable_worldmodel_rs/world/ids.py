@@ -11,8 +11,9 @@ from typing import Any, cast
 from .._arguments import kind_of
 from .._core import core as _swm
 from .._files import offer_metaworld, offer_ogbench
+from .._gym import gym_ids
 
-__all__ = ["aliases", "check_recorded_id", "env_ids", "native_id", "need"]
+__all__ = ["aliases", "check_recorded_id", "env_ids", "native_id", "nearest_id", "need"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 # Ids under which the reference has what this package numbers otherwise.
@@ -37,9 +38,14 @@ def native_id(env_name: str) -> str | None:
 
     ``swm/…`` means what the reference calls so (its ``TwoRoom-v1`` is our ``TwoRoom-v2``), ``swm_rs/…`` this package's
     own numbering.
+
+    Raises:
+        TypeError: It is no text.
+        EnvError: It is the name of an environment of this package without the version.
     """
     if not isinstance(cast("Any", env_name), str):
         raise TypeError(f"env_name is {kind_of(env_name)}; give the id of an environment, such as 'swm/PushT-v1'")
+    _refuse_without_version(env_name)
     if env_name.startswith(_OURS):
         name = "swm/" + env_name[len(_OURS) :]
         name = aliases().get(name, name)
@@ -49,6 +55,27 @@ def native_id(env_name: str) -> str | None:
             return None
     need(name)
     return name
+
+
+def nearest_id(env: str) -> str | None:
+    """The id of this package that a name means which is no id: without namespace or version, or misspelled; None where none is near."""
+    is_ours = env.startswith(("swm/", _OURS))
+    namespace = env.partition("/")[0] if is_ours else "swm"
+    mine = {_bare(name): name for name in sorted(gym_ids()) if name.partition("/")[0] == namespace}
+    # Names of others may be of environments that are not installed.
+    near = difflib.get_close_matches(_bare(env), mine, 1, 0.6 if is_ours else 0.85)
+    return mine[near[0]] if near else None
+
+
+def _refuse_without_version(env: str) -> None:
+    """Refuses ``swm/PushT``: gymnasium would take it for the latest version, and run it in Python."""
+    bare = _bare(env)
+    if env not in (f"swm/{bare}", _OURS + bare) or env in env_ids() or env in aliases():
+        return
+    gymnasium = sys.modules.get("gymnasium")
+    meant = nearest_id(env)
+    if meant is not None and _bare(meant) == bare and (gymnasium is None or env not in gymnasium.registry):
+        raise _swm.EnvError(f"{env!r} names no version; give {meant!r}")
 
 
 def need(env: str) -> None:
@@ -80,10 +107,8 @@ def check_recorded_id(what: str, env: Any) -> None:
     if env in known or env == "unknown":
         return
     if env.startswith(("swm/", _OURS)):
-        # By what follows the namespace and precedes the version.
-        mine = {_bare(name): name for name in sorted(ours) if name.partition("/")[0] == env.partition("/")[0]}
-        near = difflib.get_close_matches(_bare(env), mine, 1)
-        hint = f"did you mean {mine[near[0]]!r}?" if near else "`swm.envs.WORLDS` lists them."
+        near = nearest_id(env)
+        hint = f"did you mean {near!r}?" if near else "`swm.envs.WORLDS` lists them."
         raise _swm.DataError(
             f"{what} is {env!r}, which is no environment of this package; {hint} An environment of your own has another namespace: 'mylab/Name-v0'"
         )

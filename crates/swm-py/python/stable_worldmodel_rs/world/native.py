@@ -41,11 +41,16 @@ def make_native(of: Callable[..., Any], **given: Any) -> _swm.World:
     except _swm.EnvError as error:
         names: list[str] = list(json.loads(given["settings"]))
         for name in names:
-            near = difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.65)
+            near = nearest_argument(of, name)
             # Where the argument is a setting, too, the core has named it.
-            if near and f"`{name}`" in str(error) and f"did you mean `{near[0]}`?" not in str(error):
-                raise _swm.EnvError(f"{error}; did you mean {near[0]}=?") from None
+            if near and f"`{name}`" in str(error) and f"did you mean `{near}`?" not in str(error):
+                raise _swm.EnvError(f"{error}; did you mean {near}=?") from None
         raise
+
+
+def nearest_argument(of: Callable[..., Any], name: str) -> str | None:
+    """The argument of a function that a name may mean which it does not have; None where none is near."""
+    return next(iter(difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.65)), None)
 
 
 def whole(what: str, value: Any, most: int = 2**64 - 1) -> int:

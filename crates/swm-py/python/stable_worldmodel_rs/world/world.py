@@ -114,8 +114,6 @@ class World(Runs):
         if num_envs < 1:
             raise _swm.EnvError(f"num_envs={num_envs}; give 1 or more")
         if isinstance(env_name, str):
-            if add_pixels and image_shape is None:
-                raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
             native = native_id(env_name)
         else:
             native = None
@@ -128,6 +126,7 @@ class World(Runs):
             from .wrap import make_pool
 
             self.envs: Any = make_pool(
+                World,
                 env_name,
                 num_envs,
                 image_shape=image_shape if add_pixels else None,
@@ -140,6 +139,8 @@ class World(Runs):
                 image_resample=image_resample,
                 settings=kwargs,
             )
+            if isinstance(env_name, str):
+                _require_shape(image_shape, add_pixels)
             return
         if pre_wrappers or extra_wrappers:
             raise TypeError(
@@ -165,6 +166,7 @@ class World(Runs):
             "checkpoints": checkpoints,
         }
         self._core = make_native(World, **self._built)
+        _require_shape(image_shape, add_pixels)
         transforms = {"pixels": image_transform, "goal": goal_transform}
         self._transforms = {name: transform for name, transform in transforms.items() if transform is not None}
         self.envs = NativePool(self._core, self._built, hidden=() if goal_conditioned else ("goal",))
@@ -413,6 +415,12 @@ class World(Runs):
             return html_table(self._rows())
         frames = self.envs.raw("pixels")[:_SHOWN, 0]
         return html_table(self._rows()) + html_image(_swm.contact_sheet(np.ascontiguousarray(frames)), "now")
+
+
+def _require_shape(image_shape: tuple[int, int] | None, add_pixels: bool) -> None:
+    """Refuses images without a size, once the environments exist: a wrong name of them or of an argument is said first."""
+    if add_pixels and image_shape is None:
+        raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
 
 
 def _plain(value: Any) -> Any:

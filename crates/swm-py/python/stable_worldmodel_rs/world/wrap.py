@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from .columns import flat, is_array, missing
 from .env_pool import EnvPool
+from .ids import nearest_id
+from .native import nearest_argument
 
 Image = npt.NDArray[np.uint8]
 Transform = Callable[[Any], Any]
@@ -21,6 +23,7 @@ _BILINEAR = {None: 1, 2: 1}
 
 
 def make_pool(
+    of: Callable[..., Any],
     env_name: str | Sequence[Callable[[], Any]],
     num_envs: int,
     image_shape: tuple[int, int] | None,
@@ -35,7 +38,7 @@ def make_pool(
 ) -> EnvPool:
     """Make the environments of a World, of an id by ``gymnasium.make`` or by given functions, with complete infos.
 
-    An environment that a function made keeps its own limit of steps, and one with an `InfoWrapper` stays as it is.
+    A setting that the environment does not know and that is near an argument of ``of`` is one that the user meant. An environment that a function made keeps its own limit of steps, and one with an `InfoWrapper` stays as it is.
     """
     inner = partial(
         InfoWrapper,
@@ -58,7 +61,15 @@ def make_pool(
         try:
             return complete(gym.make(name, max_episode_steps=max_episode_steps, **given))
         except gym.error.UnregisteredEnv as error:
-            raise type(error)(f"{error} This package's environments are listed by `swm.envs.WORLDS`, such as swm/PushT-v1.") from None
+            near = nearest_id(name)
+            if near is None:
+                raise type(error)(f"{error} This package's environments are listed by `swm.envs.WORLDS`, such as swm/PushT-v1.") from None
+            raise type(error)(f"{name!r} is no environment of this package, nor of gymnasium; did you mean {near!r}? gymnasium says: {error}") from None
+        except TypeError as error:
+            wrong = next((given for given in settings if f"'{given}'" in str(error)), "")
+            if (near := nearest_argument(of, wrong)) is None:
+                raise
+            raise TypeError(f"{error}; did you mean {near}=?") from None
 
     def of_function(make: Callable[[], Any]) -> Any:
         env: Any = make()
