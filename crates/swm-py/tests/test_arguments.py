@@ -50,7 +50,7 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
     "shard of a number": (lambda path: batches(path, shard=1), r"shard=1: give \(rank, world size\)"),
     "list of transforms": (lambda path: batches(path, transform=[dict]), "transform is list; give a function of a batch"),
     "steps as text": (lambda path: opened(path, num_steps="4"), "num_steps='4': give a whole number from 1 on"),
-    "half a step": (lambda path: opened(path, num_steps=1.5), "num_steps=1.5 must be a whole number, 1 or more"),
+    "half a step": (lambda path: opened(path, num_steps=1.5), "num_steps=1.5: give a whole number from 1 on"),
     "transforms by column": (lambda path: opened(path, transform={"pixels": abs}), "transform is dict; give a function of a clip"),
     "transform without return": (lambda path: opened(path, transform=lambda clip: None)[0], "transform= returned NoneType; .*end it with `return clip`"),
     "episodes as text": (lambda path: opened(path, episodes="0"), r"episodes='0' is a text; give a list of numbers"),
@@ -88,6 +88,65 @@ def test_arguments_of_the_wrong_kind_are_named(what: str, dataset: Path) -> None
         call(dataset)
 
 
+NO_NUMBERS: dict[str, tuple[str, Callable[[Path, Any], Any]]] = {
+    "World": ("max_episode_steps", lambda _, value: world_with(_, max_episode_steps=value)),
+    "World's frames": ("frame_skip", lambda _, value: world_with(_, frame_skip=value)),
+    "World of gymnasium": ("max_episode_steps", lambda _, value: swm.World("CartPole-v1", add_pixels=False, max_episode_steps=value)),
+    "evaluate": ("episodes", lambda _, value: evaluated(_, episodes=value)),
+    "collect": ("episodes", lambda path, value: collected(path, episodes=value)),
+    "collect to a total": ("total", lambda path, value: collected(path, episodes=0, total=value)),
+    "steps of clips": ("num_steps", lambda path, value: opened(path, num_steps=value)),
+    "distance of rows": ("frameskip", lambda path, value: opened(path, frameskip=value)),
+    "steps of a buffer": ("max_steps", lambda _, value: swm.data.ReplayBuffer(value)),
+    "budget": ("eval_budget", lambda path, value: from_rows(path, eval_budget=value)),
+    "rows to choose": ("episodes", lambda path, value: from_rows(path, episodes=value)),
+}
+
+
+@pytest.mark.parametrize("what", NO_NUMBERS)
+def test_no_whole_number_is_a_type_error_and_one_too_small_a_value_error(what: str, tmp_path: Path) -> None:
+    name, call = NO_NUMBERS[what]
+    path = tmp_path / "a.h5"
+    collected(path.with_name("b.h5"), into=path, episodes=2)
+    for wrong in ("2", 2.0, 2.5):
+        with pytest.raises(TypeError, match=f"{name}={wrong!r}: give a whole number"):
+            call(path, wrong)
+    for wrong in (-3, 0):
+        with pytest.raises(ValueError, match=f"{name}(=| must).*{wrong}"):
+            call(path, wrong)
+
+
+NO_PATHS: dict[str, tuple[str, Callable[[Path, Any], Any]]] = {
+    "collect": ("path", lambda path, value: collected(path, into=value)),
+    "video": ("video", lambda _, value: evaluated(_, video=value)),
+    "receipt": ("out", lambda path, value: evaluated_on_a_manifest(path, out=value)),
+    "sweep": ("out", lambda path, value: swept(path, value)),
+    "manifest": ("the manifest", lambda _, value: swm.read_manifest(value)),
+    "result": ("path", lambda _, value: evaluated(_).to_json(value)),
+    "writer": ("path", lambda _, value: swm.data.HDF5Writer(value)),
+    "convert": ("dest", lambda path, value: swm.data.convert(path, value, progress=False)),
+    "merge": ("dest", lambda path, value: swm.data.merge([path, path], value, progress=False)),
+    "split": ("out", lambda path, value: swm.data.split_files(path, value)),
+    "viewer": ("path", lambda path, value: swm.data.to_rerun(opened(path), value)),
+}
+
+
+@pytest.mark.parametrize("what", NO_PATHS)
+def test_no_path_is_a_type_error_that_names_the_argument(what: str, dataset: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    name, call = NO_PATHS[what]
+    for wrong in (3, 3.5):
+        with pytest.raises(TypeError, match=f"{name} is {type(wrong).__name__}; give "):
+            call(dataset, wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_columns_to_load_are_refused(dataset: Path) -> None:
+    for none in ([], ()):
+        with pytest.raises(ValueError, match=r"keys_to_load is empty; name columns.*or leave it out for all"):
+            opened(dataset, keys_to_load=none)
+
+
 REQUESTS: dict[str, Callable[[Path, int], Any]] = {
     "measure": lambda _, seed: swm.measure("swm_rs/TwoRoom-v2", "constant", seed=seed, progress=False),
     "plan": lambda _, seed: swm.plan("cem:samples=8", "swm/TwoRoom-v1", seed=seed),
@@ -123,7 +182,19 @@ def evaluated(_: Path, **options: Any) -> Any:
 def collected(path: Path, **options: Any) -> Any:
     world = world_with(path, max_episode_steps=2)
     world.set_policy("random")
-    return world.collect(path.with_name("more.h5"), **{"episodes": 1, "progress": False, **options})
+    into = options.pop("into", path.with_name("more.h5"))
+    return world.collect(into, **{"episodes": 1, "progress": False, **options})
+
+
+def from_rows(path: Path, **options: Any) -> Any:
+    world = world_with(path, max_episode_steps=2)
+    world.set_policy("random")
+    return swm.evaluate_from_dataset(world, path, **{"episodes": 1, "goal_offset": 1, "eval_budget": 1, **options})
+
+
+def swept(path: Path, out: Any) -> Any:
+    manifest_of(path)
+    return swm.sweep(path.with_name("task.toml"), "random", ["agent.color"], out=out, progress=False)
 
 
 def manifest_of(path: Path, **options: Any) -> Any:

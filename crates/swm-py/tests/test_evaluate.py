@@ -116,7 +116,7 @@ def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
 def test_no_episodes_are_refused(episodes: int) -> None:
     world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)
     world.set_policy("expert")
-    with pytest.raises(ValueError, match="ask for 1 or more"):
+    with pytest.raises(ValueError, match=f"episodes={episodes}: give 1 or more"):
         world.evaluate(episodes=episodes, progress=False)
 
 

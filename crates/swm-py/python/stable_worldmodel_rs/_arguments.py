@@ -24,6 +24,7 @@ __all__ = [
     "path_of",
     "request_text",
     "require_callable",
+    "target_path",
     "whole_number",
 ]
 
@@ -68,6 +69,15 @@ def path_of(name: str, value: Any, hint: str) -> str:
     if isinstance(value, (str, os.PathLike)):
         return os.fspath(cast("str | os.PathLike[str]", value))
     raise TypeError(f"{name} is {kind_of(value)}; give {hint}")
+
+
+def target_path(name: str, value: Any) -> Path:
+    """The path of what is written, with ``~`` as the home folder.
+
+    Raises:
+        TypeError: It is none.
+    """
+    return Path(path_of(name, value, "the path of a file or folder")).expanduser()
 
 
 def named_list(name: str, value: Any) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._access import access_checked
+from .._arguments import whole_number
 from ._tensors import to_numpy
 from .dataset import ACTION, ClipIndices, Dataset, Transform
 from .format import EPISODE_DATA_KEY, get_format, split_episode_data
@@ -58,7 +59,7 @@ class ReplayBuffer(Dataset):
         seed: int | None = None,
     ) -> None:
         for name, value in (("max_steps", max_steps), ("history_len", history_len), ("frameskip", frameskip)):
-            if value <= 0:
+            if whole_number(name, value, least=-(2**63)) <= 0:
                 raise ValueError(f"{name} must be positive, not {value}")
         self.max_steps: int = int(max_steps)
         self.history_len: int = int(history_len)
@@ -205,7 +206,7 @@ class ReplayBuffer(Dataset):
         """
         history = self.history_len if history_len is None else history_len
         for name, value in (("batch_size", batch_size), ("history_len", history)):
-            if value <= 0:
+            if whole_number(name, value, least=-(2**63)) <= 0:
                 raise ValueError(f"{name} must be positive, not {value}")
         if step is None:
             step, self._sample_step = self._sample_step, self._sample_step + 1

@@ -206,10 +206,12 @@ class NativeDataset(Dataset):
         for argument, keys in (("keys_to_load", keys_to_load), ("keys_to_cache", keys_to_cache), ("vary", vary)):
             if isinstance(keys, str):
                 raise TypeError(f"{argument}={keys!r} is a text; give a list: [{keys!r}]")
+        if keys_to_load is not None and not len(keys_to_load):
+            raise ValueError("keys_to_load is empty; name columns, such as keys_to_load=['pixels', 'action'], or leave it out for all")
         # An address is no path: that would make one slash of two.
         self.path: Any = str(path) if _swm.is_remote(str(path)) else Path(path)
         for name, value in (("num_steps", num_steps), ("frameskip", frameskip)):
-            if not isinstance(cast("Any", value), (int, float, np.number)):
+            if not isinstance(cast("Any", value), (int, np.integer)):
                 whole_number(name, value, 1)
         require_callable("transform", transform, "a clip, {column: (T, …)}")
         if isinstance(cast("Any", episodes), str):
@@ -249,7 +251,7 @@ class NativeDataset(Dataset):
         super().__init__(lengths, np.cumsum(lengths) - lengths, frameskip, num_steps, transform)
         self._require_clips(self.path)
         stored = [field[0] for field in self._reader.fields]
-        if keys_to_load:
+        if keys_to_load is not None:
             self._keys = [key for key in dict.fromkeys(keys_to_load) if key not in _LAYOUT]
             self._require([key for key in self._keys if key not in (keys_to_merge or {})], stored)
         else:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import target_path
 from ._tensors import to_numpy
 
 # Wider columns are no curves that anybody reads; simulator states may have thousands of values.
@@ -50,7 +51,7 @@ def to_rerun(
     Example:
         >>> swm.data.to_rerun(swm.data.load_dataset("pusht.h5"), "pusht.rrd", episodes=[0, 1], fps=10)
     """
-    file = Path(path).expanduser()
+    file = target_path("path", path)
     if file.suffix != ".rrd":
         raise ValueError(f"path={str(path)!r} is no name of a recording; end it with .rrd")
     if fps is not None and not fps > 0:

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from .._access import access_checked, checked_access
-from .._arguments import whole_number
+from .._arguments import target_path, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from .._progress import Progress
@@ -285,7 +285,7 @@ def merge(
                 missing, more = sorted(first - here), sorted(here - first)
                 raise ValueError(f"merge: {what} mismatch of {sources[0]} and {source}: missing {missing}; unexpected {more}")
     options = dest_kwargs | {"mode": mode}
-    is_new = mode != "append" or not Path(dest).expanduser().exists()
+    is_new = mode != "append" or not target_path("dest", dest).exists()
     request = _copy_request(datasets, dest, dest_format, opening, image_size, fit, options) if is_new else None
     if request is not None:
         paths = [str(dataset.path) for dataset in datasets]
@@ -342,7 +342,7 @@ def split_files(
     """
     shares = {"train": 0.9, "val": 0.1} if parts is None else dict(parts)
     dataset = load_dataset(source, cache_dir=cache_dir, **dict(opening or {}))
-    request = _copy_request([dataset], out, dest_format, opening, image_size, fit, dest_kwargs)
+    request = _copy_request([dataset], out, dest_format, opening, image_size, fit, dest_kwargs, "out")
     if request is None:
         raise TypeError(f"{source} is not read by this package; convert it, and divide the copy")
     path, dataset = dataset.path, None
@@ -377,9 +377,10 @@ def _copy_request(
     image_size: tuple[int, int] | None,
     fit: str | None,
     options: dict[str, Any],
+    of: str = "dest",
 ) -> dict[str, Any] | None:
-    """The settings of a copy that the core makes; None where a format of Python code takes part."""
-    target = Path(dest).expanduser()
+    """The settings of a copy that the core makes; None where a format of Python code takes part. ``of``: the argument that ``dest`` is."""
+    target = target_path(of, dest)
     name = _format_of(target, dest_format)
     sides = None if image_size is None else image_sides("image_size", image_size)
     for wrong, right in (("format", "dest_format"), ("overwrite", "mode='overwrite'")):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._access import checked_access
+from .._arguments import target_path
 from .._core import core as _swm
 from ..world.ids import check_recorded_id
 from ._columns import flattened, refuse_objects
@@ -131,7 +132,7 @@ class NativeWriter:
         self._mode_is_given = mode is not None
         if quality is not None and not 1 <= quality <= 100:
             raise ValueError(f"quality={quality}; give 1 to 100, or None for the default of the format")
-        self.path: Path = Path(path).expanduser()
+        self.path: Path = target_path("path", path)
         self.quality = quality
         self.fps: float | None = None
         self.key_frame_period: int | None = None

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import path_of
+from .._arguments import path_of, target_path
 from .._requests import asked
 from .manifests import AnyPath, existing
 
@@ -43,7 +42,7 @@ def bundle(
     """
     request = {
         "result": existing(path_of("result", result, "the folder `out` of evaluate, or the receipt in it"), "receipt"),
-        "out": str(Path(out).expanduser()),
+        "out": str(target_path("out", out)),
         "license": license,
         "reported": reported,
         "source": source,
@@ -84,7 +83,7 @@ def board(
     folders = [bundles] if isinstance(bundles, (str, PathLike)) else list(bundles)
     request = {
         "bundles": [existing(folder, "bundle") for folder in folders],
-        "out": str(Path(out).expanduser()),
+        "out": str(target_path("out", out)),
         "title": title,
         "rerun": rerun,
         "oracle": oracle,

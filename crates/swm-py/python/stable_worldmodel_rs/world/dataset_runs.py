@@ -59,7 +59,7 @@ def evaluate_from_dataset(
     if (episodes_idx is None) != (start_steps is None):
         raise ValueError("give episodes_idx and start_steps together, or neither")
     if episodes_idx is None or start_steps is None:
-        starts = _swm.choose_starts([int(length) for length in dataset.lengths], whole("episodes", episodes), whole("goal_offset", offset), whole("seed", seed))
+        starts = _swm.choose_starts([int(length) for length in dataset.lengths], whole("episodes", episodes, least=1), whole("goal_offset", offset), whole("seed", seed))
         episodes_idx, start_steps = [episode for episode, _ in starts], [step for _, step in starts]
     return world.evaluate(
         dataset=dataset,

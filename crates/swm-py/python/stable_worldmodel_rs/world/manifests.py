@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._access import access_checked
-from .._arguments import names_of, request_text
+from .._arguments import names_of, path_of, request_text
 from .._core import core as _swm
 from .._requests import log_notes
 from .ids import native_id
@@ -31,7 +31,7 @@ class Manifest(dict[str, Any]):
 
 def existing(path: AnyPath, what: str) -> str:
     """The path of a file that has to be there; ``what`` it is, for the message."""
-    found = Path(path).expanduser()
+    found = Path(path_of(f"the {what}", path, "its path")).expanduser()
     if not found.exists():
         raise FileNotFoundError(f"there is no {what} {found}")
     return str(found)

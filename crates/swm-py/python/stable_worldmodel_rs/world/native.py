@@ -6,7 +6,6 @@ import difflib
 import inspect
 import json
 import logging
-import operator
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -18,7 +17,7 @@ import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
 from .. import spaces
-from .._arguments import kind_of
+from .._arguments import kind_of, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
 from .rows import reset_options
@@ -53,21 +52,17 @@ def nearest_argument(of: Callable[..., Any], name: str) -> str | None:
     return next(iter(difflib.get_close_matches(name, inspect.signature(of).parameters, 1, 0.65)), None)
 
 
-def whole(what: str, value: Any, most: int = 2**64 - 1) -> int:
-    """A whole number from 0 on, such as a seed.
+def whole(what: str, value: Any, most: int = 2**64 - 1, least: int = 0) -> int:
+    """A whole number, such as a seed.
 
     Raises:
-        SwmError: It is something else, or more than ``most``.
+        TypeError: It is something else.
+        SwmError: It is less than ``least``, or more than ``most``.
     """
     try:
-        number = operator.index(value)
-    except TypeError:
-        raise _swm.SwmError(f"{what}={value!r}: give a whole number from 0 on, such as {what}=42") from None
-    if number < 0:
-        raise _swm.SwmError(f"the {what} {number} is negative; use 0 or more")
-    if number > most:
-        raise _swm.SwmError(f"{what}={number}: give a whole number from 0 to {most}")
-    return number
+        return whole_number(what, value, least, most)
+    except ValueError as error:
+        raise _swm.SwmError(str(error)) from None
 
 
 def checked_shape(image_shape: Any) -> tuple[int, int] | None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
-from .._arguments import path_of, request_text
+from .._arguments import home_path, path_of, request_text
 from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
@@ -167,7 +166,7 @@ def _evaluated(
             "policy_seed": seed,
             "reference": names,
             "oracle": oracle,
-            "out": None if out is None else str(Path(out).expanduser()),
+            "out": home_path("out", out),
             "num_envs": num_envs,
             "threads": threads,
             "plan_steps": plan_steps,

@@ -14,6 +14,8 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from .._arguments import target_path
+
 # A notebook shows at most so many videos.
 _VIDEOS = 4
 # A verification names at most so many episodes.
@@ -63,7 +65,7 @@ class EvaluationResult(dict[str, Any]):
         """
         text = json.dumps(self.plain(), indent=indent, allow_nan=False)
         if path is not None:
-            Path(path).expanduser().write_text(text + "\n", encoding="utf-8")
+            target_path("path", path).write_text(text + "\n", encoding="utf-8")
         return text
 
     def rows(self) -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._access import access_checked
+from .._arguments import target_path
 from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
@@ -81,6 +82,7 @@ class Runs:
         Returns:
             A dict with ``success_rate`` (percent), ``episode_successes``, ``seeds``, ``interval`` and more.
         """
+        video = None if video is None else target_path("video", video)
         result = self._evaluate(
             episodes, seed, options, video, reset_mode, dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, progress
         )
@@ -116,9 +118,7 @@ class Runs:
             )
         if episodes is None:
             raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
-        if not isinstance(cast("Any", episodes), (int, np.integer)) or episodes < 1:
-            raise ValueError(f"World.evaluate: episodes={episodes}; ask for 1 or more, a whole number")
-        whole("episodes", episodes)
+        episodes = whole("episodes", episodes, least=1)
         if self._core is None:
             return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
         _note_options(self._core, options)
@@ -139,12 +139,13 @@ class Runs:
     ) -> EvaluationResult:
         if len(episodes_idx) != len(start_steps):
             raise ValueError(f"{len(episodes_idx)} episodes_idx and {len(start_steps)} start_steps; give one of each per pair")
+        whole("eval_budget", eval_budget, least=1)
+        whole("goal_offset", goal_offset)
         if self._core is None:
             mode = reset_mode or "wait"
             return foreign.evaluate_from_dataset(
                 cast("World", self), dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, mode
             )
-        whole("eval_budget", eval_budget)
         check_callables(callables)
         check_recording(dataset, self._built["id"], self._built["frame_skip"])
         reader = getattr(dataset, "reader", None)
@@ -236,10 +237,8 @@ class Runs:
         if total is not None and (self._core is None or writer is not None):
             raise TypeError(f"World.collect: total={total} counts episodes in files that the core writes, of environments of this package")
         asked = ("episodes", episodes) if total is None else ("total", total)
-        if not isinstance(cast("Any", asked[1]), (int, np.integer)) or asked[1] < 1:
-            raise ValueError(f"World.collect: {asked[0]}={asked[1]}; ask for 1 or more, a whole number")
-        whole(*asked)
-        target = Path(str(path or "")).expanduser()
+        whole(*asked, least=1)
+        target = Path() if path is None else target_path("path", path)
         if path is not None:
             target.parent.mkdir(parents=True, exist_ok=True)
             by_name = _native_formats().get(target.suffix)

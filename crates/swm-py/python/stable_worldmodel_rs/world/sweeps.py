@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal, overload
 
 from .._access import access_checked
-from .._arguments import request_text
+from .._arguments import home_path, request_text
 from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
@@ -122,7 +121,7 @@ def sweep(
             "factors": [name.strip() for name in asked],
             "values": values,
             "points": points,
-            "out": None if out is None else str(Path(out).expanduser()),
+            "out": home_path("out", out),
             "num_envs": num_envs,
             "threads": threads,
             "again": again,

@@ -17,7 +17,7 @@ from .._core import core as _swm
 from .._requests import log_notes
 from . import foreign
 from .ids import native_id
-from .native import NativePool, checked_shape, make_native
+from .native import NativePool, checked_shape, make_native, whole
 from .policies import NativePolicy, as_actions, as_policy, ask, describe, explains_actions
 from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
@@ -122,6 +122,9 @@ class World(Runs):
                     f"World was given {env_name!r}; give the id of an environment, such as 'swm/PushT-v1', or a list of functions that each make one: "
                     "[lambda: gymnasium.make('CartPole-v1')]"
                 )
+        # In gymnasium, -1 leaves out the limit that an id has.
+        if max_episode_steps is not None and not (native is None and max_episode_steps == -1):
+            max_episode_steps = whole("max_episode_steps", max_episode_steps, least=1)
         if native is None:
             from .wrap import make_pool
 
@@ -148,6 +151,9 @@ class World(Runs):
                 "frame_skip= for repeated actions, image_transform= for what the policy sees, or gymnasium.make and a list of "
                 "functions"
             )
+        for name, value in (("frame_skip", frame_skip), ("threads", threads), ("checkpoints", checkpoints)):
+            if value is not None:
+                whole(name, value, 2**32 - 1, least=1)
         settings = dict(kwargs)
         settings.pop("render_mode", None)
         if render != "exact":
