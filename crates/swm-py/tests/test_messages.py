@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -145,6 +146,37 @@ def test_a_policy_without_actions_is_named() -> None:
     python.set_policy(forgets)
     with pytest.raises(swm.PolicyError, match=said.replace("1, 2", "1, 1")):
         python.evaluate(episodes=1, seed=0)
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="errors have notes from Python 3.11 on")
+@pytest.mark.parametrize("name", ["swm/PushT-v1", "MountainCarContinuous-v0"])
+def test_an_error_within_a_policy_has_a_note_of_what_it_was_given(name: str) -> None:
+    def mine(infos: dict[str, object]) -> None:
+        raise RuntimeError("mine")
+
+    made = swm.World(name, 2, add_pixels=False, threads=1) if name.startswith("swm") else swm.World(name, 2, add_pixels=False)
+    made.set_policy(mine)
+    made.reset(seed=0)
+    for call in (made.step, lambda: made.evaluate(episodes=1, seed=0), lambda: made.collect(writer=swm.data.ReplayBuffer(9), episodes=1, seed=0, progress=False)):
+        with pytest.raises(RuntimeError, match="mine") as caught:
+            call()
+        assert str(caught.value) == "mine"
+        (note,) = caught.value.__notes__
+        assert note.startswith("the policy `mine` was given the infos ") and "reward [2, 1] float" in note
+
+
+@pytest.mark.parametrize("wrong", [[3], 3, ["agent.color", None]])
+def test_factors_that_are_no_names_are_named(wrong: object) -> None:
+    import gymnasium
+
+    said = f"variation={re.escape(repr(wrong))}: .* is no name; give names of factors"
+    options: dict[str, object] = {"variation": wrong}
+    made = world()
+    for call in (lambda: made.reset(options=options), lambda: made.evaluate(episodes=1, options=options), lambda: made.evaluate(episodes=1, options=[options])):
+        with pytest.raises(TypeError, match=said):
+            call()
+    with pytest.raises(TypeError, match=said):
+        gymnasium.make("swm/PushT-v1").reset(options=options)
 
 
 def test_names_of_optional_packages_are_those_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:

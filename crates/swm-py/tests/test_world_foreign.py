@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -82,7 +83,7 @@ def test_infos_hold_everything() -> None:
     assert (world.infos["pixels"] == 10).all()
     assert world.rewards is not None and world.rewards.tolist() == [-1, -1]
     assert "goal" not in make(goal_conditioned=False).envs.reset()[1]
-    assert "EnvPool" in repr(world) and "<table>" in world._repr_html_()
+    assert f"environment: {NAME}," in repr(world) and "<table>" in world._repr_html_()
 
 
 def test_evaluations_and_their_videos(tmp_path: Path) -> None:
@@ -285,6 +286,83 @@ def test_environments_of_functions_are_recorded_whole(tmp_path: Path) -> None:
     world.collect(tmp_path / "again.h5", episodes=1, seed=0, progress=False)
     state = np.asarray(swm.data.load_dataset(str(tmp_path / "again.h5")).load_episode(0)["state"])
     np.testing.assert_array_equal(state[:, 0], [0, 1, 2, 3, 4, 5])
+
+
+def test_results_and_worlds_name_environment_and_policy() -> None:
+    for world, name in ((make(1), NAME), (swm.World([Dot], add_pixels=False, max_episode_steps=2), "Dot")):
+        world.set_policy(Right())
+        result = world.evaluate(episodes=1, seed=0)
+        assert result["setup"] == {"env": name, "policy": "Right"}
+        assert f"environment: {name}" in repr(world) and f"environment: {name}" in repr(result) and "policy: Right" in repr(result)
+
+
+class OldStep(Dot):
+    def step(self, action: Any) -> Any:
+        observation, reward, done, _, info = super().step(action)
+        return observation, reward, done, info
+
+
+class OldReset(Dot):
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        return super().reset(seed=seed)[0]
+
+
+class NoInfo(Dot):
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        return super().reset(seed=seed)[0], None
+
+
+class NoSeed(Dot):
+    def reset(self) -> Any:  # type: ignore[override]
+        return super().reset()
+
+
+class NoSpace(Dot):
+    observation_space = None  # type: ignore[assignment]
+
+
+class NoSpaces:
+    """An environment that is no `gymnasium.Env`, and has no spaces."""
+
+
+OLD: list[tuple[Any, str]] = [
+    (OldStep, r"`step` of <OldStep.*returned 4 values; return observation, reward, terminated, truncated, info, .*`done` of older interfaces"),
+    (OldReset, r"`reset` of <OldReset.*returned dict; return observation, info, where info is a dict"),
+    (NoInfo, r"`reset` of <NoInfo.*returned NoneType as the info; return observation, info"),
+    (NoSeed, r"unexpected keyword argument 'seed', of <NoSeed.*: define reset\(self, \*, seed=None, options=None\)"),
+    (NoSpace, r"<NoSpace.*: `observation_space` is NoneType; set it to a space, such as gymnasium.spaces.Box"),
+    (NoSpaces, r"NoSpaces.*: `observation_space` is NoneType; set it to a space"),
+    (lambda: None, "returned None; end it with `return`"),
+]
+
+
+@pytest.mark.parametrize(("make_env", "said"), OLD)
+def test_environments_of_an_older_interface_are_named_with_the_fix(make_env: Any, said: str) -> None:
+    for limit in (None, 5):
+        with pytest.raises(TypeError, match=said):
+            world = swm.World([make_env], add_pixels=False, max_episode_steps=limit)
+            world.reset(seed=0)
+            world.step(np.zeros((1, 2), np.float32))
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (8, 8, 4), (2, 8, 8, 3)])
+def test_what_is_rendered_and_no_image_is_refused(shape: tuple[int, ...]) -> None:
+    class Gray(Dot):
+        def render(self) -> Any:
+            return np.full(shape, 40, np.uint8)
+
+    with pytest.raises(ValueError, match=rf"Gray.* renders uint8 of shape {re.escape(str(list(shape)))}, which is no image; render \[H, W, 3\].*np.repeat"):
+        swm.World([Gray], image_shape=(8, 8)).reset(seed=0)
+    world = swm.World([Gray], image_shape=(8, 8), image_transform=lambda image: np.zeros((8, 8, 3), np.uint8))
+    world.reset(seed=0)
+    assert world.infos["pixels"].shape == (1, 1, 8, 8, 3)
+
+
+def test_lists_of_what_makes_no_environment_are_refused() -> None:
+    with pytest.raises(TypeError, match=r"give the id alone, and how many: World\('swm/PushT-v1', num_envs=1\)"):
+        swm.World(["swm/PushT-v1"])  # type: ignore[list-item]
+    with pytest.raises(TypeError, match=r"an object of Dot; give functions that each make an environment: \[Dot\] \* 2"):
+        swm.World([Dot(), Dot()])  # type: ignore[list-item]
 
 
 def test_what_cannot_be_done_with_them_is_said() -> None:

@@ -14,12 +14,15 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space, iterate
 
+from .._arguments import kind_of
 from .._core import core as _swm
 from .columns import Table
 
 __all__ = ["EnvPool"]
 
 Mask = Sequence[bool] | npt.NDArray[np.bool_]
+# What the methods of an environment return.
+_RETURNS = {"reset": ("observation", "info"), "step": ("observation", "reward", "terminated", "truncated", "info")}
 
 
 class EnvPool:
@@ -38,6 +41,8 @@ class EnvPool:
         self.envs: list[Any] = [make() for make in env_fns]
         if not self.envs:
             raise ValueError("EnvPool needs at least one environment; give a list of functions that make one each")
+        for env in self.envs:
+            require_spaces(env)
         self.seeds: npt.NDArray[np.int64] = np.zeros(len(self.envs), np.int64)
         # Whether their last reset had one.
         self.seeded: npt.NDArray[np.bool_] = np.zeros(len(self.envs), np.bool_)
@@ -102,7 +107,7 @@ class EnvPool:
         infos: list[dict[str, Any] | None] = [None] * self.num_envs
         for row, env in enumerate(self.envs):
             if mask is None or mask[row]:
-                _, infos[row] = env.reset(seed=seeds[row], options=each[row])
+                _, infos[row] = returned(env, "reset", env.reset(seed=seeds[row], options=each[row]))
                 self.seeded[row] = seeds[row] is not None
                 if seeds[row] is not None:
                     self.seeds[row] = seeds[row]
@@ -147,7 +152,8 @@ class EnvPool:
         terminateds = np.zeros(self.num_envs, np.bool_)
         truncateds = np.zeros(self.num_envs, np.bool_)
         for row in map(int, np.flatnonzero(chosen & ~self._over)):
-            _, rewards[row], terminateds[row], truncateds[row], info = self.envs[row].step(each[row])
+            env = self.envs[row]
+            _, rewards[row], terminateds[row], truncateds[row], info = returned(env, "step", env.step(each[row]))
             self._over[row] = terminateds[row] or truncateds[row]
             self.table.write(row, info, is_step=True)
         return None, rewards, terminateds, truncateds, self.table.columns
@@ -168,6 +174,39 @@ class EnvPool:
         """Close all environments."""
         for env in self.envs:
             env.close()
+
+
+def require_spaces(env: Any) -> None:
+    """Refuses what is no environment.
+
+    Raises:
+        TypeError: It is None, or lacks a space.
+    """
+    if env is None:
+        raise TypeError("a function that makes an environment returned None; end it with `return`")
+    for name, example in (("observation_space", "Box(-1, 1, (4,))"), ("action_space", "Discrete(2)")):
+        if not isinstance(space := getattr(env, name, None), gym.Space):
+            raise TypeError(f"{_shown(env)}: `{name}` is {kind_of(space)}; set it to a space, such as gymnasium.spaces.{example}")
+
+
+def returned(env: Any, method: str, values: Any) -> Any:
+    """What ``reset`` or ``step`` of an environment returned.
+
+    Raises:
+        TypeError: It is not what gymnasium's interface has; the message names the environment and the fix.
+    """
+    names = _RETURNS[method]
+    is_several = isinstance(values, (tuple, list))
+    count = len(cast("Sequence[Any]", values)) if is_several else 1
+    if is_several and count == len(names) and isinstance(values[-1], Mapping):
+        return values  # pyright: ignore[reportUnknownVariableType]
+    found = f"{count} values" if is_several and count != len(names) else kind_of(values[-1]) + " as the info" if is_several else kind_of(values)
+    fix = "; `done` of older interfaces is `terminated`, or `truncated` where a limit of steps ends the episode" if method == "step" and count == 4 else ""
+    raise TypeError(f"`{method}` of {_shown(env)} returned {found}; return {', '.join(names)}, where info is a dict{fix}")
+
+
+def _shown(env: Any) -> str:
+    return str(getattr(env, "unwrapped", env))
 
 
 def _stack_fresh(  # pyright: ignore[reportUnusedFunction]

@@ -133,7 +133,7 @@ def evaluate(
             bar.tick(ended, int(successes.sum()), 0)
             if video is not None:
                 save_video(Path(video) / f"episode_{episode}.mp4", frames.pop(row, []))
-    return _result(successes, seeds)
+    return _result(world, successes, seeds)
 
 
 def evaluate_from_dataset(
@@ -185,7 +185,7 @@ def evaluate_from_dataset(
         goal = lasts[row].get("goal")
         panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
         save_video(Path(str(video)) / f"episode_{row}.mp4", _side_by_side(panels))
-    return _result(successes, seeds)
+    return _result(world, successes, seeds)
 
 
 def _inject(world: World, firsts: list[Any], lasts: list[Any], constants: set[str]) -> dict[str, npt.NDArray[Any]]:
@@ -241,20 +241,22 @@ def collect(world: World, writer: Any, episodes: int, seed: int | None, options:
     return steps
 
 
-def recorded_by(world: World, seed: int | None) -> dict[str, Any]:
-    """What a dataset says of its recording: the environment by its id in gymnasium, else by its class, and the policy."""
-    env = world.envs.envs[0]
+def name_of(env: Any) -> str:
+    """What an environment is called in records: its id in gymnasium, else its class."""
     spec = getattr(env, "spec", None)
     pool = getattr(env.unwrapped, "pool", None)
     if isinstance(pool, NativePool):
-        name = pool.core.id
-    elif spec is not None:
-        name = native_id(spec.id) or spec.id
-    else:
-        name = type(env.unwrapped).__name__
+        return pool.core.id
+    if spec is not None:
+        return native_id(spec.id) or spec.id
+    return type(env.unwrapped).__name__
+
+
+def recorded_by(world: World, seed: int | None) -> dict[str, Any]:
+    """What a dataset says of its recording: the environment and the policy."""
     return {
         "version": _METADATA_VERSION,
-        "env": name,
+        "env": name_of(world.envs.envs[0]),
         "policy": describe(world.policy),
         "seed": 0 if seed is None else int(seed),
         # No run of the core: its seed alone does not make the same episodes.
@@ -290,7 +292,7 @@ def _side_by_side(panels: Sequence[Any]) -> list[npt.NDArray[Any]]:
     ]
 
 
-def _result(successes: Mask, seeds: Any) -> EvaluationResult:
+def _result(world: World, successes: Mask, seeds: Any) -> EvaluationResult:
     from .._core import core as _swm
 
     won, count = int(successes.sum()), len(successes)
@@ -300,4 +302,5 @@ def _result(successes: Mask, seeds: Any) -> EvaluationResult:
         seeds=seeds,
         interval=_swm.wilson95(won, count),
         episodes=count,
+        setup={"env": name_of(world.envs.envs[0]), "policy": describe(world.policy)},
     )

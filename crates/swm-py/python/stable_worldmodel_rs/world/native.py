@@ -282,9 +282,7 @@ class NativePool:
     def _sampled(self, options: Options | None) -> frozenset[str]:
         """The factors that a reset with these options samples or sets."""
         given = options or {}
-        asked = given.get("variation")
-        asked = [asked] if isinstance(asked, str) else asked
-        return frozenset(self.core.sampled_factors(asked)) | set(given.get("variation_values") or ())
+        return frozenset(self.core.sampled_factors(variation_names(given))) | set(given.get("variation_values") or ())
 
 
 class EnvHandle:
@@ -328,16 +326,32 @@ def plain_options(options: Options | None) -> dict[str, Any] | None:
     """Reset options as dicts, whatever mappings they were given as (those of Hydra, say).
 
     Raises:
-        TypeError: They are no mapping.
+        TypeError: They are no mapping, or ``variation`` is no list of names.
     """
     if options is None:
         return None
     if not isinstance(cast("Any", options), Mapping):
         raise TypeError(f"options: {kind_of(options)} in the place of a dict; give a dict for all, or a list of dicts, one per environment")
+    names = variation_names(options)
     return {
-        name: dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
+        name: names if name == "variation" else dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
         for name, value in options.items()
     }
+
+
+def variation_names(options: Options) -> list[str] | None:
+    """The names of factors in ``variation`` of reset options, one or several; None where it is not given.
+
+    Raises:
+        TypeError: One is no text.
+    """
+    given: Any = options.get("variation")
+    if given is None or isinstance(given, str):
+        return None if given is None else [given]
+    names: list[Any] = list(given) if hasattr(given, "__iter__") else [given]
+    if wrong := [name for name in names if not isinstance(name, str)]:
+        raise TypeError(f"variation={given!r}: {wrong[0]!r} is no name; give names of factors, such as variation=['agent.color'], or 'all'")
+    return names
 
 
 def note_unsampled(factors: Sequence[str]) -> None:

@@ -18,6 +18,8 @@ from .._core import core as _swm
 from .native import whole
 
 
+# An error names at most so many columns of infos.
+_MOST_COLUMNS = 12
 # What results call a reference policy, and the policy that it is.
 _ALIASES = {"no-op": "constant", "no_op": "constant"}
 
@@ -104,7 +106,16 @@ def ask(policy: Any, infos: dict[str, Any], space: Any) -> Any:
     Raises:
         PolicyError: It returned None, as a function without ``return`` does, or what is no array of actions.
     """
-    actions = policy.get_action(PolicyInfos(infos))
+    try:
+        actions = policy.get_action(PolicyInfos(infos))
+    except _swm.SwmError:
+        raise
+    except Exception as error:
+        if hasattr(error, "add_note"):
+            shown = [f"{name} {list(value.shape)} {value.dtype}" for name, value in infos.items() if hasattr(value, "dtype")]
+            more = ", …" if len(shown) > _MOST_COLUMNS else ""
+            error.add_note(f"the policy `{describe(policy)}` was given the infos {', '.join(shown[:_MOST_COLUMNS])}{more}")
+        raise
     if actions is not None and space.shape is None:
         return actions  # Of several parts, which the environments take apart.
     what = "whole numbers" if "Discrete" in type(space).__name__ else "real numbers"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from .._arguments import names_of
+from .._arguments import kind_of, names_of
 from .._core import core as _swm
 from .._requests import log_notes
 from . import foreign
@@ -122,6 +122,8 @@ class World(Runs):
                     f"World was given {env_name!r}; give the id of an environment, such as 'swm/PushT-v1', or a list of functions that each make one: "
                     "[lambda: gymnasium.make('CartPole-v1')]"
                 )
+            env_name = list(env_name)
+            _require_functions(env_name)
         # In gymnasium, -1 leaves out the limit that an id has.
         if max_episode_steps is not None and not (native is None and max_episode_steps == -1):
             max_episode_steps = whole("max_episode_steps", max_episode_steps, least=1)
@@ -403,7 +405,7 @@ class World(Runs):
         self.close()
 
     def _rows(self) -> list[tuple[str, str]]:
-        name = self._built.get("id") or type(self.envs).__name__
+        name = self._built.get("id") or foreign.name_of(self.envs.envs[0])
         rows = [("environment", str(name)), ("environments", str(self.num_envs))]
         if image := self._built.get("image"):
             rows.append(("images", f"{image[0]}×{image[1]}"))
@@ -421,6 +423,16 @@ class World(Runs):
             return html_table(self._rows())
         frames = self.envs.raw("pixels")[:_SHOWN, 0]
         return html_table(self._rows()) + html_image(_swm.contact_sheet(np.ascontiguousarray(frames)), "now")
+
+
+def _require_functions(given: list[Any]) -> None:
+    """Refuses a list in which something makes no environment, such as one of ids or of environments."""
+    wrong = [one for one in given if not callable(one)]
+    if wrong and isinstance(wrong[0], str):
+        raise TypeError(f"World was given a list with {wrong[0]!r}; give the id alone, and how many: World({wrong[0]!r}, num_envs={len(given)})")
+    if wrong:
+        kind = kind_of(wrong[0])
+        raise TypeError(f"World was given a list with an object of {kind}; give functions that each make an environment: [{kind}] * {len(given)}, or [lambda: {kind}(…)]")
 
 
 def _require_shape(image_shape: tuple[int, int] | None, add_pixels: bool) -> None:

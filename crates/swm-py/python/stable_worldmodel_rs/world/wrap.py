@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .columns import flat, is_array, missing
-from .env_pool import EnvPool
+from .env_pool import EnvPool, require_spaces, returned
 from .ids import nearest_id
-from .native import nearest_argument
+from .native import nearest_argument, variation_names
 
 Image = npt.NDArray[np.uint8]
 Transform = Callable[[Any], Any]
@@ -75,6 +75,8 @@ def make_pool(
         env: Any = make()
         if not _is_env(env) or _is_complete(env):
             return env
+        require_spaces(env)
+        env = _Interface(env)
         has_limit = env.spec is not None and env.spec.max_episode_steps is not None
         if max_episode_steps is not None and not has_limit:
             env = gym.wrappers.TimeLimit(env, max_episode_steps)
@@ -104,6 +106,24 @@ def _is_complete(env: Any) -> bool:
     return False
 
 
+class _Interface(gym.Wrapper[Any, Any, Any, Any]):
+    """Refuses an older interface than gymnasium's: wrappers around it would say that values are missing."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """As of the environment."""
+        try:
+            values = self.env.reset(seed=seed, options=options)
+        except TypeError as error:
+            if "unexpected keyword argument 'seed'" in str(error) or "unexpected keyword argument 'options'" in str(error):
+                raise TypeError(f"{error}, of {self.env.unwrapped}: define reset(self, *, seed=None, options=None)") from error
+            raise
+        return returned(self.env, "reset", values)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """As of the environment."""
+        return returned(self.env, "step", self.env.step(action))
+
+
 class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Puts observation, reward, ends, action, step and image of every step into the info.
 
@@ -111,7 +131,7 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
     transform. The action of a reset is NaN (-1 for integers).
 
     Raises:
-        ValueError: An observation lacks an entry that the reset's had.
+        ValueError: An observation lacks an entry that the reset's had, or what is rendered is no image.
     """
 
     def __init__(
@@ -141,11 +161,8 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         observation, info = self.env.reset(seed=seed, options=options)
         self._step = 0
         self._id = int(self.env.unwrapped.np_random.integers(0, np.iinfo(np.int64).max))
-        if options and "variation" in options:
-            names = options["variation"]
-            names = [names] if isinstance(names, str) else names
-            whole = list(names) == ["all"]
-            self._watched = tuple(self._variations().names()) if whole else tuple(names)
+        if options and (names := variation_names(options)) is not None:
+            self._watched = tuple(self._variations().names()) if names == ["all"] else tuple(names)
         self._promised = frozenset()
         action = {name: missing(part) for name, part in self._actions(self.env.action_space.sample()).items()}
         info = self._complete(info, observation, np.nan, False, False, action)
@@ -210,6 +227,11 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         if image.ndim == 3 and image.dtype == np.uint8:
             image = resized(image, self._image_shape, self._resample)
         transform = self._transforms[name]
+        if name == "pixels" and transform is None and (image.ndim != 3 or image.shape[2] not in (1, 3)):
+            raise ValueError(
+                f"{self.env.unwrapped} renders {image.dtype} of shape {list(image.shape)}, which is no image; render [H, W, 3]: of gray values [H, W] "
+                "np.repeat(image[..., None], 3, axis=2), of RGBA image[..., :3]; or give image_transform="
+            )
         # Of its own: the environment may show it again.
         return image if transform is None else transform(image.copy())
 
