@@ -65,7 +65,7 @@ fn find(files: &Files, channels: Option<Channels>) -> Result<(Found, bool)> {
                     continue;
                 }
                 Some(Channels::Rgb) => {
-                    arrays = arrays.into_iter().map(|array| array.map(exchanged)).collect()
+                    arrays = arrays.into_iter().map(|array| array.map(exchanged)).collect();
                 }
                 Some(Channels::Bgr) => {}
             }

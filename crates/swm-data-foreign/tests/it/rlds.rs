@@ -202,7 +202,7 @@ fn texts_of(texts: &[&[u8]]) -> Vec<u8> {
 
 /// Writes a dataset of one part: the features of its steps beside `action`, and what the steps of each episode have beside it. An episode has
 /// two steps.
-fn write_steps(folder: &Path, more: serde_json::Value, episodes: &[Vec<u8>]) {
+fn write_steps(folder: &Path, more: &serde_json::Value, episodes: &[Vec<u8>]) {
     let mut steps = json!({"action": {"tensor": {"dtype": "float32", "encoding": "none", "shape": {}}}});
     steps.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
     let steps = json!({"sequence": {"feature": {"featuresDict": {"features": steps}}}});
@@ -222,7 +222,7 @@ fn a_record_may_lack_a_feature() {
     let number = json!({"tensor": {"dtype": "float32", "encoding": "none", "shape": {}}});
     let more = json!({"first": number, "later": number});
     let extra = |key: &str| entry(key, 2, &floats_of(&[3.0, 4.0]));
-    write_steps(folder.path(), more, &[extra("steps/first"), extra("steps/later")]);
+    write_steps(folder.path(), &more, &[extra("steps/first"), extra("steps/later")]);
     assert_partial(folder.path(), "first", "steps/first", 1, "NaN");
     assert_partial(folder.path(), "later", "steps/later", 0, "NaN");
 }
@@ -239,7 +239,7 @@ fn bytes_that_are_no_text_are_left_out() {
     };
     let episodes: Vec<Vec<u8>> =
         (0..40).map(|episode| of(if episode == 39 { b"\xff" } else { b"b" })).collect();
-    write_steps(folder.path(), more, &episodes);
+    write_steps(folder.path(), &more, &episodes);
     let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
     let skipped =
         dataset.info().skipped.iter().map(|(name, reason)| format!("{name}: {reason}")).collect::<String>();
@@ -279,7 +279,7 @@ fn images_of_other_channels_are_read_as_tensorflow_does() {
     let image = json!({"image": {"shape": {"dimensions": ["16", "16", "3"]}, "dtype": "uint8", "encodingFormat": "png"}});
     let images = [png(0, &[7]), png(6, &[1, 2, 3, 9]), png(4, &[5, 9]), png(2, &[1, 2, 3])];
     let of = |two: &[Vec<u8>]| entry("steps/image", 1, &texts_of(&[&two[0], &two[1]]));
-    write_steps(folder.path(), json!({"image": image}), &[of(&images[..2]), of(&images[2..])]);
+    write_steps(folder.path(), &json!({"image": image}), &[of(&images[..2]), of(&images[2..])]);
     let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
     let pixels = column_of(dataset.as_ref(), "pixels");
     for (at, expected) in [[7; 3], [1, 2, 3], [5; 3], [1, 2, 3]].into_iter().enumerate() {
@@ -294,7 +294,7 @@ fn an_image_of_another_size_is_not_damaged() {
     let image = json!({"image": {"shape": {"dimensions": ["-1", "-1", "3"]}, "dtype": "uint8", "encodingFormat": "png"}});
     let of = |side: usize| swm_media::png::encode(16, side, &vec![7; 16 * side * 3]).unwrap();
     let two = |first: usize, second: usize| entry("steps/image", 1, &texts_of(&[&of(first), &of(second)]));
-    write_steps(folder.path(), json!({"image": image}), &[two(16, 16), two(16, 24)]);
+    write_steps(folder.path(), &json!({"image": image}), &[two(16, 16), two(16, 24)]);
     let mut dataset = opened(folder.path(), &OpenOptions::default()).unwrap();
     let pixels = column_of(dataset.as_ref(), "pixels");
     let steps = swm_data::Steps { first: 0, count: 2, stride: 1 };
