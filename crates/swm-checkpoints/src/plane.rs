@@ -5,7 +5,7 @@ use swm_core::{
     Space,
 };
 
-/// Two actions, and nothing else.
+/// Two actions, and the state that the golden agents observe.
 pub(crate) const PLANE: EnvEntry =
     EnvEntry::new("swm/Plane-v0", "two actions (for tests)", |_| Ok(Box::new(Plane(spec()))));
 
@@ -13,7 +13,7 @@ struct Plane(EnvSpec);
 
 fn spec() -> EnvSpec {
     let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
-    EnvSpec::new(PLANE.id, action, vec![Field::step("state", Dtype::F32, &[2])]).time_step_s(0.1)
+    EnvSpec::new(PLANE.id, action, vec![Field::step("state", Dtype::F32, &[6])]).time_step_s(0.1)
 }
 
 impl Env for Plane {

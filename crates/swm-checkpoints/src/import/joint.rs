@@ -47,10 +47,10 @@ pub(super) fn recipe(given: &Given<'_>, name: &'static str) -> Result<Recipe, Ta
     let (projector, pred_proj) = (part("projector")?, part("pred_proj")?);
     if let Some(config) = config {
         let parts = ["encoder", "predictor", "action_encoder", "projector", "pred_proj"];
+        let mut fields = config.fields().into_iter().flatten();
+        // Numbers and texts beside the parts are a trainer's.
         if let Some((other, _)) =
-            config.fields().into_iter().flatten().find(|(name, value)| {
-                !parts.contains(&name.as_str()) && *name != "_target_" && !value.is_null()
-            })
+            fields.find(|(name, value)| !parts.contains(&name.as_str()) && value.is_object())
         {
             return Err(config.need(other)?.wrong("is a part that this program's model does not have"));
         }

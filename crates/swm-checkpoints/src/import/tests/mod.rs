@@ -2,6 +2,7 @@
 //!
 //! `tests/golden/checkpoints` holds some; SWM_CHECKPOINTS may name a folder with more, of the same form.
 
+mod forms;
 mod refused;
 
 use std::path::{Path, PathBuf};

@@ -1,0 +1,173 @@
+//! Forms of checkpoints beside those that the reference stores: golden ones whose config or names of tensors are changed as trainers leave them.
+
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+use swm_baselines::Device;
+use swm_baselines::online::TrainedAgent;
+use swm_baselines::train::{RunFolder, TrainedModel, Which};
+use swm_tasks::request::Request as _;
+use swm_weights::{Of, Saved, Stored, Values};
+use tempfile::TempDir;
+
+use super::super::{Description, Import};
+use super::{Case, check_agent, check_model, check_policy, golden, registry, request};
+
+const LEWM: [&str; 2] = ["lewm_transformers4", "weights.pt"];
+const PREJEPA: [&str; 2] = ["prejepa", "weights.pt"];
+const GCBC: [&str; 2] = ["gcbc", "weights_epoch_3.pt"];
+const TDMPC2: [&str; 2] = ["tdmpc2_state", "weights_epoch_1.pt"];
+
+/// A checkpoint of one file of weights, and of a config where it is none.
+struct Form {
+    folder: TempDir,
+    case: &'static str,
+    request: Import,
+}
+
+impl Form {
+    /// A golden checkpoint with its config changed; null leaves it out.
+    fn of([case, weights]: [&'static str; 2], change: impl FnOnce(&mut Json)) -> Self {
+        Self::with([case, weights], change, |name, stored| Some((name, stored)))
+    }
+
+    /// The same, with tensors changed, too.
+    fn with(
+        [case, weights]: [&'static str; 2],
+        change: impl FnOnce(&mut Json),
+        tensor: impl Fn(String, Stored) -> Option<(String, Stored)>,
+    ) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let stored = swm_weights::contents(&golden().join(case).join(weights), Of::Values).unwrap().tensors;
+        let floats = stored.into_iter().filter(|(_, stored)| !stored.is_whole);
+        let tensors: Vec<Saved> = floats
+            .filter_map(|(name, stored)| tensor(name, stored))
+            .map(|(name, stored)| (name, stored.shape, Values::Floats(stored.values)))
+            .collect();
+        swm_weights::save(&folder.path().join("weights.pt"), &tensors).unwrap();
+        Self::config(folder, case, change)
+    }
+
+    /// A golden config, changed, without weights.
+    fn bare(case: &'static str, change: impl FnOnce(&mut Json)) -> Self {
+        Self::config(tempfile::tempdir().unwrap(), case, change)
+    }
+
+    fn config(folder: TempDir, case: &'static str, change: impl FnOnce(&mut Json)) -> Self {
+        let file = std::fs::read(golden().join(case).join("config.json")).unwrap();
+        let mut config: Json = serde_json::from_slice(&file).unwrap();
+        change(&mut config);
+        if !config.is_null() {
+            std::fs::write(folder.path().join("config.json"), config.to_string()).unwrap();
+        }
+        let beside = golden().join(case).join("backbone");
+        if beside.is_dir() {
+            std::fs::create_dir(folder.path().join("backbone")).unwrap();
+            let name = "backbone/config.json";
+            std::fs::copy(golden().join(case).join(name), folder.path().join(name)).unwrap();
+        }
+        let mut request = request(folder.path(), None);
+        let vector = match case {
+            "prejepa" => 3,
+            "tdmpc2_state" => 6,
+            _ => 0,
+        };
+        if vector > 0 {
+            (request.proprio_mean, request.proprio_std) = (Some(vec![0.0; vector]), Some(vec![1.0; vector]));
+        }
+        request.out = folder.path().join("run");
+        Self { folder, case, request }
+    }
+
+    fn kind(mut self, kind: &str) -> Self {
+        self.request.kind = Some(kind.to_owned());
+        self
+    }
+
+    fn set(mut self, set: Json) -> Self {
+        let Json::Object(set) = set else { panic!("an object") };
+        self.request.set = set;
+        self
+    }
+
+    /// What it is.
+    fn described(&self) -> Description {
+        let request = Import { check_only: true, ..self.request.clone() };
+        request.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{}: {error}", self.case))
+    }
+
+    /// Why it is refused.
+    fn refused(&self) -> String {
+        let refused = self.request.run(&registry(), &mut ()).expect_err("it is refused").to_string();
+        assert!(!self.request.out.exists(), "{refused}");
+        refused
+    }
+
+    /// It computes what the golden checkpoint computes.
+    fn check(&self) {
+        let described = self.request.run(&registry(), &mut ());
+        let described = described.unwrap_or_else(|error| panic!("{}: {error}", self.case));
+        let file = golden().join(self.case).join("expected.safetensors");
+        let case = Case { expected: swm_weights::read(&file).unwrap(), name: self.case.to_owned() };
+        if described.model == "tdmpc2" {
+            let options = serde_json::Map::new();
+            let agent = TrainedAgent::open(&self.request.out, Which::Last, options, Device::Cpu).unwrap();
+            let weights = RunFolder::open(&self.request.out).unwrap().weights(0);
+            check_agent(&case, &agent.config, &weights);
+            return;
+        }
+        let model = TrainedModel::open(&self.request.out, Which::Last, Device::Cpu).unwrap();
+        match case.expected.contains_key("action") {
+            true => check_policy(&case, &model),
+            false => check_model(&case, &model, 1e-4),
+        }
+    }
+}
+
+fn no_config(config: &mut Json) {
+    *config = Json::Null;
+}
+
+fn vit(settings: &Json) -> Json {
+    let mut node = json!({ "_target_": "stable_pretraining.backbone.utils.vit_hf", "size": "tiny", "patch_size": 16,
+        "image_size": 64, "num_hidden_layers": 1, "intermediate_size": 50 });
+    node.as_object_mut().unwrap().extend(settings.as_object().unwrap().clone());
+    node
+}
+
+#[test]
+fn numbers_beside_the_parts_of_a_model_are_passed_over() {
+    let form = Form::of(LEWM, |config| {
+        config["_target_"] = "jepa.JEPA".into();
+        (config["embed_dim"], config["history_size"]) = (24.into(), 3.into());
+        for (part, class) in [
+            ("predictor", "module.ARPredictor"),
+            ("action_encoder", "module.Embedder"),
+            ("projector", "module.MLP"),
+            ("pred_proj", "module.MLP"),
+        ] {
+            config[part]["_target_"] = class.into();
+        }
+    });
+    form.check();
+    let other = Form::of(LEWM, |config| config["decoder"] = json!({ "_target_": "module.MLP" })).refused();
+    assert!(other.contains("decoder is a part that this program's model does not have"), "{other}");
+}
+
+/// The settings of a whole training, as the trainer of this name stores them.
+fn training(name: &str, settings: Json) -> impl Fn(&mut Json) {
+    let mut whole = json!({ "seed": 42, "loss": { "sigreg": { "weight": 0.09 } }, "data": { "dataset": { "name": "pusht" } } });
+    whole["output_model_name"] = name.into();
+    let Json::Object(settings) = settings else { panic!("an object") };
+    whole.as_object_mut().unwrap().extend(settings);
+    move |config| *config = whole.clone()
+}
+
+/// Tensors whose positions are those of the first two of three frames.
+fn two_frames(name: String, mut stored: Stored) -> Option<(String, Stored)> {
+    if name.ends_with("predictor.pos_embedding") || name.ends_with("frame_tokens") {
+        stored.shape[1] = stored.shape[1] * 2 / 3;
+        stored.values.truncate(stored.shape.iter().product());
+    }
+    Some((name, stored))
+}
