@@ -3,7 +3,7 @@
 //! Here they are those of transformers 5. Older files of ViT and DINOv2 have other ones, training frameworks put
 //! `model.` before all, and some tensors take no part in what a network computes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use swm_weights::Stored;
 
@@ -137,12 +137,12 @@ fn of_one_key(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
     stored.into_iter().map(rename).collect()
 }
 
-/// The columns of which TD-MPC2 has an encoder.
+/// The columns of which TD-MPC2 has an encoder, by names of its tensors with or without what frameworks put before them.
 pub fn vector_keys<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
     let key = |name: &'a String| {
-        Some(name.strip_prefix("extra_encoders.")?.strip_suffix(".0.ln.weight")?.to_owned())
+        Some(name.split_once("extra_encoders.")?.1.strip_suffix(".0.ln.weight")?.to_owned())
     };
-    names.filter_map(key).collect()
+    names.filter_map(key).collect::<BTreeSet<String>>().into_iter().collect()
 }
 
 /// Names without the wrapper of modules that are not trained any more. A value in it has no target network: it is its own.
@@ -154,6 +154,8 @@ fn without_wrappers(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored
             found.insert(format!("value_predictor.student.{rest}"), tensor);
         } else if let Some(rest) = name.strip_prefix("encoder.backbone.") {
             found.insert(format!("encoder.{rest}"), tensor);
+        } else if let Some(rest) = name.strip_prefix("backbone.backbone.") {
+            found.insert(format!("backbone.{rest}"), tensor);
         } else {
             found.insert(name, tensor);
         }
@@ -245,6 +247,7 @@ mod tests {
             "value_predictor.teacher.out_proj.bias",
         ];
         assert_eq!(renamed(&names), ours);
+        assert_eq!(renamed(&["backbone.backbone.layernorm.bias"]), ["backbone.layernorm.bias"]);
     }
 
     #[test]
@@ -258,5 +261,7 @@ mod tests {
         let of = |key: &str| format!("extra_encoders.{key}.0.ln.weight");
         assert_eq!(renamed(&[&of("state")]), [of("observation")]);
         assert_eq!(renamed(&[&of("state"), &of("goal")]), [of("goal"), of("state")]);
+        let prefixed = [format!("model.{}", of("state")), format!("ema.{}", of("state"))];
+        assert_eq!(vector_keys(prefixed.iter()), ["state"]);
     }
 }

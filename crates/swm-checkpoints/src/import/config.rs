@@ -80,6 +80,11 @@ impl Model {
     }
 }
 
+/// Whether a size of a config is so far above that of the weights that no model is made of it.
+pub(super) fn is_far_above(said: usize, weights: usize) -> bool {
+    said / 2 > weights
+}
+
 /// The deepest nesting of a config.
 const DEEPEST: usize = 32;
 
@@ -110,10 +115,7 @@ impl<'a> Node<'a> {
             return Err(self.wrong(&format!("is nested more than {DEEPEST} times")));
         }
         match self.value {
-            Json::String(text) if text == "???" => {
-                let reason = "is ???: an unfinished Hydra config; take the one that training wrote";
-                Err(Message::new(self.told(reason)).fix(Fix::Leave("from")).into())
-            }
+            Json::String(text) if text == "???" => Err(self.unfinished(text)),
             Json::Object(fields) => {
                 fields.iter().try_for_each(|(name, value)| self.at(name, value).check(left - 1))
             }
@@ -137,6 +139,11 @@ impl<'a> Node<'a> {
         }
     }
 
+    fn unfinished(&self, text: &str) -> TaskError {
+        let reason = format!("is {text}: an unfinished Hydra config; take the one that training wrote");
+        Message::new(self.told(&reason)).fix(Fix::Leave("from")).into()
+    }
+
     /// About this part.
     pub(super) fn wrong(&self, reason: &str) -> TaskError {
         Message::new(self.told(reason)).into()
@@ -150,8 +157,23 @@ impl<'a> Node<'a> {
 
     /// A field that must be there.
     pub(super) fn need(&self, name: &str) -> Result<Self, TaskError> {
-        self.get(name)
-            .ok_or_else(|| self.at(name, &Json::Null).wrong("is missing or null: this program needs it"))
+        self.need_or(name, "")
+    }
+
+    /// The same; `instead` says what else can be done where it is not there.
+    pub(super) fn need_or(&self, name: &str, instead: &str) -> Result<Self, TaskError> {
+        let reason = || format!("is missing or null: this program needs it{instead}");
+        self.get(name).ok_or_else(|| self.wrong_field(name, &reason()))
+    }
+
+    /// A text about a field.
+    pub(super) fn told_of(&self, name: &str, reason: &str) -> String {
+        self.at(name, &Json::Null).told(reason)
+    }
+
+    /// About a field.
+    pub(super) fn wrong_field(&self, name: &str, reason: &str) -> TaskError {
+        self.at(name, &Json::Null).wrong(reason)
     }
 
     /// Its fields.
@@ -159,31 +181,60 @@ impl<'a> Node<'a> {
         self.value.as_object()
     }
 
-    /// A whole number in a field, if it is there.
+    /// A field that is used, if it is there.
+    fn used(&self, name: &str) -> Result<Option<Self>, TaskError> {
+        let field = self.get(name);
+        match field.as_ref().and_then(|field| Some((field, field.value.as_str()?))) {
+            Some((field, text)) if text.contains("${") => Err(field.unfinished(text)),
+            _ => Ok(field),
+        }
+    }
+
+    /// A whole number in a field, if it is there. Models have no size of 0.
     pub(super) fn number(&self, name: &str) -> Result<Option<usize>, TaskError> {
-        let Some(field) = self.get(name) else { return Ok(None) };
-        let number = field.value.as_u64().filter(|&number| number <= 1 << 20);
+        let Some(field) = self.used(name)? else { return Ok(None) };
+        let number = field.value.as_u64().filter(|number| (1..=1 << 20).contains(number));
         match number {
             Some(number) => Ok(Some(number as usize)),
-            None => Err(field.wrong(&format!("is {}; a whole number is wanted", field.value))),
+            None => Err(field.wrong(&format!("is {}; a whole number from 1 on is wanted", field.value))),
         }
     }
 
     /// A real number in a field, if it is there.
     pub(super) fn real(&self, name: &str) -> Result<Option<f64>, TaskError> {
-        let Some(field) = self.get(name) else { return Ok(None) };
+        let Some(field) = self.used(name)? else { return Ok(None) };
         field.value.as_f64().map(Some).ok_or_else(|| field.wrong("is no number"))
     }
 
     /// A text in a field, if it is there.
     pub(super) fn text(&self, name: &str) -> Result<Option<&'a str>, TaskError> {
-        let Some(field) = self.get(name) else { return Ok(None) };
+        let Some(field) = self.used(name)? else { return Ok(None) };
         field.value.as_str().map(Some).ok_or_else(|| field.wrong("is no text"))
     }
 
     /// Whether a field is true.
     pub(super) fn is_true(&self, name: &str) -> bool {
         self.value.get(name) == Some(&Json::Bool(true))
+    }
+
+    /// Refuses a field that is there and not true.
+    pub(super) fn check_true(&self, name: &str) -> Result<(), TaskError> {
+        match self.get(name) {
+            Some(field) if !self.is_true(name) => Err(self.other(name, field.value, true)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether it is the config of a whole training: neither it nor a part of a model in it names a class.
+    pub(super) fn is_training(&self) -> bool {
+        let has_class = |node: &Self| node.get("_target_").is_some();
+        let parts = ["encoder", "predictor", "action_predictor", "action_encoder"];
+        !has_class(self) && !parts.iter().any(|part| self.get(part).as_ref().is_some_and(has_class))
+    }
+
+    /// The last part of the name of its class, if it has one.
+    pub(super) fn class(&self) -> Result<Option<&'a str>, TaskError> {
+        Ok(self.text("_target_")?.map(|class| class.rsplit('.').next().unwrap_or(class)))
     }
 
     /// The class of the model; `None` where the config has no `_target_`.
@@ -199,8 +250,8 @@ impl<'a> Node<'a> {
         })
     }
 
-    /// Refuses a module that is none of these classes, and fields that are not among `fields`.
-    pub(super) fn check_module(&self, classes: &[&str], fields: &[&str]) -> Result<(), TaskError> {
+    /// Refuses a module that is none of these classes.
+    pub(super) fn check_class(&self, classes: &[&str]) -> Result<(), TaskError> {
         let Some(class) = self.text("_target_")? else {
             return Err(self.wrong(&format!("has no _target_; {} is wanted", classes.join(" or "))));
         };
@@ -213,6 +264,12 @@ impl<'a> Node<'a> {
             let wanted = classes.join(" or ");
             return Err(self.wrong(&format!("is a {class}, and this program has {wanted} in its place")));
         }
+        Ok(())
+    }
+
+    /// The same, and fields that are not among `fields`.
+    pub(super) fn check_module(&self, classes: &[&str], fields: &[&str]) -> Result<(), TaskError> {
+        self.check_class(classes)?;
         let known = |name: &&String| {
             ["_target_", "_partial_"].contains(&name.as_str()) || fields.contains(&name.as_str())
         };
@@ -232,9 +289,22 @@ impl<'a> Node<'a> {
         }
     }
 
+    /// A size in a field, or else that of the weights. One that is far above theirs is refused before anything of it is made; others that differ are
+    /// found where the weights are loaded, with the names of tensors.
+    pub(super) fn size(&self, name: &str, weights: Option<usize>) -> Result<Option<usize>, TaskError> {
+        match (self.number(name)?, weights) {
+            (Some(said), Some(found)) if is_far_above(said, found) => {
+                let reason =
+                    format!("is {said}, and the weights have {found}; take the config that training wrote");
+                Err(self.wrong_field(name, &reason))
+            }
+            (said, found) => Ok(said.or(found)),
+        }
+    }
+
     /// About a field whose value is another than that of this program.
     pub(super) fn other(&self, name: &str, found: impl Display, wanted: impl Display) -> TaskError {
         let reason = format!("is {found}, and this program has {wanted} in its place");
-        self.at(name, &Json::Null).wrong(&reason)
+        self.wrong_field(name, &reason)
     }
 }

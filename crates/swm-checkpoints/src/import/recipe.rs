@@ -56,9 +56,35 @@ pub(super) fn first(config: Option<usize>, shapes: Option<usize>, paper: usize) 
     config.or(shapes).unwrap_or(paper)
 }
 
+/// A size: that of a part of a config that may be missing, as [`Node::size`] has it, or that of the weights; else the paper's.
+pub(super) fn size(
+    node: Option<&Node<'_>>,
+    name: &str,
+    weights: Option<usize>,
+    paper: usize,
+) -> Result<usize, TaskError> {
+    Ok(said(node, name, weights)?.unwrap_or(paper))
+}
+
+/// The same, where there is no paper's.
+pub(super) fn said(
+    node: Option<&Node<'_>>,
+    name: &str,
+    weights: Option<usize>,
+) -> Result<Option<usize>, TaskError> {
+    node.map_or(Ok(weights), |node| node.size(name, weights))
+}
+
 /// The number in a field of a part of a config that may be missing.
 pub(super) fn of(node: Option<&Node<'_>>, name: &str) -> Result<Option<usize>, TaskError> {
     node.map_or(Ok(None), |node| node.number(name))
+}
+
+impl Given<'_> {
+    /// The whole number that a setting of the model was given, by its place.
+    pub(super) fn set_number(&self, place: &str) -> Option<usize> {
+        self.set.pointer(&format!("/{}", place.replace('.', "/")))?.as_u64().map(|number| number as usize)
+    }
 }
 
 /// Lays settings over others, object by object.

@@ -136,6 +136,37 @@ fn vit(settings: &Json) -> Json {
 }
 
 #[test]
+fn what_an_agent_of_no_config_computes_with_is_asked_for() {
+    let bare = || {
+        Form::with(TDMPC2, no_config, |name, stored| Some((format!("model.{name}"), stored))).kind("tdmpc2")
+    };
+    let message = bare().refused();
+    for setting in ["simnorm_dim", "vmin", "vmax", "discount", "plan.uncertainty_penalty"] {
+        assert!(message.contains(setting), "{message}");
+    }
+    let message = bare().set(json!({ "simnorm_dim": 8, "vmin": -6, "vmax": 2 })).refused();
+    assert!(message.contains("discount") && !message.contains("vmin"), "{message}");
+    let all =
+        json!({ "simnorm_dim": 8, "vmin": -6, "vmax": 2, "discount": 0.99, "plan.uncertainty_penalty": 0.5 });
+    bare().set(all).check();
+}
+
+#[test]
+fn agents_that_observe_nothing_are_refused() {
+    let changed = |place: &'static str, value: Json| {
+        Form::of(TDMPC2, move |config| *config.pointer_mut(place).unwrap() = value).refused()
+    };
+    let none = changed("/cfg/wm/encoding", json!({}));
+    assert!(none.contains("neither images nor a vector"), "{none}");
+    for (place, name) in
+        [("/cfg/action_dim", "cfg.action_dim"), ("/cfg/extra_dims/state", "cfg.extra_dims.state")]
+    {
+        let message = changed(place, json!(0));
+        assert!(message.contains(&format!("{name} is 0; a whole number from 1 on is wanted")), "{message}");
+    }
+}
+
+#[test]
 fn numbers_beside_the_parts_of_a_model_are_passed_over() {
     let form = Form::of(LEWM, |config| {
         config["_target_"] = "jepa.JEPA".into();
