@@ -184,27 +184,40 @@ fn recipe(
     }
 }
 
+/// Parts of the names that trainers give, and which models these are. Policies have the name of their encoder's model before their own.
+const NAMES: [(&str, &str); 9] = [
+    ("gciql", "gciql"),
+    ("gcivl", "gcivl"),
+    ("hilp", "hilp"),
+    ("gcbc", "gcbc"),
+    ("lewm", "lewm"),
+    ("pldm", "pldm"),
+    ("tdmpc2", "tdmpc2"),
+    ("dinowm", "dino-wm"),
+    ("prejepa", "dino-wm"),
+];
+
 /// Where no file says what a checkpoint is.
 fn unnamed(given: &Given<'_>, source: &Source) -> TaskError {
     let training = given.config.as_ref().and_then(|config| config.text("output_model_name").ok()?);
     let (text, kind) = match (&source.config, training) {
         (Some(config), Some(name)) => {
-            let kind = ["gciql", "gcivl", "hilp", "gcbc"].into_iter().find(|kind| name.contains(kind));
-            let text = format!("{} is a training config ({name}), not a model's", config.name);
-            (text, kind.unwrap_or("gciql"))
+            let kind = NAMES.iter().find(|(part, _)| name.contains(part)).map(|(_, kind)| *kind);
+            (format!("{} is a training config ({name}), not a model's", config.name), kind)
         }
         (Some(config), None) => {
-            (format!("{}: has no _target_, which would say what model it is", config.name), "lewm")
+            let text = format!("{}: has no _target_, which would say what model it is", config.name);
+            (text, Some("lewm"))
         }
         (None, _) => {
             let folder = source.folder.as_ref().map_or(String::new(), |folder| folder.display().to_string());
             let text = format!(
                 "{folder} has no config.json; name what it is and, where sizes differ from the paper's, settings of the model"
             );
-            (text, "lewm")
+            (text, Some("lewm"))
         }
     };
-    Message::new(text).fix(Fix::set("kind", kind)).into()
+    Message::new(text).fix(kind.map_or(Fix::give("kind"), |kind| Fix::set("kind", kind))).into()
 }
 
 /// What is known before the weights are read.

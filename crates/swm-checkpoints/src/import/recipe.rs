@@ -51,11 +51,6 @@ pub(super) struct Recipe {
     pub(super) action_scale: Option<(Vec<f64>, Vec<f64>, &'static str)>,
 }
 
-/// The first that is known: what a config says, then what shapes say.
-pub(super) fn first(config: Option<usize>, shapes: Option<usize>, paper: usize) -> usize {
-    config.or(shapes).unwrap_or(paper)
-}
-
 /// A size: that of a part of a config that may be missing, as [`Node::size`] has it, or that of the weights; else the paper's.
 pub(super) fn size(
     node: Option<&Node<'_>>,

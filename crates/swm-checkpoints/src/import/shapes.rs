@@ -7,6 +7,9 @@ use swm_tasks::request::{Fix, Message, TaskError};
 
 use swm_weights::Stored;
 
+use super::config::Node;
+use super::recipe::{Given, of};
+
 /// Shapes of the tensors of a file, by our names; empty where there is no file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Shapes(BTreeMap<String, Vec<usize>>);
@@ -107,11 +110,16 @@ impl Shapes {
 }
 
 impl VitShape {
-    /// Settings of the encoder with so many heads.
-    pub(super) fn settings(&self, heads: usize) -> Json {
+    /// Settings of the encoder with so many heads, which `from` names in errors.
+    pub(super) fn settings(&self, heads: usize, from: &dyn Fn(&str) -> TaskError) -> Result<Json, TaskError> {
         let &Self { dim, depth, hidden, patch, positions_for, dinov2 } = self;
-        json!({ "kind": "vit", "dim": dim, "depth": depth, "heads": heads, "hidden": hidden, "patch": patch,
-            "positions_for": positions_for, "dinov2": dinov2 })
+        if heads == 0 || !dim.is_multiple_of(heads) {
+            return Err(from(&format!("is {heads}, which does not divide the encoder's dim of {dim}")));
+        }
+        Ok(
+            json!({ "kind": "vit", "dim": dim, "depth": depth, "heads": heads, "hidden": hidden, "patch": patch,
+            "positions_for": positions_for, "dinov2": dinov2 }),
+        )
     }
 
     /// The heads of published transformers of this dim.
@@ -129,21 +137,32 @@ pub(super) fn root(number: usize) -> Option<usize> {
     (root > 0 && root * root == number).then_some(root)
 }
 
-/// Heads, and the dim of each, where a file says their product alone: what the config says, or the published ones where they fit.
+/// Heads, and the dim of each, where a file says their product alone: what was set, what the part `node` of a config says, or the published
+/// ones where they fit.
 pub(super) fn heads(
-    (heads, head_dim): (Option<usize>, Option<usize>),
+    given: &Given<'_>,
+    node: Option<&Node<'_>>,
+    usual_dim: Option<usize>,
     inner: Option<usize>,
     place: &str,
-    set: &Json,
 ) -> Result<[usize; 2], TaskError> {
-    let set = |name: &str| {
-        set.pointer(&format!("/{}/{name}", place.replace('.', "/")))?.as_u64().map(|n| n as usize)
-    };
+    let set = |name: &str| given.set_number(&format!("{place}.{name}"));
+    let (heads, head_dim) = (of(node, "heads")?, of(node, "dim_head")?.or(usual_dim));
     let (heads, head_dim) = (set("heads").or(heads), set("head_dim").or(head_dim));
+    let wrong = |text: String| match node {
+        Some(node) => node.wrong(&text),
+        None => Message::new(format!("{place} {text}")).fix(Fix::Change("set")).into(),
+    };
     match (heads, head_dim, inner) {
+        (Some(heads), Some(dim), Some(inner)) if heads.checked_mul(dim) != Some(inner) => Err(wrong(
+            format!("has {heads} heads of {dim} values, and the weights have {inner} values in all"),
+        )),
         (Some(heads), Some(dim), _) => Ok([heads, dim]),
         (Some(heads), None, Some(inner)) if heads > 0 && inner.is_multiple_of(heads) => {
             Ok([heads, inner / heads])
+        }
+        (Some(heads), None, Some(inner)) => {
+            Err(wrong(format!("has {heads} heads, which do not divide the {inner} values of the weights")))
         }
         (None, Some(dim), Some(inner)) if dim > 0 && inner.is_multiple_of(dim) => Ok([inner / dim, dim]),
         (None, None, None | Some(1024)) => Ok([16, 64]),

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use serde_json::{Value as Json, json};
 use swm_baselines::train::LONGEST_CONFIG;
-use swm_nn::vit_epsilon;
 use swm_tasks::request::{Fix, Message, TaskError};
 
 use super::config::Node;
-use super::recipe::{Given, Recipe, first, of};
+use super::joint::{self, check_fixed};
+use super::recipe::{Given, Recipe, of, said, size};
 use super::shapes::{Shapes, VitShape, heads, root, unsaid_heads};
 
 /// Settings of the reference's predictors. Nothing reads `pool`, there or here.
@@ -36,10 +36,12 @@ const PUSHT_ACTIONS: ([f64; 2], [f64; 2]) = ([-0.0087, 0.0068], [0.2019, 0.2002]
 /// A DINO-WM.
 pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
     let Given { shapes, config, .. } = given;
-    // The authors' `hydra.yaml` describes a training, the reference's `config.json` a model.
-    let archive =
-        config.as_ref().filter(|config| config.get("img_size").is_some() || config.get("num_hist").is_some());
-    let node = match archive {
+    // The authors' `hydra.yaml` describes a training, as some files of the reference's trainers, and the reference's `config.json` a model.
+    let archive = config.as_ref().filter(|config| {
+        config.get("wm").is_none() && (config.get("img_size").is_some() || config.get("num_hist").is_some())
+    });
+    let training = archive.or(config.as_ref().filter(|config| config.is_training()));
+    let node = match training {
         Some(_) => None,
         None => config.as_ref(),
     };
@@ -51,10 +53,14 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
         check_extra(&extra)?;
     }
     let predictor = predictor.as_ref();
-    let history = of(node, "history_size")?.or(of(archive, "num_hist")?).or(of(predictor, "num_frames")?);
-    let history = history.unwrap_or(3);
-    if let Some(predictor) = predictor {
-        predictor.check_field("num_frames", history)?;
+    let trained = training.and_then(|config| config.get("predictor"));
+    let sizes = predictor.or(trained.as_ref());
+    let frames = of(predictor, "num_frames")?;
+    let history = of(node, "history_size")?.or(of(archive, "num_hist")?);
+    let history = history.or(of(training.and_then(|config| config.get("wm")).as_ref(), "history_size")?);
+    let history = given.set_number("history").or(history).or(frames).unwrap_or(3).max(1);
+    if let (Some(predictor), Some(frames)) = (predictor, frames) {
+        check_frames(predictor, frames, history, "history")?;
     }
     let at_encoder = match (given.encoder.is_empty(), shapes.has_below("backbone.")) {
         (false, _) => given.encoder.vit("")?.or(given.encoder.vit("backbone.")?),
@@ -65,24 +71,22 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
         let message = Message::new("the weights of the encoder, a frozen DINOv2, are not in the file");
         return Err(message.fix(Fix::set("encoder", "dinov2_vits14_pretrain.pth")).into());
     }
-    let encoder = config.as_ref().and_then(|config| config.get("encoder"));
-    let (encoder, patch) = frozen(given, encoder.as_ref(), at_encoder, "encoder")?;
-    let tokens = of(predictor, "num_patches")?.map(|patches| patches * history);
-    let tokens = tokens.or_else(|| shapes.dim("predictor.pos_embedding", 1)).unwrap_or(256 * history);
-    let image = image(given, tokens, history, patch)?;
+    let encoder = config.as_ref().and_then(|config| config.get("encoder").or_else(|| config.get("backbone")));
+    let (encoder, patch) = frozen(given, encoder, at_encoder, "encoder")?;
+    let positions = shapes.dim("predictor.pos_embedding", 1);
+    let patches = positions.filter(|all| all.is_multiple_of(history)).map(|all| all / history);
+    let tokens = said(predictor, "num_patches", patches)?.map(|patches| patches * history);
+    let image = image(given, tokens.or(positions).unwrap_or(256 * history), history, patch, "history")?;
     let found = shapes.predictor("predictor.transformer.", ["0.to_qkv.weight", "1.net.1.weight"], 3);
-    let said = (of(predictor, "heads")?, of(predictor, "dim_head")?.or(predictor.map(|_| 64)));
-    let [heads, head_dim] = heads(said, found.map(|found| found.inner), "predictor", given.set)?;
+    let usual_dim = predictor.map(|_| 64);
+    let [heads, head_dim] = heads(given, sizes, usual_dim, found.map(|found| found.inner), "predictor")?;
     let extra = |key: &str, axis| shapes.dim(&format!("extra_encoders.{key}.patch_embed.weight"), axis);
-    let config_extra = |key: &str, name: &str| -> Result<Option<usize>, TaskError> {
-        let modules =
-            node.and_then(|config| config.get("extra_encoders")).and_then(|extra| extra.get("modules"));
-        modules.and_then(|modules| modules.get(key)).map_or(Ok(None), |of| of.number(name))
+    let modules = node.and_then(|config| config.get("extra_encoders")).and_then(|extra| extra.get("modules"));
+    let extra = |key: &str, name: &str, axis| -> Result<Option<usize>, TaskError> {
+        let module = modules.as_ref().and_then(|modules| modules.get(key));
+        said(module.as_ref(), name, extra(key, axis))
     };
-    let (block, action) = (config_extra("action", "in_chans")?.or(extra("action", 1)), extra("action", 0));
-    let (vector, proprio) =
-        (config_extra("proprio", "in_chans")?.or(extra("proprio", 1)), extra("proprio", 0));
-    let dropout = predictor.map_or(Ok(None), |predictor| predictor.real("dropout"))?.unwrap_or(0.1);
+    let dropout = sizes.map_or(Ok(None), |sizes| sizes.real("dropout"))?.unwrap_or(0.1);
     let is_pusht = archive.and_then(|config| config.get("env")?.text("name").ok()?) == Some("pusht");
     let scaled = archive.is_some_and(|config| config.is_true("normalize_action")) && is_pusht;
     let constants = PUSHT_ACTIONS;
@@ -91,18 +95,18 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
         settings: json!({
             "image": image, "encoder": encoder, "history": history,
             "normalization": if archive.is_some() { "half" } else { "imagenet" },
-            "proprio": first(config_extra("proprio", "emb_dim")?, proprio, 0),
-            "action": first(config_extra("action", "emb_dim")?, action, 10),
+            "proprio": extra("proprio", "emb_dim", 0)?.unwrap_or(0),
+            "action": extra("action", "emb_dim", 0)?.unwrap_or(10),
             "predictor": {
-                "depth": first(of(predictor, "depth")?, found.map(|found| found.depth), 6), "heads": heads,
-                "head_dim": head_dim, "hidden": first(of(predictor, "mlp_dim")?, found.map(|found| found.hidden), 2048),
+                "depth": size(sizes, "depth", found.map(|found| found.depth), 6)?, "heads": heads,
+                "head_dim": head_dim, "hidden": size(sizes, "mlp_dim", found.map(|found| found.hidden), 2048)?,
                 "dropout": dropout,
             },
         }),
         frameskip_at: Some("frameskip"),
-        block: block.unwrap_or(10),
-        frameskip: of(archive, "frameskip")?,
-        vector: vector.unwrap_or(0),
+        block: extra("action", "in_chans", 1)?.unwrap_or(10),
+        frameskip: of(training, "frameskip")?,
+        vector: extra("proprio", "in_chans", 1)?.unwrap_or(0),
         column: "proprio".to_owned(),
         image,
         history,
@@ -154,17 +158,22 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
     let actor = config.as_ref().and_then(|config| config.get("action_predictor"));
     if let Some(actor) = &actor {
         actor.check_module(&["Predictor"], &PREDICTOR)?;
-        if actor.get("causal").is_some() && !actor.is_true("causal") {
-            return Err(actor.other("causal", "false", "true"));
-        }
+        actor.check_true("causal")?;
     }
     // The trainers of values store the settings of the whole training.
     let sizes = actor.clone().or_else(|| config.as_ref().and_then(|config| config.get("predictor")));
     let training = config.as_ref().and_then(|config| config.get("dinowm"));
     let (sizes, config) = (sizes.as_ref(), config.as_ref());
-    let history =
-        of(config, "history_size")?.or(of(training.as_ref(), "history_size")?).or(of(sizes, "num_frames")?);
-    let history = history.unwrap_or(3);
+    let (frames, set) = (of(sizes, "num_frames")?, given.set_number("model.history"));
+    let history = of(config, "history_size")?.or(of(training.as_ref(), "history_size")?).or(frames);
+    // A frame of the goal has as many tokens as one of the history.
+    let [positions, patches] =
+        ["", "_goal"].map(|of| shapes.dim(&format!("action_predictor.pos_embedding{of}"), 1));
+    let found = positions.zip(patches).filter(|(all, one)| *one > 0 && all.is_multiple_of(*one));
+    let history = set.or(history).or(found.map(|(all, one)| all / one)).unwrap_or(3).max(1);
+    if let (Some(sizes), Some(frames)) = (sizes, frames) {
+        check_frames(sizes, frames, history, "model.history")?;
+    }
     let encoder = config.and_then(|config| config.get("encoder"));
     let without_encoder = !shapes.is_empty() && !shapes.has_below("encoder.");
     if without_encoder && given.encoder.is_empty() {
@@ -175,25 +184,24 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
         true => shapes.vit("encoder.")?,
         false => given.encoder.vit("")?.or(given.encoder.vit("encoder.")?),
     };
-    let (encoder, patch) = frozen(given, encoder.as_ref(), found, "model.encoder")?;
-    let tokens = of(sizes, "num_patches")?.map(|patches| patches * history);
-    let tokens = tokens.or_else(|| shapes.dim("action_predictor.pos_embedding", 1)).unwrap_or(256 * history);
-    let image = image(given, tokens, history, patch)?;
+    let (encoder, patch) = frozen(given, encoder, found, "model.encoder")?;
+    let tokens = said(sizes, "num_patches", patches)?.map(|patches| patches * history);
+    let image = image(given, tokens.or(positions).unwrap_or(256 * history), history, patch, "model.history")?;
     let place = "action_predictor.transformer.";
     let transformer = shapes.predictor(place, ["0.to_q.weight", "1.net.1.weight"], 1);
-    let said = (of(sizes, "heads")?, of(sizes, "dim_head")?.or(sizes.map(|_| 64)));
-    let [heads, head_dim] = heads(said, transformer.map(|found| found.inner), "model.predictor", given.set)?;
+    let inner = transformer.map(|found| found.inner);
+    let usual_dim = actor.as_ref().map(|_| 64);
+    let [heads, head_dim] = heads(given, sizes, usual_dim, inner, "model.predictor")?;
     let pools = (0..64).any(|layer| shapes.has_below(&format!("{place}layers.{layer}.0.frame_tokens")));
     let pool = if pools || shapes.is_empty() { "attention" } else { "mean" };
     let extra = |axis| shapes.dim("extra_encoders.proprio.patch_embed.weight", axis);
-    let block =
-        of(sizes, "out_dim")?.or_else(|| shapes.dim("log_stds", 0)).or(of(training.as_ref(), "action_dim")?);
+    let block = said(sizes, "out_dim", shapes.dim("log_stds", 0))?.or(of(training.as_ref(), "action_dim")?);
     let dropout = sizes.map_or(Ok(None), |sizes| sizes.real("dropout"))?.unwrap_or(0.0);
     let mut settings = json!({ "model": {
         "image": image, "encoder": encoder, "train_encoder": false, "proprio": extra(0).unwrap_or(0), "history": history,
         "predictor": {
-            "depth": first(of(sizes, "depth")?, transformer.map(|found| found.depth), 6), "heads": heads,
-            "head_dim": head_dim, "hidden": first(of(sizes, "mlp_dim")?, transformer.map(|found| found.hidden), 2048),
+            "depth": size(sizes, "depth", transformer.map(|found| found.depth), 6)?, "heads": heads,
+            "head_dim": head_dim, "hidden": size(sizes, "mlp_dim", transformer.map(|found| found.hidden), 2048)?,
             "dropout": dropout, "pool": pool,
         },
     } });
@@ -223,13 +231,43 @@ pub(super) fn goal(given: &Given<'_>, name: Option<&'static str>) -> Result<Reci
     })
 }
 
+/// Refuses a predictor with another number of frames than the model sees: its positions are those of all frames.
+fn check_frames(node: &Node<'_>, frames: usize, history: usize, place: &str) -> Result<(), TaskError> {
+    if frames == history {
+        return Ok(());
+    }
+    let text =
+        format!("is {frames}, and its history_size is {history}: this program has one number of frames");
+    let set = Fix::set("set", format!("{place}={frames}"));
+    Err(Message::new(node.told_of("num_frames", &text)).fix(set).into())
+}
+
 /// Settings of a frozen encoder, and the side of its patches.
 fn frozen(
     given: &Given<'_>,
-    node: Option<&Node<'_>>,
+    node: Option<Node<'_>>,
     found: Option<VitShape>,
     place: &str,
 ) -> Result<(Json, usize), TaskError> {
+    let node = match node {
+        Some(wrapper) if wrapper.class()? == Some("EvalOnly") => {
+            wrapper.check_module(&["EvalOnly"], &["backbone"])?;
+            Some(wrapper.need("backbone")?)
+        }
+        node => node,
+    };
+    let node = node.as_ref();
+    match node.map_or(Ok(None), Node::class)? {
+        Some("vit_hf") => {
+            let (settings, vit) = joint::vit(given, node, found, place)?;
+            return Ok((settings, vit.patch));
+        }
+        // The authors' archive names a class of its own.
+        Some(class) if class != "DinoV2Encoder" => {
+            node.map_or(Ok(()), |node| node.check_class(&["create_backbone", "vit_hf"]))?;
+        }
+        _ => {}
+    }
     let named = node.map_or(Ok(None), |node| node.text("name"))?;
     let published = named.and_then(published);
     if let (Some(node), Some(name), None) = (node, named, &published)
@@ -252,7 +290,7 @@ fn frozen(
         let reason = format!("is {name}; this program has DINOv2 small, base and large without registers");
         return Err(node.need("name")?.wrong(&reason));
     }
-    let set = given.set.pointer(&format!("/{}/heads", place.replace('.', "/"))).and_then(Json::as_u64);
+    let set = given.set_number(&format!("{place}.heads"));
     let shape = found.or(published).unwrap_or(VitShape {
         dim: 384,
         depth: 12,
@@ -262,12 +300,18 @@ fn frozen(
         dinov2: true,
     });
     let beside = match given.folder.zip(named) {
-        Some((folder, name)) => heads_beside(folder, name, vit_epsilon(shape.dinov2))?,
+        Some((folder, name)) => heads_beside(folder, name, shape.dinov2)?,
         None => None,
     };
-    let heads = set.map(|heads| heads as usize).or(beside).or_else(|| shape.usual_heads());
+    let heads = set.or(beside).or_else(|| shape.usual_heads());
     let heads = heads.ok_or_else(|| unsaid_heads(place, "the encoder"))?;
-    Ok((shape.settings(heads), shape.patch))
+    let settings = shape.settings(heads, &|reason| match (set.or(beside), set, named) {
+        (Some(_), None, Some(name)) => {
+            Message::new(format!("{name}/config.json: num_attention_heads {reason}")).into()
+        }
+        _ => Message::new(format!("{place}.heads {reason}")).into(),
+    })?;
+    Ok((settings, shape.patch))
 }
 
 /// The sizes of a published DINOv2.
@@ -284,16 +328,11 @@ fn published(name: &str) -> Option<VitShape> {
 }
 
 /// The heads of an encoder whose `config.json` is in a folder beside the checkpoint. One that computes otherwise than ours is refused.
-fn heads_beside(folder: &Path, name: &str, epsilon: f64) -> Result<Option<usize>, TaskError> {
+fn heads_beside(folder: &Path, name: &str, dinov2: bool) -> Result<Option<usize>, TaskError> {
     let Some(config) = config_beside(folder, name) else { return Ok(None) };
     let file = format!("{name}/config.json");
     let node = Node::root(&file, &config)?;
-    if let Some(other) = node.text("hidden_act")?.filter(|&name| name != "gelu") {
-        return Err(node.other("hidden_act", other, "gelu"));
-    }
-    if let Some(other) = node.real("layer_norm_eps")?.filter(|&found| found != epsilon) {
-        return Err(node.other("layer_norm_eps", other, format_args!("{epsilon:e}")));
-    }
+    check_fixed(&node, dinov2)?;
     node.number("num_attention_heads")
 }
 
@@ -308,14 +347,20 @@ fn config_beside(folder: &Path, name: &str) -> Option<Json> {
 }
 
 /// The side of images whose patches are `tokens` of `history` frames.
-fn image(given: &Given<'_>, tokens: usize, history: usize, patch: usize) -> Result<usize, TaskError> {
+fn image(
+    given: &Given<'_>,
+    tokens: usize,
+    history: usize,
+    patch: usize,
+    place: &str,
+) -> Result<usize, TaskError> {
     if let Some(image) = given.image {
         return Ok(image);
     }
-    let side = tokens.is_multiple_of(history.max(1)).then(|| root(tokens / history.max(1))).flatten();
+    let side = tokens.is_multiple_of(history).then(|| root(tokens / history)).flatten();
     let side = side.ok_or_else(|| {
         Message::new(format!("its {tokens} positions are not those of {history} square images of patches"))
-            .fix(Fix::Set { setting: swm_tasks::request::Assignment::name("image"), to: "" })
+            .fix(Fix::Any(vec![Fix::set("set", format!("{place}=N")), Fix::give("image")]))
     })?;
     Ok(side * patch)
 }

@@ -185,6 +185,101 @@ fn numbers_beside_the_parts_of_a_model_are_passed_over() {
     assert!(other.contains("decoder is a part that this program's model does not have"), "{other}");
 }
 
+#[test]
+fn the_encoder_of_a_policy_has_the_settings_of_its_config() {
+    let encoder = |case: &'static str, node: Json| Form::bare(case, |config| config["encoder"] = node);
+    for (case, place) in [("gcbc", "/model/encoder"), ("prejepa", "/encoder")] {
+        let settings = encoder(case, vit(&json!({ "num_attention_heads": 6 }))).described().settings;
+        let found = settings.pointer(place).unwrap();
+        assert_eq!(
+            (&found["dim"], &found["heads"], &found["patch"]),
+            (&json!(192), &json!(6), &json!(16)),
+            "{case}"
+        );
+        assert_eq!((&found["dinov2"], &found["depth"]), (&json!(false), &json!(1)), "{case}");
+        let frozen =
+            json!({ "_target_": "stable_pretraining.backbone.EvalOnly", "backbone": vit(&json!({})) });
+        let settings = encoder(case, frozen).described().settings;
+        assert_eq!(settings.pointer(place).unwrap()["heads"], 3, "{case}");
+        for (node, reason) in [
+            (vit(&json!({ "hidden_act": "relu" })), "encoder.hidden_act is relu, and this program has gelu"),
+            (
+                vit(&json!({ "layer_norm_eps": 0.1 })),
+                "encoder.layer_norm_eps is 0.1, and this program has 1e-12",
+            ),
+            (vit(&json!({ "qkv_bias": false })), "encoder.qkv_bias is false, and this program has true"),
+            (
+                vit(&json!({ "num_attention_heads": 5 })),
+                "encoder.num_attention_heads is 5, which does not divide",
+            ),
+            (json!({ "_target_": "timm.create_model" }), "timm.create_model is no module of a known model"),
+            (
+                json!({ "_target_": "stable_pretraining.backbone.vit_big" }),
+                "is a stable_pretraining.backbone.vit_big, and this program has create_backbone or vit_hf",
+            ),
+        ] {
+            let message = encoder(case, node).refused();
+            assert!(message.contains(reason), "{case}: {message}");
+        }
+    }
+    // A frozen encoder that says of itself what it is.
+    let wrapped = |config: &mut Json| {
+        let backbone = config["encoder"].take();
+        config["encoder"] =
+            json!({ "_target_": "stable_pretraining.backbone.EvalOnly", "backbone": backbone });
+    };
+    Form::of(GCBC, wrapped).check();
+    let below = |name: String| match name.strip_prefix("backbone.") {
+        Some(rest) => format!("backbone.backbone.{rest}"),
+        None => name,
+    };
+    Form::with(PREJEPA, wrapped, |name, stored| Some((below(name), stored))).check();
+}
+
+#[test]
+fn sizes_of_a_config_are_compared_with_the_weights() {
+    for (checkpoint, place, value, reason) in [
+        (TDMPC2, "/cfg/wm/mlp_dim", 640, "cfg.wm.mlp_dim is 640, and the weights have 16"),
+        (TDMPC2, "/cfg/wm/num_q", 64, "cfg.wm.num_q is 64, and the weights have 3"),
+        (TDMPC2, "/cfg/wm/num_bins", 640, "cfg.wm.num_bins is 640, and the weights have 51"),
+        (
+            GCBC,
+            "/action_predictor/dim_head",
+            640,
+            "2 heads of 640 values, and the weights have 12 values in all",
+        ),
+        (GCBC, "/action_predictor/mlp_dim", 640, "action_predictor.mlp_dim is 640, and the weights have 24"),
+        (PREJEPA, "/predictor/depth", 64, "predictor.depth is 64, and the weights have 2"),
+        (PREJEPA, "/predictor/num_patches", 64, "predictor.num_patches is 64, and the weights have 16"),
+        (
+            GCBC,
+            "/action_predictor/num_patches",
+            64,
+            "action_predictor.num_patches is 64, and the weights have 16",
+        ),
+        (LEWM, "/encoder/intermediate_size", 640, "encoder.intermediate_size is 640, and the weights have"),
+        (LEWM, "/predictor/mlp_dim", 640, "predictor.mlp_dim is 640, and the weights have"),
+    ] {
+        let form = Form::of(checkpoint, |config| *config.pointer_mut(place).unwrap() = value.into());
+        let message = form.refused();
+        assert!(message.contains("config.json: ") && message.contains(reason), "{place}: {message}");
+    }
+}
+
+#[test]
+fn settings_of_encoders_that_have_one_value_here_are_taken_with_it() {
+    let encoder = |settings: Json| {
+        Form::of(LEWM, |config| {
+            config["encoder"].as_object_mut().unwrap().extend(settings.as_object().unwrap().clone());
+        })
+    };
+    let usual = json!({ "hidden_act": "gelu", "qkv_bias": true, "num_channels": 3, "layer_norm_eps": 1e-12,
+        "hidden_dropout_prob": 0.1, "attention_probs_dropout_prob": 0.2, "drop_path_rate": 0.1, "use_swiglu_ffn": false });
+    encoder(usual).check();
+    let relu = encoder(json!({ "hidden_act": "relu" })).refused();
+    assert!(relu.contains("encoder.hidden_act is relu, and this program has gelu"), "{relu}");
+}
+
 /// The settings of a whole training, as the trainer of this name stores them.
 fn training(name: &str, settings: Json) -> impl Fn(&mut Json) {
     let mut whole = json!({ "seed": 42, "loss": { "sigreg": { "weight": 0.09 } }, "data": { "dataset": { "name": "pusht" } } });
@@ -194,6 +289,34 @@ fn training(name: &str, settings: Json) -> impl Fn(&mut Json) {
     move |config| *config = whole.clone()
 }
 
+#[test]
+fn world_models_beside_the_config_of_their_training_are_read() {
+    let settings = json!({ "wm": { "history_size": 3, "embed_dim": 24 },
+        "predictor": { "heads": 2, "dim_head": 8, "dropout": 0.1 } });
+    let whole = training("lewm", settings);
+    let form = Form::of(LEWM, whole).set(json!({ "model.encoder.heads": 3 }));
+    let unnamed = form.refused();
+    assert!(unnamed.contains("is a training config (lewm), not a model's; give kind=lewm"), "{unnamed}");
+    form.kind("lewm").check();
+
+    let whole = training(
+        "dinowm",
+        json!({ "wm": { "history_size": 3 }, "predictor": { "heads": 2, "dim_head": 6 } }),
+    );
+    let below = |name: String| match name.strip_prefix("backbone.") {
+        Some(rest) => format!("backbone.backbone.{rest}"),
+        None => name,
+    };
+    let form = Form::with(PREJEPA, whole, |name, stored| Some((below(name), stored)))
+        .set(json!({ "encoder.heads": 3 }));
+    let unnamed = form.refused();
+    assert!(unnamed.contains("is a training config (dinowm), not a model's; give kind=dino-wm"), "{unnamed}");
+    form.kind("dino-wm").check();
+
+    let other = Form::of(LEWM, training("mine", json!({}))).refused();
+    assert!(other.ends_with("is a training config (mine), not a model's; give kind"), "{other}");
+}
+
 /// Tensors whose positions are those of the first two of three frames.
 fn two_frames(name: String, mut stored: Stored) -> Option<(String, Stored)> {
     if name.ends_with("predictor.pos_embedding") || name.ends_with("frame_tokens") {
@@ -201,4 +324,46 @@ fn two_frames(name: String, mut stored: Stored) -> Option<(String, Stored)> {
         stored.values.truncate(stored.shape.iter().product());
     }
     Some((name, stored))
+}
+
+#[test]
+fn how_many_frames_a_model_sees_follows_from_its_tensors() {
+    let heads = json!({ "model.encoder.heads": 3, "model.predictor.heads": 2 });
+    let described = Form::with(GCBC, no_config, two_frames).kind("gcbc").set(heads).described();
+    assert_eq!((described.history, described.image), (2, 16));
+    let heads = |history: usize| json!({ "encoder.heads": 3, "predictor.heads": 2, "history": history });
+    let form = || Form::with(PREJEPA, no_config, two_frames).kind("dino-wm");
+    let described = form().set(heads(2)).described();
+    assert_eq!((described.history, described.image), (2, 16));
+    let message = form().set(heads(3)).refused();
+    assert!(
+        message.contains("are not those of 3 square images") && message.contains("history=N"),
+        "{message}"
+    );
+    let more = |config: &mut Json| config["action_predictor"]["num_frames"] = 4.into();
+    let message = Form::bare("gcbc", more).refused();
+    assert!(
+        message.contains("action_predictor.num_frames is 4, and its history_size is 3")
+            && message.contains("set=model.history=4"),
+        "{message}"
+    );
+    assert_eq!(Form::bare("gcbc", more).set(json!({ "model.history": 4 })).described().history, 4);
+}
+
+#[test]
+fn the_heads_of_an_archive_are_those_of_its_settings() {
+    let (from, folder) = (golden().join("dino_wm"), tempfile::tempdir().unwrap());
+    std::fs::create_dir(folder.path().join("checkpoints")).unwrap();
+    let weights = "checkpoints/model_latest.pth";
+    std::fs::copy(from.join(weights), folder.path().join(weights)).unwrap();
+    let mut text = std::fs::read_to_string(from.join("hydra.yaml")).unwrap();
+    text += "predictor:\n  _target_: models.vit.ViTPredictor\n  depth: 2\n  heads: 2\n";
+    std::fs::write(folder.path().join("hydra.yaml"), text).unwrap();
+    let mut request = request(folder.path(), None);
+    request.encoder = Some(from.join("backbone.pth"));
+    request.set.insert("encoder.heads".to_owned(), 3.into());
+    request.check_only = true;
+    let settings = request.run(&registry(), &mut ()).unwrap().settings;
+    let by_hand = Import { set: super::request(&from, Some("dino-wm")).set, ..request };
+    assert_eq!(settings["predictor"], by_hand.run(&registry(), &mut ()).unwrap().settings["predictor"]);
 }
