@@ -83,6 +83,7 @@ pub(super) fn load(
         let text = format!("{}: no file of weights is beside it; put the published one there", config.name);
         wants.insert(0, Message::new(text).into());
     }
+    place.check_vector(&recipe)?;
     let frameskip = place.frameskip(&recipe)?;
     description.frameskip = frameskip;
     description.missing = wants.iter().map(ToString::to_string).collect();

@@ -17,6 +17,8 @@ pub(super) struct Place {
     pub(super) frame_skip: Option<u32>,
     /// Values of an action, where they are known.
     action: Option<usize>,
+    /// Columns of the environment and their values, where it is known.
+    columns: Vec<(String, usize)>,
 }
 
 impl Place {
@@ -35,7 +37,7 @@ impl Place {
         if !request.env_option.is_empty() {
             settings.get_or_insert_default().extend(request.env_option.clone());
         }
-        let mut action = None;
+        let (mut action, mut columns) = (None, Vec::new());
         // What an export notes does not have to be known to describe it.
         let is_noted = request.env.is_none() && dataset.is_none_or(|dataset| dataset.env.is_none());
         let entry = match env.as_ref().map(|env| registry.env(env)).transpose() {
@@ -45,7 +47,9 @@ impl Place {
         if let (Some(env), Some(entry)) = (&env, entry) {
             let config = EnvConfig { image: None, settings: settings.clone().unwrap_or_default() };
             let made = entry.make(&config).map_err(|error| Message::new(format!("{env}: {error}")))?;
-            action = Some(made.spec().action.dim());
+            let spec = made.spec();
+            action = Some(spec.action.dim());
+            columns = spec.fields.iter().map(|field| (field.name.clone(), field.dim())).collect();
         }
         let action = action.or_else(|| dataset.map(|dataset| dataset.action).filter(|dim| *dim > 0));
         let action = action.or_else(|| scales.of.get(ACTION).map(|(scale, _)| scale.mean.len()));
@@ -53,7 +57,19 @@ impl Place {
         let frame_skip = dataset.and_then(|dataset| dataset.frame_skip);
         let noted_skip = || u32::try_from(noted("frame_skip")?.as_u64()?).ok().filter(|skip| *skip > 0);
         let frame_skip = frame_skip.or_else(noted_skip);
-        Ok(Self { env, env_settings, frame_skip, action })
+        Ok(Self { env, env_settings, frame_skip, action, columns })
+    }
+
+    /// Refuses a model whose vector has another dim than the environment's.
+    pub(super) fn check_vector(&self, recipe: &Recipe) -> Result<(), TaskError> {
+        let (Some(env), Recipe { vector, column, .. }) = (&self.env, recipe) else { return Ok(()) };
+        match self.columns.iter().find(|(name, dim)| name == column && dim != vector) {
+            Some((_, dim)) if *vector > 0 => {
+                let text = format!("the model takes {vector} values of `{column}`, and {env} has {dim}");
+                Err(Message::new(text).fix(Fix::Change("env")).into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// F: how many actions of the environment a block of the model holds.

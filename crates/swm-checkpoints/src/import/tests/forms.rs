@@ -367,3 +367,18 @@ fn the_heads_of_an_archive_are_those_of_its_settings() {
     let by_hand = Import { set: super::request(&from, Some("dino-wm")).set, ..request };
     assert_eq!(settings["predictor"], by_hand.run(&registry(), &mut ()).unwrap().settings["predictor"]);
 }
+
+#[test]
+fn vectors_of_another_dim_than_the_environments_are_refused() {
+    let narrow = |name: String, mut stored: Stored| {
+        if name == "extra_encoders.state.0.weight" {
+            let rows: Vec<f32> = stored.values.chunks(6).flat_map(|row| row[..5].to_vec()).collect();
+            stored = Stored { shape: vec![stored.shape[0], 5], values: rows, ..stored };
+        }
+        Some((name, stored))
+    };
+    let mut form = Form::with(TDMPC2, |config| config["cfg"]["extra_dims"]["state"] = 5.into(), narrow);
+    (form.request.proprio_mean, form.request.proprio_std) = (Some(vec![0.0; 5]), Some(vec![1.0; 5]));
+    let message = form.refused();
+    assert!(message.contains("the model takes 5 values of `state`, and swm/Plane-v0 has 6"), "{message}");
+}
