@@ -163,7 +163,11 @@ fn recipe(
         && !model.is_of(kind)
     {
         let reason = format!("is another model than its config.json names, which is {}", model.names());
-        return Err(Message::about("kind", kind, reason).into());
+        let fix = match KNOWN.contains(&model.names()) {
+            true => Fix::set("kind", model.names()),
+            false => Fix::Leave("kind"),
+        };
+        return Err(Message::about("kind", kind, reason).fix(fix).into());
     }
     match (model, kind) {
         (_, Some("lewm")) | (Some(Model::Lewm), None) => joint::recipe(&given, "lewm"),

@@ -9,7 +9,7 @@ use swm_baselines::train::{ACTION, Scale};
 use swm_core::{Metadata, Registry};
 use swm_data::Dataset;
 use swm_data::stats::{Statistics, StatisticsOptions};
-use swm_tasks::request::{Fix, Message, TaskError, open_dataset_with};
+use swm_tasks::request::{Assignment, Fix, Message, TaskError, open_dataset_with};
 
 use super::Import;
 use super::source::give;
@@ -125,7 +125,8 @@ pub(super) fn unsaid(column: &str) -> TaskError {
         false => ["proprio_mean", "proprio_std"],
     };
     let text = format!("the file does not say how the column `{column}` was scaled");
-    let numbers = [mean, std].map(|name| give(name, ""));
+    let settings = [mean, std].map(Assignment::name).to_vec();
+    let numbers = Fix::SetAll { settings, instead_of: None, to: String::new() };
     let dataset = give("dataset", "that it was trained on");
-    Message::new(text).fix(Fix::Any(vec![dataset, give("stats", ""), Fix::Any(numbers.to_vec())])).into()
+    Message::new(text).fix(Fix::Any(vec![dataset, give("stats", ""), numbers])).into()
 }

@@ -133,9 +133,16 @@ fn only_weights(folder: &Path) -> Result<Option<PathBuf>, TaskError> {
                 .collect();
             let text =
                 format!("{} holds {} files of weights: {}", folder.display(), names.len(), names.join(", "));
-            Err(Message::new(text).fix(Fix::set("file", names[0].clone())).into())
+            // The last of several epochs.
+            let last = names.iter().max_by_key(|name| number(name)).cloned().unwrap_or_default();
+            Err(Message::new(text).fix(Fix::set("file", last)).into())
         }
     }
+}
+
+/// The last number in a name: of an epoch, or a step.
+fn number(name: &str) -> Option<u64> {
+    name.rsplit(|letter: char| !letter.is_ascii_digit()).find_map(|digits| digits.parse().ok())
 }
 
 /// Refuses a link that leads out of the folder, but for those of the Hub's cache, which lead to its blobs.

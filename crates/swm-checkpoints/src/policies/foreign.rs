@@ -173,6 +173,7 @@ impl Words for Settings {
             ("file", _) => "weights",
             ("from", None) => return "its folder or file".to_owned(),
             ("from" | "set", Some(value)) => return value_text(value),
+            ("kind", Some(value)) => return format!("{}:FOLDER", value_text(value)),
             (name, _) => name,
         };
         match value {

@@ -73,6 +73,10 @@ fn what_a_checkpoint_lacks_is_asked_for_by_the_names_of_settings() {
         assert!(message.contains(part), "{settings}: {message}");
     }
     assert!(made(&format!("mpc:{from}")).err().unwrap().contains("import it first"));
+    let agent = made(&format!("tdmpc2:{}", golden("tdmpc2_state").display())).err().unwrap();
+    assert!(agent.contains("a checkpoint of others") && agent.contains("import it first"), "{agent}");
+    let other = made(&format!("pldm:{from},action_mean=0:0,action_std=1:1")).err().unwrap();
+    assert!(other.contains("which is lewm; give lewm:FOLDER"), "{other}");
     assert!(made("lewm:no/such/folder").err().unwrap().contains("there is no such folder"));
 
     // A run contains all of it, and is of one family.

@@ -382,3 +382,30 @@ fn vectors_of_another_dim_than_the_environments_are_refused() {
     let message = form.refused();
     assert!(message.contains("the model takes 5 values of `state`, and swm/Plane-v0 has 6"), "{message}");
 }
+
+#[test]
+fn messages_name_what_helps() {
+    // Two numbers that are given together.
+    let mut form = Form::of(LEWM, |_| ());
+    (form.request.action_mean, form.request.action_std) = (None, None);
+    let scale = form.refused();
+    assert!(scale.contains("or stats, or action_mean and action_std"), "{scale}");
+
+    let text = Form::of(LEWM, |config| config["predictor"]["depth"] = "${depth}".into()).refused();
+    assert!(text.contains("predictor.depth is ${depth}: an unfinished Hydra config"), "{text}");
+    let none = Form::of(LEWM, |config| config["projector"] = Json::Null).refused();
+    assert!(none.contains("projector is missing or null") && none.contains("load_pretrained"), "{none}");
+    let kind = Form::of(LEWM, |_| ()).kind("pldm").refused();
+    assert!(kind.contains("its config.json names, which is lewm; give kind=lewm"), "{kind}");
+
+    // The last of several epochs, by its number.
+    let form = Form::of(LEWM, |_| ());
+    let weights = form.folder.path().join("weights.pt");
+    for epoch in [1, 2, 10] {
+        std::fs::copy(&weights, form.folder.path().join(format!("weights_epoch_{epoch}.pt"))).unwrap();
+    }
+    std::fs::remove_file(&weights).unwrap();
+    let several = form.refused();
+    assert!(several.ends_with("give file=weights_epoch_10.pt"), "{several}");
+    assert!(Path::new(&form.request.from).is_dir());
+}
