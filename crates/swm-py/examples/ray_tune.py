@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Searches settings of a planner with Ray Tune: each trial is an evaluation on one manifest, with several seeds.
 
-    pip install 'ray[tune]' stable-worldmodel-rs
+    pip install 'ray[tune]' stable_worldmodel_rs-*.whl
     python ray_tune.py --samples 16 64 256 --seeds 0 1 2
 
 Trials differ in nothing but the settings and the seed: they are compared pair by pair, and every one has a receipt.

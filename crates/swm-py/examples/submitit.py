@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Evaluates a policy in parts, each a job of a cluster, and puts the parts together.
 
-    pip install submitit stable-worldmodel-rs
+    pip install submitit stable_worldmodel_rs-*.whl
     python submitit.py --policy cem --parts 8 --partition gpu          # on Slurm
     python submitit.py --policy random --parts 2 --cluster local       # processes of this machine
 

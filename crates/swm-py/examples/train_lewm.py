@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Trains LeWM on clips of images, saves it as published checkpoints are, and plans with it.
 
-    pip install torch stable-worldmodel-rs
+    pip install torch stable_worldmodel_rs-*.whl
     python train_lewm.py --dataset tworoom.h5 --out lewm-tworoom                      # one GPU, or a CPU
     torchrun --nproc-per-node 4 train_lewm.py --dataset tworoom.h5 --out lewm-tworoom # four; --batch is that of each
     python train_lewm.py --size 32 --patch 8 --width 48 --depth 2 --steps 200         # small, for a CPU

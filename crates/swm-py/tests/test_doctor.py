@@ -47,7 +47,7 @@ def test_models_of_an_installed_ogbench_work(tmp_path: Path, ogbench: None) -> N
     (empty := tmp_path / "empty").mkdir()
     status, without = doctor(home.parent, empty)
     assert without["models of OGBench"]["state"] == without["models of Fetch"]["state"] == "optional", without
-    assert "pip install stable-worldmodel-rs[ogbench]" in without["models of OGBench"]["fix"]
+    assert f"pip install ogbench=={version}" in without["models of OGBench"]["fix"]
     assert status == 0 and without["environments"]["state"] == "optional", without
     installed(site := tmp_path / "site", folder, version)
     status, found = doctor(home.parent, site)

@@ -51,7 +51,7 @@ def test_numbers_of_numpy_and_torch_are_numbers(tmp_path: Path) -> None:
 def test_what_is_no_text_and_no_number_is_named_with_its_argument(toy: Path, tmp_path: Path) -> None:
     dataset, solver = swm.data.load_dataset(toy), swm.MpcPolicy("cem:samples=4")
     wrong: list[tuple[Any, tuple[Any, ...], dict[str, Any], str]] = [
-        (swm.measure, (ROOM, object()), SMALL, "model is object"),
+        (swm.measure, (ROOM, object()), SMALL, "model is object; give the name of one that can be measured: 'lewm:RUN'"),
         (swm.measure, (ROOM,), {**SMALL, "dataset": dataset}, f"dataset is HDF5Dataset; give its path, {str(toy)!r}"),
         (swm.measure, (solver,), SMALL, "env_name is MpcPolicy; give the id"),
         (swm.make_manifest, (tmp_path / "task.toml", None), {}, "env_name is NoneType; give the id"),

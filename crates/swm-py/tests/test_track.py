@@ -77,6 +77,15 @@ def test_the_file_has_a_line_per_record_and_goes_on(tmp_path: Path) -> None:
 
 def test_wrong_values_and_names_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tracker = swm.track.start(None, tmp_path / "run")
+    result: dict[str, Any] = {"success_rate": 1.0, "interval": (0.0, 2.0), "episodes": 1}
+    for call in (lambda step: tracker.log({"loss": 1.0}, step), lambda step: tracker.evaluation(result, step=step)):
+        with pytest.raises(ValueError, match="step=-1: give 0 or more"):
+            call(-1)
+        with pytest.raises(TypeError, match=r"step=2\.5: give a whole number"):
+            call(2.5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="after=-1: give 0 or more"):
+        swm.track.start(None, tmp_path / "other", after=-1)
+    assert not (tmp_path / "run" / "metrics.jsonl").exists() and not (tmp_path / "other").exists()
     with pytest.raises(TypeError, match=r"losses: more than one number"):
         tracker.log({"losses": np.zeros(3)})
     with pytest.raises(TypeError, match=r"name: str is no number; settings go into config="):

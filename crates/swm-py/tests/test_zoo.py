@@ -78,7 +78,7 @@ def test_unknown_names_are_told_with_the_nearest(zoo: Path, monkeypatch: pytest.
     with pytest.raises(swm.SwmError, match=r"there is no model zoo:tworoom-gcb \(did you mean `tworoom-gcbc`\?\); the zoo has: tworoom-gcbc"):
         swm.zoo.load("tworoom-gcb")
     monkeypatch.setenv("SWM_ZOO", str(tmp_path / "none"))
-    with pytest.raises(swm.SwmError, match="no model of the zoo is installed: `pip install` the wheel stable_worldmodel_zoo"):
+    with pytest.raises(swm.SwmError, match="no model of the zoo is installed: `pip install stable_worldmodel_zoo-"):
         swm.zoo.load(NAME)
     assert swm.zoo.list_models() == []
 
@@ -114,7 +114,7 @@ def test_the_command_lists_and_shows(zoo: Path, tmp_path: Path) -> None:
     wrong = run("zoo", "tworoom-gcb")
     assert wrong.returncode == 2 and "did you mean `tworoom-gcbc`?" in wrong.stderr
     nothing = run("zoo", SWM_ZOO=str(tmp_path / "none"))
-    assert nothing.returncode == 0 and "`pip install` the wheel stable_worldmodel_zoo" in nothing.stderr
+    assert nothing.returncode == 0 and "pip install stable_worldmodel_zoo-" in nothing.stderr
 
 
 @needs_training

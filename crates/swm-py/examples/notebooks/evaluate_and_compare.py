@@ -5,14 +5,7 @@
 # every pair beside those of reference policies; comparisons are pair by pair.
 
 # %%
-try:
-    import stable_worldmodel_rs as swm
-except ImportError:  # On a fresh machine, such as Colab.
-    import subprocess
-    import sys
-
-    subprocess.check_call([sys.executable, "-m", "pip", "install", "-q", "stable-worldmodel-rs"])
-    import stable_worldmodel_rs as swm
+import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
 
 # %% [markdown]
 # ## A task as a file

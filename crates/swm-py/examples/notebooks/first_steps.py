@@ -7,16 +7,8 @@
 # `stable-worldmodel`.
 
 # %%
-try:
-    import stable_worldmodel_rs as swm
-except ImportError:  # On a fresh machine, such as Colab.
-    import subprocess
-    import sys
-
-    subprocess.check_call([sys.executable, "-m", "pip", "install", "-q", "stable-worldmodel-rs"])
-    import stable_worldmodel_rs as swm
-
 import numpy as np
+import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
 
 # %% [markdown]
 # ## An environment

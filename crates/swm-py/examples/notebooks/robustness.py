@@ -5,14 +5,7 @@
 # compares every change with the unchanged environment, pair by pair.
 
 # %%
-try:
-    import stable_worldmodel_rs as swm
-except ImportError:  # On a fresh machine, such as Colab.
-    import subprocess
-    import sys
-
-    subprocess.check_call([sys.executable, "-m", "pip", "install", "-q", "stable-worldmodel-rs"])
-    import stable_worldmodel_rs as swm
+import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
 
 # %% [markdown]
 # ## Factors of variation

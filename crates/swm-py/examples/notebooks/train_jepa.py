@@ -5,15 +5,7 @@
 # that a `Loader` reads, then used to plan from pixels. The sizes are those of a toy; `examples/train_lewm.py` has a model of published size.
 
 # %%
-try:
-    import stable_worldmodel_rs as swm
-except ImportError:  # On a fresh machine, such as Colab.
-    import subprocess
-    import sys
-
-    subprocess.check_call([sys.executable, "-m", "pip", "install", "-q", "stable-worldmodel-rs", "torch"])
-    import stable_worldmodel_rs as swm
-
+import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl torch
 import torch
 from stable_worldmodel_rs.planning import CEMSolver, GoalMSE, ShootingCostEvaluator
 from stable_worldmodel_rs.wm.loss import SIGReg

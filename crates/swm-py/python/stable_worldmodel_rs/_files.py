@@ -20,15 +20,16 @@ from ._core import core as _swm
 
 logger = logging.getLogger("stable_worldmodel_rs")
 _LIB = Path(__file__).parent / "_lib"
+_, _, (_, _, _OGBENCH, _METAWORLD) = _swm.files()
 _FIX = (
-    "reinstall the package from a wheel (`pip install --force-reinstall stable-worldmodel-rs`); models of OGBench need "
-    "`pip install stable-worldmodel-rs[ogbench]`, those of Meta-World `[metaworld]`; those of Fetch are in no package: let SWM_HOME name a folder that "
+    "reinstall the package from its wheel (`pip install --force-reinstall stable_worldmodel_rs-*.whl`); models of OGBench need "
+    f"`pip install ogbench=={_OGBENCH}`, those of Meta-World `pip install metaworld=={_METAWORLD}`; those of Fetch are in no package: let SWM_HOME name a folder that "
     "`cargo xtask setup` filled"
 )
 # The package of the zoo.
 _ZOO = "stable_worldmodel_zoo"
 _ZOO_ADVICE = (
-    "`pip install` the wheel stable_worldmodel_zoo-*.whl of a release, or unpack the folder of a release into `zoo` of the data folder (SWM_HOME); "
+    "`pip install stable_worldmodel_zoo-*.whl`, the wheel of a release, or unpack the folder of a release into `zoo` of the data folder (SWM_HOME); "
     "`cargo xtask zoo NAME` makes one in a checkout"
 )
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).

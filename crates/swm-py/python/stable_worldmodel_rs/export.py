@@ -7,7 +7,7 @@ A world model is two modules:
 * ``cost(actions, **encoded) -> Tensor`` gives the costs ``(S,)`` of S candidate plans ``(S, H, D)``, from what was encoded.
   A candidate's cost must not depend on its neighbors: no batch norm in training mode.
 
-Needs torch, onnx, onnxscript: ``pip install 'stable-worldmodel-rs[onnx]'``.
+Needs torch, onnx, onnxscript: ``pip install torch onnx onnxscript``.
 """
 
 from __future__ import annotations

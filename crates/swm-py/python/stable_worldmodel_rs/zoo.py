@@ -1,6 +1,6 @@
 """The zoo: trained models that are shipped, each with its card, its receipt, its license and the commands that made it.
 
-They come with the package ``stable-worldmodel-zoo``, or lie in ``zoo`` of the data folder; nothing is fetched. ``"zoo:NAME"`` is a policy wherever
+They come with the package ``stable_worldmodel_zoo``, a wheel of a release, or lie in ``zoo`` of the data folder; nothing is fetched. ``"zoo:NAME"`` is a policy wherever
 one is named, and ``"mpc:zoo:NAME"`` plans with the world model of that name.
 """
 

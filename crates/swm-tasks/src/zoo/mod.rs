@@ -38,7 +38,7 @@ static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 static INSTALL: Mutex<Option<String>> = Mutex::new(None);
 
 /// How the package is installed, where a program says nothing better.
-const HOW: &str = "`pip install` the wheel stable_worldmodel_zoo-*.whl of a release for Python, unpack the folder of a release into `zoo` of the data folder ($SWM_HOME), or \
+const HOW: &str = "`pip install stable_worldmodel_zoo-*.whl`, the wheel of a release, for Python; unpack the folder of a release into `zoo` of the data folder ($SWM_HOME), or \
                    make one in a checkout: `cargo xtask zoo NAME`";
 
 /// Models are looked for in this folder, too, after those that are known. A folder that is not there holds none.

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar, cast, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,11 +112,9 @@ class Dataset:
         transform: Transform | None = None,
     ) -> None:
         for name, value in (("frameskip", frameskip), ("num_steps", num_steps)):
-            if not isinstance(cast("Any", value), (int, np.integer)):
-                whole_number(name, value, 1)
             if value > _MOST_ROWS:
                 raise ValueError(f"{name}={value} must be a whole number from 1 to {_MOST_ROWS}")
-            if value < 1:
+            if value < 1 or value != int(value):
                 raise ValueError(f"{name}={value} must be a whole number, 1 or more")
         self.lengths = lengths
         self.offsets = offsets

@@ -211,7 +211,7 @@ class NativeDataset(Dataset):
         # An address is no path: that would make one slash of two.
         self.path: Any = str(path) if _swm.is_remote(str(path)) else Path(path)
         for name, value in (("num_steps", num_steps), ("frameskip", frameskip)):
-            if not isinstance(cast("Any", value), (int, np.integer)):
+            if not isinstance(cast("Any", value), (int, float, np.number)):
                 whole_number(name, value, 1)
         require_callable("transform", transform, "a clip, {column: (T, …)}")
         if isinstance(cast("Any", episodes), str):

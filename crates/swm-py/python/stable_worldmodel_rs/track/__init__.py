@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from .._arguments import whole_number
 from ._lines import FILE, Lines, of_line, read_lines
 from ._sinks import PROJECT, SINKS, Run, Sink, open_sink, open_sinks
 from ._values import Values, flat, numbers
@@ -53,6 +54,7 @@ class Tracker:
         after: int | None = None,
     ) -> None:
         names = [] if to is None else [to] if isinstance(to, str) else list(to)
+        after = None if after is None else whole_number("after", after)
         self.folder: Path | None = None if folder is None else Path(folder).expanduser()
         where = self.folder or Path()
         where.mkdir(parents=True, exist_ok=True)
@@ -77,9 +79,10 @@ class Tracker:
             part: What they are of; it is before their names in trackers: ``train/loss``.
 
         Raises:
-            TypeError: A value is no number; the message names it.
+            TypeError: A value is no number, or ``step`` no whole one; the message names it.
+            ValueError: ``step`` is negative.
         """
-        self._step = self._step + 1 if step is None else int(step)
+        self._step = self._step + 1 if step is None else whole_number("step", step)
         found = numbers(values)
         if self._lines is not None:
             self._lines.write(self._step, part, found)
@@ -95,7 +98,7 @@ class Tracker:
             name: What it is called.
             step: Of the training that it is of; None: that of the last call.
         """
-        at = self._step if step is None else int(step)
+        at = self._step if step is None else whole_number("step", step)
         self.log(_figures(result), at, name)
         text, videos = _document(result), [Path(path) for path in result.get("videos") or ()]
         if self._sinks or self.folder is not None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, cast
 
 from .._access import access_checked
-from .._arguments import chosen_episodes, home_path, names_of
+from .._arguments import chosen_episodes, home_path, kind_of, names_of
 from .._core import core as _swm
 from .._requests import asked
 from .ids import need, native_id
@@ -72,6 +72,7 @@ def measure(
 
     Raises:
         FileNotFoundError: There is no such dataset.
+        TypeError: ``model`` is no text, such as a torch module.
         SwmError: A setting is wrong, or the model does not fit the environment or the dataset; the message names it.
 
     Example:
@@ -80,6 +81,11 @@ def measure(
     """
     from ..data._paths import recorded
 
+    if not isinstance(cast("Any", model), str):
+        raise TypeError(
+            f"model is {kind_of(model)}; give the name of one that can be measured: 'lewm:RUN' of a run of swm.train, 'true', 'constant', 'gain=0.8' or "
+            "'pixels=8'. A torch module of your own cannot be measured"
+        )
     request = {
         "env": native_id(env_name) or env_name,
         "env_option": settings,
