@@ -24,6 +24,20 @@ def made(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, Path]:
     return format, write(tmp_path / NATIVE[format], format, text=format in TEXTS)
 
 
+def test_texts_of_rows_are_copied_as_they_are(tmp_path: Path) -> None:
+    rows = [["a", "b", "c"], ["d", "e"], ["f", "g", "h"]]
+    for name, texts in (("first.h5", rows[:1]), ("second.h5", rows[1:])):
+        with swm.data.HDF5Writer(tmp_path / name) as writer:
+            for task in texts:
+                writer.write_episode({"action": np.zeros((len(task), 2), np.float32), "task": task})
+    out = tmp_path / "all.h5"
+    for mode in ("overwrite", "append"):
+        swm.data.merge([tmp_path / "first.h5", tmp_path / "second.h5"], out, mode=mode, progress=False)
+    dataset = swm.data.load_dataset(out, num_steps=2)
+    assert list(dataset.get_col_data("task")) == sum(rows, []) * 2
+    assert dataset[1]["task"] == "b" and dataset.load_episode(1)["task"] == "d", "a clip has the text of its first row"
+
+
 def test_round_trip(made: tuple[str, Path]) -> None:
     format, path = made
     dataset = swm.data.load_dataset(path)

@@ -144,6 +144,8 @@ def _as_option(name: str, value: Any) -> Any:
 class NativeDataset(Dataset):
     """Clips of a dataset file or folder.
 
+    Of a column of text, a clip and an episode have the text of their first row, as in the reference; :meth:`get_col_data` has those of all rows.
+
     Args:
         path: The file or folder.
         frameskip: Distance of two rows of a clip.

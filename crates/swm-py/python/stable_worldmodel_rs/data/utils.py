@@ -431,8 +431,17 @@ def _copy(datasets: list[Any], dest: str | Path, dest_format: str | None, progre
 def _episodes(datasets: list[Any], keeps: bool, advance: Callable[[int], None]) -> Iterator[dict[str, Any]]:
     done = 0
     for dataset in datasets:
+        texts: dict[str, Any] = {}
         for episode, length in enumerate(np.asarray(dataset.lengths).tolist()):
-            columns = as_written(dataset.load_episode(episode), length)
+            read = dataset.load_episode(episode)
+            if isinstance(dataset, NativeDataset):
+                # A whole episode has the text of its first row alone.
+                for name in [name for name, value in read.items() if isinstance(value, str)]:
+                    if name not in texts:
+                        texts[name] = dataset.get_col_data(name)
+                    first = int(dataset.offsets[episode])
+                    read[name] = texts[name][first : first + length]
+            columns = as_written(read, length)
             if keeps and getattr(dataset, "episode_column_names", None):
                 once = dataset.get_episode_data([episode])
                 columns[EPISODE_DATA_KEY] = {name: values[0] for name, values in once.items()}
