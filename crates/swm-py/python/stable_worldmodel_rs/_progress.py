@@ -6,7 +6,8 @@ import sys
 from types import TracebackType
 from typing import Any
 
-# Seconds between two lines of a bar in a file, as of the command.
+# Seconds between two updates of a bar: on a terminal, and in a file, as of the command.
+_LIVE_PERIOD = 0.1
 _FILE_PERIOD = 10.0
 
 
@@ -40,8 +41,7 @@ class Progress:
             return
         # The output of a notebook's kernel is no terminal, and yet shows bars.
         live = "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
-        period: dict[str, float] = {} if live else {"mininterval": _FILE_PERIOD}
-        self._bar = tqdm(total=total or None, desc=title, unit=f" {unit}", dynamic_ncols=True, **period)
+        self._bar = tqdm(total=total or None, desc=title, unit=f" {unit}", dynamic_ncols=True, mininterval=_LIVE_PERIOD if live else _FILE_PERIOD)
 
     def begin(self, label: str, total: int, unit: str) -> None:
         """Leave the bar that there is as it stands, and show another one, called ``label``, of ``total`` units."""
