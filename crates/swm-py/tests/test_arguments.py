@@ -125,6 +125,10 @@ NO_PATHS: dict[str, tuple[str, Callable[[Path, Any], Any]]] = {
     "convert": ("dest", lambda path, value: swm.data.convert(path, value, progress=False)),
     "merge": ("dest", lambda path, value: swm.data.merge([path, path], value, progress=False)),
     "split": ("out", lambda path, value: swm.data.split_files(path, value)),
+    "tracker": ("folder", lambda _, value: swm.track.start(None, value)),
+    "repository": ("folder", lambda path, value: swm.hub.save_dataset(path, value, license="mit")),
+    "repository's dataset": ("source", lambda path, value: swm.hub.save_dataset(value, path, license="mit")),
+    "upload": ("folder", lambda _, value: swm.hub.push_to_hub(value, "user/repo")),
     "viewer": ("path", lambda path, value: swm.data.to_rerun(opened(path), value)),
 }
 

@@ -11,7 +11,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, cast
 
-from .._arguments import path_of
+from .._arguments import path_of, target_path
 from ..data.format import detect_format
 from ..data.utils import load_dataset
 from ..world.receipts import read_receipt
@@ -80,7 +80,7 @@ def save_model(
             (draft / "results" / f"receipt-{number}.json").write_text(text + "\n", encoding="utf-8")
         text = model_card(name or where.resolve().name, kind, _license(license), tags, known, receipts)
         (draft / "README.md").write_text(text, encoding="utf-8")
-    return Path(folder).expanduser()
+    return target_path("folder", folder)
 
 
 def save_dataset(
@@ -102,7 +102,7 @@ def save_dataset(
         FileExistsError: The folder is there.
         FileNotFoundError: There is no such dataset.
     """
-    where = Path(source).expanduser()
+    where = Path(path_of("source", source, "the path of a dataset")).expanduser()
     if not where.exists():
         raise FileNotFoundError(f"there is no dataset {where}")
     dataset = load_dataset(where.resolve())
@@ -117,7 +117,7 @@ def save_dataset(
             name or where.resolve().stem, _license(license), [*_format_tags(kind), *tags], _configs(kind, where), _about(dataset, kind), _columns(dataset)
         )
         (draft / "README.md").write_text(text, encoding="utf-8")
-    return Path(folder).expanduser()
+    return target_path("folder", folder)
 
 
 def dataset_in(folder: Path) -> Path:
@@ -137,7 +137,7 @@ def dataset_in(folder: Path) -> Path:
 @contextmanager
 def _new(folder: AnyPath) -> Generator[Path]:
     """A draft beside the folder, which takes its place when it is whole."""
-    target = Path(folder).expanduser()
+    target = target_path("folder", folder)
     if target.exists() or target.is_symlink():
         raise FileExistsError(f"{target} exists; name a folder that is not there yet")
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
+from .._arguments import target_path
 from ..data.utils import download as download_dataset
 from ..data.utils import load_dataset
 from ..wm.utils import load_pretrained
@@ -53,7 +54,7 @@ def push_to_hub(
         ValueError: The folder has no card with a license, or the arguments are wrong. Nothing is sent then.
     """
     _check(repo_id, repo_type)
-    where = Path(folder).expanduser()
+    where = target_path("folder", folder)
     if not where.is_dir():
         raise NotADirectoryError(f"{where} is no folder; swm.hub.save_model, swm.hub.save_dataset and swm.bundle write one")
     files = sorted(_files(where))

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from .._arguments import whole_number
+from .._arguments import target_path, whole_number
 from ._lines import FILE, Lines, of_line, read_lines
 from ._sinks import PROJECT, SINKS, Run, Sink, open_sink, open_sinks
 from ._values import Values, flat, numbers
@@ -55,7 +55,7 @@ class Tracker:
     ) -> None:
         names = [] if to is None else [to] if isinstance(to, str) else list(to)
         after = None if after is None else whole_number("after", after)
-        self.folder: Path | None = None if folder is None else Path(folder).expanduser()
+        self.folder: Path | None = None if folder is None else target_path("folder", folder)
         where = self.folder or Path()
         where.mkdir(parents=True, exist_ok=True)
         run = Run(where, project, name or where.resolve().name, flat(config or {}), after)

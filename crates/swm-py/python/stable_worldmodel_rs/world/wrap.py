@@ -38,7 +38,8 @@ def make_pool(
 ) -> EnvPool:
     """Make the environments of a World, of an id by ``gymnasium.make`` or by given functions, with complete infos.
 
-    A setting that the environment does not know and that is near an argument of ``of`` is one that the user meant. An environment that a function made keeps its own limit of steps, and one with an `InfoWrapper` stays as it is.
+    An environment that a function made keeps its own limit of steps, and one with an `InfoWrapper` stays as it is. A setting that the
+    environment does not know and that is near an argument of ``of`` is one that the user meant.
     """
     inner = partial(
         InfoWrapper,
