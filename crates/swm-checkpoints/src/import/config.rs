@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use serde_json::{Map, Value as Json};
-use swm_tasks::request::{Fix, Message, TaskError};
+use swm_tasks::request::{Message, TaskError};
 
 /// Classes of models, by the names that versions of the reference have had, and what they are here.
 const CLASSES: &[(&str, Model)] = &[
@@ -140,8 +140,7 @@ impl<'a> Node<'a> {
     }
 
     fn unfinished(&self, text: &str) -> TaskError {
-        let reason = format!("is {text}: an unfinished Hydra config; take the one that training wrote");
-        Message::new(self.told(&reason)).fix(Fix::Leave("from")).into()
+        self.wrong(&format!("is {text}: an unfinished Hydra config; take the one that training wrote"))
     }
 
     /// About this part.

@@ -111,9 +111,15 @@ pub(super) fn load(
         lacks: Vec::new(),
     };
     let bounds = noted_bounds(&source, action);
+    let stored = found.map_or(0, |found| weights::to_ours(found.tensors).len());
     let parts = Parts { request, recipe, place, scales, imported, action, frameskip, set, bounds };
     let loaded = match parts.recipe.name {
-        "tdmpc2" => parts.agent(&path, &mut description)?,
+        "tdmpc2" => {
+            let agent = parts.agent(&path, &mut description)?;
+            // An agent takes all tensors of a file.
+            description.tensors = [stored, stored];
+            agent
+        }
         _ => parts.model(&path, &mut description)?,
     };
     Ok((description, Some(loaded)))
