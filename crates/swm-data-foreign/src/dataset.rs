@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use swm_core::{Column as Values, SliceMut};
 use swm_data::dataset::{Dataset, DatasetInfo, Origin, Steps};
-use swm_data::error::{DataError, FormatError, Result, invalid};
+use swm_data::element::first_failing;
+use swm_data::error::{DataError, Result, invalid};
 
 use super::array::{Scratch, Shared, of_other_program};
 
@@ -93,22 +94,6 @@ impl ForeignDataset {
     pub(super) fn new(info: DatasetInfo, columns: Vec<Column>) -> Self {
         Self { info, columns: columns.into(), scratch: Scratch::default() }
     }
-}
-
-/// The first row that `read` fails for, and why, as it does for all of `steps`.
-fn first_failing(
-    mut steps: Steps,
-    mut error: FormatError,
-    mut read: impl FnMut(Steps) -> Result<()>,
-) -> (usize, FormatError) {
-    while steps.count > 1 {
-        let half = steps.count / 2;
-        match read(Steps { count: half, ..steps }) {
-            Err(earlier) => (steps.count, error) = (half, earlier),
-            Ok(()) => (steps.first, steps.count) = (steps.first + half * steps.stride, steps.count - half),
-        }
-    }
-    (steps.first, error)
 }
 
 impl Dataset for ForeignDataset {

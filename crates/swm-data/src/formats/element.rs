@@ -173,35 +173,30 @@ pub(crate) fn read_rows(
     mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
 ) -> Result<()> {
     let dtype = out.dtype();
-    read(steps, out).map_err(|error| match failing_row(&error, dtype, steps, dim, read) {
-        Some(row) => error.at(format_args!("row {row}")),
-        None => error,
-    })
+    match read(steps, out) {
+        Err(error) if dtype == Dtype::I64 && error.is_unsupported() => {
+            let read = |steps: Steps| read(steps, SliceMut::I64(&mut vec![0; steps.count * dim]));
+            let (row, error) = first_failing(steps, error, read);
+            Err(error.at(format_args!("row {row}")))
+        }
+        read => read,
+    }
 }
 
-/// The row of the u64 beyond the range of i64 for which `read` failed, if that is its error.
-pub fn failing_row(
-    error: &FormatError,
-    dtype: Dtype,
-    steps: Steps,
-    dim: usize,
-    read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>,
-) -> Option<usize> {
-    (dtype == Dtype::I64 && error.is_unsupported()).then(|| first_failing(steps, dim, read))
-}
-
-/// The first row of `dim` integers that `read` fails for, as it does for all of `steps`.
-fn first_failing(steps: Steps, dim: usize, mut read: impl FnMut(Steps, SliceMut<'_>) -> Result<()>) -> usize {
-    let (mut first, mut count) = (steps.first, steps.count);
-    while count > 1 {
-        let half = count / 2;
-        let part = Steps { first, count: half, ..steps };
-        match read(part, SliceMut::I64(&mut vec![0; half * dim])) {
-            Err(_) => count = half,
-            Ok(()) => (first, count) = (first + half * steps.stride, count - half),
+/// The first row that `read` fails for, and why, as it does for all of `steps`.
+pub fn first_failing(
+    mut steps: Steps,
+    mut error: FormatError,
+    mut read: impl FnMut(Steps) -> Result<()>,
+) -> (usize, FormatError) {
+    while steps.count > 1 {
+        let half = steps.count / 2;
+        match read(Steps { count: half, ..steps }) {
+            Err(earlier) => (steps.count, error) = (half, earlier),
+            Ok(()) => (steps.first, steps.count) = (steps.first + half * steps.stride, steps.count - half),
         }
     }
-    first
+    (steps.first, error)
 }
 
 /// A number of half precision: 1 bit of sign, 5 of exponent, 10 of fraction.
