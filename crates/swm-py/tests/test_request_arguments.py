@@ -137,6 +137,9 @@ def test_datasets_of_requests_are_found_by_name_as_those_that_are_loaded(tmp_pat
     for function, arguments, more in missing:
         with pytest.raises(FileNotFoundError, match=r"'rom\.h5' is neither in .*datasets nor a path"):
             function(*arguments, **more)
+    for path in ("./room.h5", "~/no_room.h5"):
+        with pytest.raises(FileNotFoundError, match=f"^'{path}' does not exist"):
+            swm.replay(path, progress=False)
 
 
 def test_steps_per_second_are_measured_and_refusals_name_arguments() -> None:

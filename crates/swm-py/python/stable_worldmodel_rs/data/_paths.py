@@ -83,13 +83,11 @@ def dataset_place(name: str, source: str | Path, cache_dir: str | Path | None) -
 
 
 def recorded(name: str, value: Any) -> str:
-    """Where the dataset of a request is: its address, its path, or the one of this name among the user's datasets.
+    """Where the dataset of a request is: its address, or the file that ``load_dataset`` opens.
 
     Raises:
         TypeError: It is no path, such as a dataset that is open.
         FileNotFoundError: There is none.
     """
-    path = home_path(name, value) or ""
-    if _swm.is_remote(str(value)):
-        return str(value)
-    return path if Path(path).exists() else str(find_dataset(path, datasets_folder()))
+    home_path(name, value)  # Refuses what is no path.
+    return str(value) if _swm.is_remote(str(value)) else str(find_dataset(str(value), datasets_folder()))
