@@ -6,7 +6,7 @@ use std::io::Write as _;
 
 use serde::{Deserialize, Serialize};
 use swm_core::error::nearest;
-use swm_tasks::request::cannot;
+use swm_tasks::request::{Message, cannot};
 
 use crate::engines::{hq, script, slurm};
 use crate::error::JobError;
@@ -200,10 +200,15 @@ impl Settings {
     pub fn number(&self, key: &str) -> Result<Option<u64>, JobError> {
         let read = |text: &str| match text.parse() {
             Ok(number) if number > 0 => Ok(number),
-            _ => Err(JobError::Setting(format!("--on: {key}={text} is no whole number above 0"))),
+            _ => Err(wrong(format!("{key}={text} is no whole number above 0"))),
         };
         self.get(key).map(read).transpose()
     }
+}
+
+/// The refusal of an engine or of what it is given.
+pub(crate) fn wrong(reason: impl Into<String>) -> JobError {
+    Message::about_setting("on", reason).into()
 }
 
 /// Reads `NAME:KEY=VALUE,…`. The value of `raw` is everything behind it.
@@ -216,12 +221,12 @@ pub fn engine(text: &str) -> Result<(&'static Engine, Settings), JobError> {
     let names = || ENGINES.iter().map(|engine| engine.name).collect::<Vec<_>>().join(", ");
     let engine = ENGINES.iter().find(|engine| engine.name == name);
     let engine = engine.ok_or_else(|| {
-        JobError::Setting(format!(
-            "--on: `{name}` is unknown; there are: {}; script prints the commands for any other scheduler",
+        wrong(format!(
+            "`{name}` is unknown; there are: {}; script prints the commands for any other scheduler",
             names()
         ))
     })?;
-    let wrong = |reason: String| JobError::Setting(format!("--on {name}: {reason}"));
+    let wrong = |reason: String| wrong(format!("{name}: {reason}"));
     let mut settings = BTreeMap::new();
     let mut rest = rest;
     while !rest.is_empty() {

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use swm_data::DataError;
-use swm_tasks::request::{FileError, TaskError};
+use swm_tasks::request::{FileError, Message, TaskError};
 
 /// Why a job cannot be made, opened, submitted or run.
 #[derive(Debug, thiserror::Error)]
@@ -45,9 +45,6 @@ pub enum JobError {
     /// This process is not the program of the job, or computes other results.
     #[error("{0}")]
     OtherProgram(String),
-    /// What an engine is given is wrong.
-    #[error("{0}")]
-    Setting(String),
     /// A program of an engine is not on this machine.
     #[error("there is no program `{0}` here; run this where it is, such as on a login node")]
     NoProgram(&'static str),
@@ -124,4 +121,10 @@ pub enum JobError {
     /// The request of the job is wrong, or one of its files cannot be hashed.
     #[error(transparent)]
     Task(#[from] TaskError),
+}
+
+impl From<Message> for JobError {
+    fn from(refusal: Message) -> Self {
+        Self::Task(refusal.into())
+    }
 }

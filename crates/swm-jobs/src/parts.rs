@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use swm_core::Registry;
 use swm_tasks::evaluation::{file_bytes, file_hash};
-use swm_tasks::request::{Divided, Shard, cannot};
+use swm_tasks::request::{Divided, Message, Shard, cannot};
 use swm_tasks::text_file::read_text;
 
 use crate::error::JobError;
@@ -28,8 +28,8 @@ impl JobFolder {
             _ => self.dir.clone(),
         };
         let shards = self.job.shards;
-        let part = Shard::new(shard, shards)
-            .ok_or_else(|| JobError::Setting(format!("no shard {shard} of {shards}")))?;
+        let part =
+            Shard::new(shard, shards).ok_or_else(|| Message::new(format!("no shard {shard} of {shards}")))?;
         Ok(request.part(part, out))
     }
 

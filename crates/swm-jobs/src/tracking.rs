@@ -10,6 +10,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use swm_tasks::request::Message;
 use swm_tasks::traps::pythons;
 
 use crate::error::JobError;
@@ -32,6 +33,11 @@ const END: Duration = Duration::from_secs(60);
 
 /// The module of the Python package that follows a run.
 const MODULE: &str = "stable_worldmodel_rs.track";
+
+/// The refusal of a tracker.
+fn wrong(reason: impl Into<String>) -> JobError {
+    Message::about_setting("track", reason).into()
+}
 
 /// Does `work`, a training in the folder `run`, while trackers follow it.
 ///
@@ -103,10 +109,7 @@ impl Follower {
                 Ok(line) if line == "ready" => return Ok(Self { child, said }),
                 Ok(line) => {
                     let _ = child.wait();
-                    return Err(JobError::Setting(format!(
-                        "--track: {}",
-                        line.strip_prefix("error ").unwrap_or(&line)
-                    )));
+                    return Err(wrong(line.strip_prefix("error ").unwrap_or(&line)));
                 }
                 // An interpreter without the package ends without a word.
                 Err(_) => {
@@ -116,10 +119,10 @@ impl Follower {
             }
         }
         let trackers = trackers.join(" ");
-        Err(JobError::Setting(format!(
-            "--track: {trackers} needs the Python package: pip install stable-worldmodel-rs {trackers}, and SWM_PYTHON=PYTHON names its \
-             interpreter where it is not the first on the search path; or leave it out: the run has metrics.jsonl and event files for \
-             TensorBoard"
+        Err(wrong(format!(
+            "{trackers} needs the Python package stable_worldmodel_rs, the wheel of a release, and `pip install {trackers}`; SWM_PYTHON=PYTHON \
+             names its interpreter where it is not the first on the search path; or leave it out: the run has metrics.jsonl and event files \
+             for TensorBoard"
         )))
     }
 
@@ -189,9 +192,9 @@ mod tests {
 
         let reason = "tracking by trackio needs the package trackio; `pip install trackio`";
         let said = started(&format!("echo 'error {reason}'")).err().unwrap().to_string();
-        assert!(said.contains(&format!("--track: {reason}")), "{said}");
+        assert!(said.contains(&format!("track: {reason}")), "{said}");
         let said = started("exit 1").err().unwrap().to_string();
-        let words = ["pip install stable-worldmodel-rs trackio", "SWM_PYTHON=PYTHON"];
+        let words = ["`pip install trackio`", "SWM_PYTHON=PYTHON"];
         assert!(words.iter().all(|word| said.contains(word)), "{said}");
     }
 }

@@ -3,8 +3,10 @@
 
 use std::fmt::Write as _;
 
+use swm_tasks::request::Message;
+
 use super::task;
-use crate::engine::{Driver, Engine, Queued, Request, Settings};
+use crate::engine::{Driver, Engine, Queued, Request, Settings, wrong};
 use crate::error::JobError;
 use crate::files::ranges;
 use crate::job::JobFolder;
@@ -68,9 +70,9 @@ impl Driver for Slurm {
 
     fn check(&self, settings: &Settings) -> Result<(), JobError> {
         match settings.get("time") {
-            Some(time) if time_limit(time).is_none() && !UNLIMITED.contains(&time) => Err(JobError::Setting(
-                format!("--on slurm: time={time} is no time limit; write H:M:S, such as 2:00:00, or D-H:M:S"),
-            )),
+            Some(time) if time_limit(time).is_none() && !UNLIMITED.contains(&time) => Err(wrong(format!(
+                "slurm: time={time} is no time limit; write H:M:S, such as 2:00:00, or D-H:M:S"
+            ))),
             _ => Ok(()),
         }
     }
@@ -164,9 +166,10 @@ fn head(
 ) -> Result<String, JobError> {
     let dir = folder.dir.display().to_string();
     if dir.contains(['%', '"', '\\', '\n']) {
-        return Err(JobError::Setting(format!(
+        return Err(Message::new(format!(
             "{dir}: Slurm cannot write its output into a folder with %, \" or \\ in its name"
-        )));
+        ))
+        .into());
     }
     // A folder that is missing would end every task without a word, so it is made before. One file per array: tasks have logs of
     // their own.

@@ -97,7 +97,6 @@ impl<E: Into<BoxError>> From<E> for Failure {
         let source: BoxError = error.into();
         let source = match source.downcast::<JobError>().map(|error| *error) {
             Ok(JobError::Task(error)) => error.into(),
-            Ok(error @ JobError::Setting(_)) => return usage(error),
             Ok(error) => error.into(),
             Err(source) => source,
         };
