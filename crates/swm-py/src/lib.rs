@@ -6,6 +6,7 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod arrays;
+mod checkpoints;
 mod cost;
 mod dataset;
 mod errors;
@@ -24,7 +25,6 @@ mod program;
 mod receipt;
 mod record;
 mod report;
-mod reproduce;
 mod requests;
 mod runs;
 mod solver;
@@ -54,7 +54,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     program::add(m)?;
     receipt::add(m)?;
     record::add(m)?;
-    reproduce::add(m)?;
+    checkpoints::add(m)?;
     requests::add(m)?;
     solver::add(m)?;
     statistics::add(m)?;

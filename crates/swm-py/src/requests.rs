@@ -6,10 +6,10 @@ use swm::tasks::request::{
     Request as _, Split, Stats, Train, Verify,
 };
 
+use crate::checkpoints::reproduce;
 use crate::errors::{OrRaise as _, SwmError, in_words};
 use crate::manifest::{from_json, to_json};
 use crate::report::{Made, Reporter, run};
-use crate::reproduce::reproduce;
 use crate::world::registry;
 use crate::writer::check_threads;
 

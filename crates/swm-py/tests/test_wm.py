@@ -520,6 +520,24 @@ def test_the_archive_of_dino_wm_is_a_prejepa(tmp_path: Path) -> None:
         wm.load_pretrained(GOLDEN / "lewm_transformers4", encoder=encoder)
 
 
+@pytest.mark.parametrize(("case", "weights"), [("lewm_trainer", "last.ckpt"), ("tdmpc2_state", "weights_epoch_1.pt")])
+def test_the_config_of_a_training_script_has_the_model_in_it(case: str, weights: str, tmp_path: Path) -> None:
+    for name in (weights, "config.yaml"):
+        shutil.copy(GOLDEN / case / name, tmp_path)
+    found, wanted = (wm.load_pretrained(folder / weights) for folder in (tmp_path, GOLDEN / case))
+    assert type(found) is type(wanted)
+    mine: dict[str, Any] = found.state_dict()
+    assert all(torch.equal(mine[name], value) for name, value in wanted.state_dict().items()) and len(mine) > 10
+    config = (tmp_path / "config.yaml").read_text()
+    for text, match in (("model: *other\n", "config.yaml is no config of Hydra: line 1: "), ("a: 1\n  b: 2\n", "line 2: ")):
+        (tmp_path / "config.yaml").write_text(text)
+        with pytest.raises(ValueError, match=match):
+            wm.load_pretrained(tmp_path)
+    (tmp_path / "config.yaml").write_text(config.replace("embed_dim: 12", "other: 12").replace("enc_dim: 16", "enc_dim: ${other}"))
+    with pytest.raises(ValueError, match=r"\$\{"):
+        wm.load_pretrained(tmp_path)
+
+
 def test_bad_configs_are_refused(tmp_path: Path) -> None:
     folder, config, _ = small_lewm(tmp_path)
 

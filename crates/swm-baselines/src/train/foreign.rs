@@ -12,6 +12,9 @@ use crate::error::BaselineError;
 /// The longest `config.json` of others that is read, in bytes.
 pub const LONGEST_CONFIG: u64 = 1 << 20;
 
+/// Configs of trainings that Hydra wrote.
+pub const YAML_CONFIGS: [&str; 2] = ["hydra.yaml", "config.yaml"];
+
 /// Whether a folder holds a checkpoint of others: a config that names a class, or weights beside no run.
 pub fn is_foreign(path: &Path) -> bool {
     if path.is_file() {
@@ -20,7 +23,9 @@ pub fn is_foreign(path: &Path) -> bool {
             .and_then(|ending| ending.to_str())
             .is_some_and(|ending| ENDINGS.contains(&ending));
     }
-    let Some(bytes) = read(&path.join("config.json")) else { return path.join("hydra.yaml").is_file() };
+    let Some(bytes) = read(&path.join("config.json")) else {
+        return YAML_CONFIGS.iter().any(|name| path.join(name).is_file());
+    };
     serde_json::from_slice::<Json>(&bytes).is_ok_and(|config| config.get("version").is_none())
 }
 

@@ -43,7 +43,7 @@ pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{RunFolder, RunLock};
 pub(crate) use foreign::refuse_foreign;
-pub use foreign::{LONGEST_CONFIG, is_foreign};
+pub use foreign::{LONGEST_CONFIG, YAML_CONFIGS, is_foreign};
 pub use looks::ImageLooks;
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::descriptions;

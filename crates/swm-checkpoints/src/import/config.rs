@@ -99,12 +99,17 @@ pub(super) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
-    /// The whole of a file.
+    /// The whole of a file; of a training's, the model in it that has a class.
     pub(super) fn root(file: &'a str, value: &'a Json) -> Result<Self, TaskError> {
         let root = Self { file, place: String::new(), value };
         if !value.is_object() {
             return Err(root.wrong("holds no settings"));
         }
+        let root = match root.get("model") {
+            // The archive of DINO-WM's authors has a class there, too, and its settings beside it.
+            Some(model) if model.get("_target_").is_some() && root.get("num_hist").is_none() => model,
+            _ => root,
+        };
         root.check(DEEPEST)?;
         Ok(root)
     }

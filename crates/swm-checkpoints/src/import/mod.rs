@@ -40,6 +40,7 @@ use swm_data::OpenOptions;
 use swm_tasks::request::{Fix, Message, Report, Request, TaskError};
 
 pub use load::Loaded;
+pub use yaml::read_yaml;
 
 swm_core::settings! {
     /// Make a run of a checkpoint that stable-worldmodel or the authors of DINO-WM published.

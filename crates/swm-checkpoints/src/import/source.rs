@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
-use swm_baselines::train::LONGEST_CONFIG;
+use swm_baselines::train::{LONGEST_CONFIG, YAML_CONFIGS};
 use swm_core::evaluate::sha256;
 use swm_tasks::request::{Assignment, Fix, Message, TaskError};
 use swm_weights::ENDINGS;
@@ -59,7 +59,8 @@ pub(super) fn find(from: &str, file: Option<&str>) -> Result<Source, TaskError> 
             Some(name) if name == ARCHIVE.0 => parent.parent().unwrap_or(parent),
             _ => parent,
         };
-        let is_config = path.file_name().is_some_and(|name| name == "config.json");
+        let configs = ["config.json"].into_iter().chain(YAML_CONFIGS);
+        let is_config = path.file_name().is_some_and(|name| configs.into_iter().any(|config| name == config));
         let weights = (!is_config).then(|| path.clone());
         return with_config(Some(folder.to_owned()), weights);
     }
@@ -166,7 +167,7 @@ fn check_inside(folder: &Path, file: &Path) -> Result<(), TaskError> {
 
 fn with_config(folder: Option<PathBuf>, weights: Option<PathBuf>) -> Result<Source, TaskError> {
     let beside = |name: &str| folder.as_ref().map(|folder| folder.join(name)).filter(|file| file.is_file());
-    let config = match (beside("config.json"), beside("hydra.yaml")) {
+    let config = match (beside("config.json"), YAML_CONFIGS.into_iter().find_map(beside)) {
         (Some(file), _) => Some(read_json(&file)?),
         (None, Some(file)) => Some(read_yaml(&file)?),
         (None, None) => None,
@@ -206,9 +207,8 @@ fn read_json(file: &Path) -> Result<ConfigFile, TaskError> {
 fn read_yaml(file: &Path) -> Result<ConfigFile, TaskError> {
     let bytes = read_text(file)?;
     let name = file.display().to_string();
-    let value = yaml::parse(&String::from_utf8_lossy(&bytes)).map_err(|line| {
-        Message::new(format!("{name}: line {line} is not of the simple YAML that OmegaConf writes"))
-    })?;
+    let value = yaml::read_yaml(&String::from_utf8_lossy(&bytes))
+        .map_err(|reason| Message::new(format!("{name}: {reason}")))?;
     Ok(ConfigFile { name, value, sha256: sha256(&bytes) })
 }
 

@@ -153,6 +153,35 @@ fn what_an_agent_of_no_config_computes_with_is_asked_for() {
     bare().set(all).check();
 }
 
+/// What a training script leaves in its folder: the checkpoint of its trainer, and a config of all that it did.
+#[test]
+fn configs_of_whole_trainings_have_the_model_in_them() {
+    for [case, weights] in [["lewm_trainer", "last.ckpt"], TDMPC2] {
+        let mut form = Form::with([case, weights], no_config, |name, stored| {
+            // Of the training, not of the model.
+            (!name.starts_with("sigreg.")).then_some((name, stored))
+        });
+        std::fs::copy(golden().join(case).join("config.yaml"), form.folder.path().join("config.yaml"))
+            .unwrap();
+        form.check();
+        // The config alone names the same files.
+        form.request.from = form.folder.path().join("config.yaml").display().to_string();
+        form.request.check_only = true;
+        let alone = form.request.run(&registry(), &mut ()).unwrap_err().to_string();
+        assert!(alone.contains("config.yaml: no file of weights is beside it"), "{alone}");
+    }
+    let form = Form::bare("lewm_trainer", no_config);
+    let text = std::fs::read_to_string(golden().join("lewm_trainer/config.yaml")).unwrap();
+    std::fs::write(form.folder.path().join("config.yaml"), text.replace("embed_dim: 12", "other: 12"))
+        .unwrap();
+    let refused = form.refused();
+    assert!(
+        refused
+            .contains("config.yaml: model.predictor.input_dim is ${embed_dim}: an unfinished Hydra config"),
+        "{refused}"
+    );
+}
+
 #[test]
 fn agents_that_observe_nothing_are_refused() {
     let changed = |place: &'static str, value: Json| {

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -82,7 +81,8 @@ def load_pretrained(
     is_archive = hydra.is_file() and not (file.parent / "config.json").is_file()
     if encoder is not None and not is_archive:
         raise ValueError(f"encoder: {file} has an encoder of its own, or none; leave encoder out")
-    config = {} if is_archive else _read_config(file.parent)
+    named = hydra if is_archive else _config_of(file.parent)
+    config = {} if is_archive else _read_config(named)
     tensors = read_weights(file)
     if is_archive:
         model, tensors = _of_archive(hydra, tensors, file, encoder, extra)
@@ -91,11 +91,11 @@ def load_pretrained(
         config = overridden(config, extra)
         model = _of_config(config, tensors, file, heads)
         if kind is not None and type(model).__name__ != "GCRL":
-            raise ValueError(f"kind={kind!r}: {file.parent / 'config.json'} is of another model, a {type(model).__name__}; leave kind out")
+            raise ValueError(f"kind={kind!r}: {named} is of another model, a {type(model).__name__}; leave kind out")
         cast("Any", model).pretrained_config = config
         _see_as_exported(model, file.parent / "swm.json")
     else:
-        model = _of_training(config, tensors, file, kind, extra)
+        model = _of_training(config, tensors, named, kind, extra)
     _fill(model, tensors, file)
     return cast("Any", model).to(where).eval()
 
@@ -142,22 +142,19 @@ def _of_archive(
     if encoder is None:
         raise ValueError(f"{file}: the weights of the encoder, a frozen DINOv2, are not in the file; give encoder='dinov2_vits14_pretrain.pth'")
     own = read_weights(Path(path_of("encoder", encoder, "the file of the weights of a DINOv2")))
-    if hydra.stat().st_size > _MOST_CONFIG:
-        raise ValueError(f"{hydra} has more than 1 MiB; no model's config has")
-    # Values by path, of the simple YAML that OmegaConf writes: two levels are enough.
-    settings: dict[str, Any] = {}
-    above = ""
-    for indent, key, value in re.findall(r"^( *)(\w+):[ \t]*(.*)$", hydra.read_text(encoding="utf-8"), re.MULTILINE):
-        if not indent:
-            above = key
-        path = f"{above}.{key}" if indent else key
-        settings.setdefault(path, int(value) if value.isdecimal() else value.strip("'\""))
+    config = _read_config(hydra)
+    settings: dict[str, Any] = {"num_hist": config.get("num_hist")}
+    for part in ("encoder", "predictor"):
+        inner = config.get(part)
+        if isinstance(inner, dict):
+            settings |= {f"{part}.{name}": value for name, value in cast("dict[str, Any]", inner).items()}
     return archive_of(tensors, own, settings, extra, str(file))
 
 
 def _of_training(
     config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, kind: str | None, extra: Mapping[str, Any]
 ) -> nn.Module:
+    """The model of the config of a whole training, ``file``."""
     from ._config import overridden
     from ._shapes import POLICIES, policy_of, world_of
     from ._torch import torch
@@ -166,12 +163,12 @@ def _of_training(
     if "version" in config and "model_config" in config:
         raise ValueError(f"{file.parent} is a run of this program, not a published checkpoint; `mpc:{file.parent}` plans with it")
     if not config:
-        raise ValueError(f"{file.parent / 'config.json'} is empty; take the one that was published beside the weights")
+        raise ValueError(f"{file} is empty; take the one that was published beside the weights")
     kinds = (*POLICIES, "dino-wm", "tdmpc2")
     if kind is None:
         what = config.get("output_model_name", "of no name")
         raise ValueError(
-            f"{file.parent / 'config.json'} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, kinds))}"
+            f"{file} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, kinds))}"
         )
     if kind not in kinds:
         raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(kinds)}")
@@ -230,19 +227,32 @@ def _some(names: Sequence[str], most: int = 5) -> str:
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def _read_config(folder: Path) -> dict[str, Any]:
-    file = folder / "config.json"
-    if not file.is_file():
-        raise ValueError(f"{folder} has no config.json, which says what the weights are of; take the one that was published beside them")
+def _config_of(folder: Path) -> Path:
+    """The file of a checkpoint's config: ``config.json``, or what its training script wrote."""
+    for name in ("config.json", "config.yaml"):
+        if (folder / name).is_file():
+            return folder / name
+    raise ValueError(f"{folder} has no config.json, which says what the weights are of; take the one that was published beside them")
+
+
+def _read_config(file: Path) -> dict[str, Any]:
+    """The settings of a file: of a training's, those of the model where it has a class."""
+    from .._core import core as _swm
+
     if file.stat().st_size > _MOST_CONFIG:
         raise ValueError(f"{file} has more than 1 MiB; no model's config has")
+    is_yaml = file.suffix == ".yaml"
     try:
-        found: Any = json.loads(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
+        found: Any = json.loads(_swm.yaml_config(text) if is_yaml else text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{file} is no JSON: {error}; fetch it again") from error
+        raise ValueError(f"{file} is no {'config of Hydra' if is_yaml else 'JSON'}: {error}; fetch it again") from error
     if not isinstance(found, dict):
         raise ValueError(f"{file} holds no settings; take the one that was published beside the weights")
-    return cast("dict[str, Any]", found)
+    config = cast("dict[str, Any]", found)
+    model = config.get("model")
+    is_model = isinstance(model, dict) and "_target_" in model and "num_hist" not in config
+    return cast("dict[str, Any]", model) if is_model else config
 
 
 def _home(cache_dir: Path | None) -> Path:

@@ -1,4 +1,4 @@
-//! Published results, repeated. Every wheel has them, as they take trained models.
+//! Published checkpoints and results. Every wheel has them, as they take trained models.
 
 use pyo3::prelude::*;
 
@@ -10,9 +10,17 @@ fn recipes() -> PyResult<String> {
     work::recipes()
 }
 
+/// A config that Hydra wrote, as JSON.
+#[pyfunction]
+fn yaml_config(text: &str) -> PyResult<String> {
+    work::yaml_config(text)
+}
+
 #[cfg(feature = "baselines")]
 mod work {
+    use pyo3::exceptions::PyValueError;
     use pyo3::prelude::*;
+    use swm::checkpoints::import::read_yaml;
     use swm::checkpoints::reproduce::{Reproduce, recipes as all};
 
     use crate::manifest::to_json;
@@ -20,6 +28,10 @@ mod work {
 
     pub(super) fn recipes() -> PyResult<String> {
         to_json(&all())
+    }
+
+    pub(super) fn yaml_config(text: &str) -> PyResult<String> {
+        to_json(&read_yaml(text).map_err(PyValueError::new_err)?)
     }
 
     /// Repeats a published result: what came out beside what was reported.
@@ -51,6 +63,10 @@ mod work {
         Err(absent())
     }
 
+    pub(super) fn yaml_config(_text: &str) -> PyResult<String> {
+        Err(absent())
+    }
+
     pub(crate) fn reproduce(
         _py: Python<'_>,
         _request: &str,
@@ -61,7 +77,8 @@ mod work {
     }
 }
 
-/// Adds this file's function to the module.
+/// Adds this file's functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(recipes, m)?)
+    m.add_function(wrap_pyfunction!(recipes, m)?)?;
+    m.add_function(wrap_pyfunction!(yaml_config, m)?)
 }
