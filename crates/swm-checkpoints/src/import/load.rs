@@ -70,23 +70,23 @@ pub(super) fn load(
     description.env.clone_from(&place.env);
     description.scales =
         scales.of.iter().map(|(name, (scale, from))| (name.clone(), scale.clone(), from.clone())).collect();
-    let mut wants: Vec<TaskError> = columns
+    let mut wants: Vec<Message> = columns
         .iter()
         .filter(|name| !scales.of.contains_key(**name))
         .map(|name| scales::unsaid(name))
         .collect();
     if place.env.is_none() {
         let text = "no file says which environment it was trained in";
-        wants.push(Message::new(text).fix(give("env", "")).into());
+        wants.push(Message::new(text).fix(give("env", "")));
     }
     if let (None, Some(config)) = (&source.weights, &source.config) {
         let text = format!("{}: no file of weights is beside it; put the published one there", config.name);
-        wants.insert(0, Message::new(text).into());
+        wants.insert(0, Message::new(text));
     }
     place.check_vector(&recipe)?;
     let frameskip = place.frameskip(&recipe)?;
     description.frameskip = frameskip;
-    description.missing = wants.iter().map(ToString::to_string).collect();
+    description.missing.clone_from(&wants);
     let action = frameskip.map_or(recipe.block, |frameskip| recipe.block / frameskip.max(1));
     for (name, (scale, _)) in &scales.of {
         scales::check(name, scale, if name == ACTION { action } else { recipe.vector })?;
@@ -94,7 +94,7 @@ pub(super) fn load(
     if !request.check_only
         && let Some(wanted) = wants.into_iter().next()
     {
-        return Err(wanted);
+        return Err(wanted.into());
     }
     let Some(path) = source.weights.clone() else {
         description.tensors = [0, tensors(&recipe, action, frameskip.unwrap_or(1), &set)?];
@@ -111,12 +111,12 @@ pub(super) fn load(
         lacks: Vec::new(),
     };
     let bounds = noted_bounds(&source, action);
-    let stored = found.map_or(0, |found| weights::to_ours(found.tensors).len());
     let parts = Parts { request, recipe, place, scales, imported, action, frameskip, set, bounds };
     let loaded = match parts.recipe.name {
         "tdmpc2" => {
             let agent = parts.agent(&path, &mut description)?;
             // An agent takes all tensors of a file.
+            let stored = found.map_or(0, |found| weights::to_ours(found.tensors).len());
             description.tensors = [stored, stored];
             agent
         }

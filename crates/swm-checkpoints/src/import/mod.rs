@@ -115,7 +115,7 @@ pub struct Description {
     /// Objects in the file that were passed over, and functions that Python would call if it loaded it.
     pub ignored: Vec<String>,
     /// What must still be given to make a run of it.
-    pub missing: Vec<String>,
+    pub missing: Vec<Message>,
     /// All settings of the model.
     pub settings: Json,
     /// The run that was made.

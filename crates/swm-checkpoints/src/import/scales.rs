@@ -119,7 +119,7 @@ pub(super) fn check(name: &str, scale: &Scale, dim: usize) -> Result<(), TaskErr
 }
 
 /// What must be given where no file says how a column was scaled.
-pub(super) fn unsaid(column: &str) -> TaskError {
+pub(super) fn unsaid(column: &str) -> Message {
     let [mean, std] = match column == ACTION {
         true => ["action_mean", "action_std"],
         false => ["proprio_mean", "proprio_std"],
@@ -128,5 +128,5 @@ pub(super) fn unsaid(column: &str) -> TaskError {
     let settings = [mean, std].map(Assignment::name).to_vec();
     let numbers = Fix::SetAll { settings, instead_of: None, to: String::new() };
     let dataset = give("dataset", "that it was trained on");
-    Message::new(text).fix(Fix::Any(vec![dataset, give("stats", ""), numbers])).into()
+    Message::new(text).fix(Fix::Any(vec![dataset, give("stats", ""), numbers]))
 }

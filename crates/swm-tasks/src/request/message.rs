@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use serde::{Serialize, Serializer};
 use serde_json::Value as Json;
 
 /// A setting of a request, with the value that was given or that helps.
@@ -227,6 +228,13 @@ impl Message {
             told += &fix.in_words(words);
         }
         told
+    }
+}
+
+/// As its text, in which settings have their names.
+impl Serialize for Message {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 

@@ -129,7 +129,9 @@ mod work {
         if !found.format.is_empty() {
             row("file", format!("{}, names of {}", found.format, found.names));
         }
-        row("image", format!("{0} x {0}", found.image));
+        if found.image > 0 {
+            row("image", format!("{0} x {0}", found.image));
+        }
         row("history", found.history.to_string());
         row("numbers a block", found.block.to_string());
         if let Some(frameskip) = found.frameskip {
@@ -151,7 +153,7 @@ mod work {
             row("random", format!("{} tensors that no plan or action needs", found.lacks.len()));
         }
         for missing in &found.missing {
-            row("missing", missing.clone());
+            row("missing", missing.in_words(&WORDS));
         }
         if let Some(run) = &found.run {
             row("run", run.display().to_string());
@@ -159,5 +161,21 @@ mod work {
         let rows: Vec<(&str, String)> =
             rows.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
         key_values(&rows)
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use swm_tasks::request::{Fix, Message};
+
+        use super::*;
+
+        #[test]
+        fn what_is_missing_is_worded_as_options() {
+            let mut found = Description::default();
+            found.missing = vec![Message::new("it has no scale").fix(Fix::give("action_mean"))];
+            let shown = text(&found);
+            assert!(shown.contains("it has no scale; give --action-mean"), "{shown}");
+            assert!(!shown.contains("image"), "an agent of vectors sees none: {shown}");
+        }
     }
 }

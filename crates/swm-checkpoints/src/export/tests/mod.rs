@@ -181,7 +181,7 @@ fn one_head_as_wide_as_a_token_is_imported_and_exported() {
             .collect();
         swm_weights::save(&at("published/weights.pt"), &tensors).unwrap();
         let first = imported_from(&at("published/weights.pt"), name, None, &at("run"));
-        assert_eq!(first.missing, Vec::<String>::new(), "{name}");
+        assert_eq!(first.missing, Vec::new(), "{name}");
         export(&at("run"), &at("out"), None);
         let again = Import { from: at("out").display().to_string(), out: at("again"), ..Import::default() };
         again.run(&registry(), &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
