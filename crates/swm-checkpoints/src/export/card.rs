@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use super::Exported;
-use super::form::Form;
+use super::form::{Evaluation, Form, Trained};
+use swm_files::remote::is_remote;
 use swm_weights::Values;
 
 /// `README.md`: metadata between lines of dashes, then text.
@@ -14,6 +15,12 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         // A string of JSON is one of YAML.
         let _ = writeln!(out, "environment: {}", serde_json::Value::from(env.as_str()));
     }
+    // Only what the Hub can link to.
+    let repository =
+        form.dataset.as_ref().and_then(|dataset| dataset.path.to_str()?.strip_prefix("hf://datasets/"));
+    if let Some([user, name, ..]) = repository.map(|rest| rest.split('/').collect::<Vec<_>>()).as_deref() {
+        let _ = writeln!(out, "datasets:\n- {}", serde_json::Value::from(format!("{user}/{name}")));
+    }
     out.push_str("---\n\n");
     let _ = writeln!(
         out,
@@ -21,11 +28,11 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         form.model,
         form.env.as_deref().map_or(String::new(), |env| format!("for {env}"))
     );
-    let _ = writeln!(
-        out,
-        "A `{}`, written by `stable-worldmodel for Rust` from step {} of a training.\n",
-        exported.class, form.step
-    );
+    let from = match (&form.imported, form.step) {
+        (Some(_), 0) => "an imported checkpoint".to_owned(),
+        (_, step) => format!("step {step} of a training"),
+    };
+    let _ = writeln!(out, "A `{}`, written by `stable-worldmodel for Rust` from {from}.\n", exported.class);
     out.push_str("| what | value |\n|---|---|\n");
     for (name, value) in rows(form, exported) {
         let _ = writeln!(out, "| {name} | {} |", value.replace('|', "\\|"));
@@ -34,6 +41,24 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         out.push_str("\n## Scales\n\nVectors are standardized; no other file says by which numbers.\n\n| column | mean | std |\n|---|---|---|\n");
         for (name, scale) in &form.scales {
             let _ = writeln!(out, "| `{name}` | {:?} | {:?} |", scale.mean, scale.std);
+        }
+    }
+    if let Some(Evaluation { receipt, sha256 }) = &form.evaluation {
+        let (manifest, summary) = (&receipt.manifest, &receipt.summary);
+        let [low, high] = summary.ci95;
+        let (tier, pairs) = (manifest.tier.name(), manifest.pairs.len());
+        let _ = writeln!(
+            out,
+            "\n## Evaluation\n\n{:.1} % ({low:.1} to {high:.1}) of {pairs} pairs of start and goal in `{}`, {tier} tier.\n",
+            summary.success_rate, manifest.env
+        );
+        out.push_str("| what | value |\n|---|---|\n");
+        for (name, value) in [
+            ("policy", format!("`{}`", receipt.policy)),
+            ("manifest", receipt.manifest_hash.clone()),
+            ("SHA-256 of the receipt", sha256.clone()),
+        ] {
+            let _ = writeln!(out, "| {name} | {} |", value.replace('|', "\\|"));
         }
     }
     out.push_str("\n## Use\n\n```python\nfrom stable_worldmodel.wm.utils import load_pretrained\n\n");
@@ -70,6 +95,11 @@ fn rows(form: &Form, exported: &Exported) -> Vec<(&'static str, String)> {
     }
     if let Some(env) = &form.env {
         rows.push(("environment", format!("`{env}`")));
+    }
+    if let Some(Trained { path, episodes, rows: count }) = &form.dataset {
+        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+        let name = if is_remote(path) { path.to_string_lossy() } else { name };
+        rows.push(("dataset", format!("`{name}`, {episodes} episodes, {count} rows")));
     }
     if let Some(imported) = &form.imported {
         rows.push(("imported from", format!("`{}` (SHA-256 {})", imported.source, imported.sha256)));

@@ -1,12 +1,14 @@
 //! A run in the reference's words.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::BaselineError;
 use swm_baselines::online::{OnlineConfig, OnlineState, online_agent};
 use swm_baselines::train::{Imported, RunConfig, RunFolder, Scale, State, Which, step_of};
-use swm_tasks::request::TaskError;
+use swm_tasks::evaluation::{Receipt, file_hash, read_receipt};
+use swm_tasks::request::{Fix, Message, TaskError};
 use swm_weights::{Saved, Stored, Values};
 
 use super::backbone::Backbone;
@@ -44,13 +46,48 @@ pub(super) struct Form {
     pub(super) notes: Vec<String>,
     /// Where the run's checkpoint is from, if it was imported.
     pub(super) imported: Option<Imported>,
+    /// The dataset that it learned from, where the run names one.
+    pub(super) dataset: Option<Trained>,
+    /// An evaluation of it.
+    pub(super) evaluation: Option<Evaluation>,
+}
+
+/// What a model learned from.
+pub(super) struct Trained {
+    pub(super) path: PathBuf,
+    pub(super) episodes: usize,
+    pub(super) rows: usize,
+}
+
+/// A receipt of the run's weights.
+pub(super) struct Evaluation {
+    pub(super) receipt: Receipt,
+    /// SHA-256 of its file.
+    pub(super) sha256: String,
+}
+
+impl Evaluation {
+    /// The receipt at `path`, which must be of these weights.
+    fn of(path: &Path, weights: &str) -> Result<Self, TaskError> {
+        let receipt = read_receipt(path)?;
+        if !receipt.files.values().any(|hash| hash == weights) {
+            let text =
+                format!("is of {}, whose files are not the weights of this checkpoint", receipt.policy);
+            let message = Message::about("receipt", path.display().to_string(), text);
+            return Err(message
+                .fix(Fix::Any(vec![Fix::Change("receipt"), Fix::Change("checkpoint")]))
+                .into());
+        }
+        let file = if path.is_dir() { path.join("receipt.json") } else { path.to_owned() };
+        Ok(Self { receipt, sha256: file_hash(&file)? })
+    }
 }
 
 impl Form {
     pub(super) fn of_run(request: &Export) -> Result<Self, TaskError> {
         let run = RunFolder::open(&request.run)?;
         let which: Which = request.checkpoint.parse().map_err(|reason| {
-            TaskError::from(swm_tasks::request::Message::about(
+            TaskError::from(Message::about(
                 "checkpoint",
                 request.checkpoint.clone(),
                 format!("is no checkpoint: {reason}"),
@@ -60,7 +97,11 @@ impl Form {
             Some(_) => Self::of_agent(request, &run, which),
             None => Self::of_model(request, &run, which),
         };
-        Ok(form?)
+        let mut form = form?;
+        if let Some(path) = &request.receipt {
+            form.evaluation = Some(Evaluation::of(path, &form.run_sha256)?);
+        }
+        Ok(form)
     }
 
     fn of_model(request: &Export, run: &RunFolder, which: Which) -> Result<Self, BaselineError> {
@@ -81,6 +122,8 @@ impl Form {
         };
         let layout = layout.map_err(|Unfit(reason)| no_form(run, &reason))?;
         let data = &config.data;
+        let dataset = Some(Trained { path: data.path.clone(), episodes: data.episodes, rows: data.rows })
+            .filter(|dataset| !dataset.path.as_os_str().is_empty());
         let noted = json!({
             "kind": name,
             "image": data.image,
@@ -97,6 +140,7 @@ impl Form {
             scales: data.scales.clone(),
             env: data.env.clone(),
             imported: config.imported,
+            dataset,
             ..Self::empty(noted)
         };
         form.with(request, layout, stored).map_err(|Unfit(reason)| no_form(run, &reason))
@@ -157,6 +201,8 @@ impl Form {
             left_out: Vec::new(),
             notes: Vec::new(),
             imported: None,
+            dataset: None,
+            evaluation: None,
         }
     }
 

@@ -47,6 +47,8 @@ swm_core::settings! {
         checkpoint: String = "last".to_owned() => "last",
         /// The version of transformers, 4 or 5, whose names the tensors of its encoder get.
         transformers: Option<usize> = None => "that of the checkpoint that the run was imported from, else 4",
+        /// The receipt of an evaluation of this checkpoint, for the card: its file or folder.
+        receipt: Option<PathBuf> = None => "none",
         /// The folder, which must not be there yet.
         out: PathBuf = PathBuf::new() => "must be given",
     }

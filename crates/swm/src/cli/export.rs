@@ -11,6 +11,7 @@ use clap::Args;
 #[command(after_help = "\
 Examples:
   swm export runs/lewm --out published/lewm-pusht
+  swm export runs/lewm --receipt results/lewm --out published/lewm-pusht
   swm export runs/lewm --checkpoint best --transformers 5 --out published/lewm-pusht
   swm import published/lewm-pusht --out runs/again
 
@@ -27,6 +28,9 @@ pub(super) struct Export {
     /// imported from, else 4.
     #[arg(long, value_name = "VERSION")]
     transformers: Option<usize>,
+    /// The receipt of an evaluation of this checkpoint, for the card: its file or folder.
+    #[arg(long, value_name = "RESULT")]
+    receipt: Option<PathBuf>,
     /// The folder, which must not be there yet.
     #[arg(long, short, value_name = "FOLDER")]
     out: PathBuf,
@@ -44,8 +48,8 @@ mod work {
 
     impl Export {
         pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-            let Self { run, checkpoint, transformers, out } = self;
-            let request = Request { run, checkpoint, transformers, out };
+            let Self { run, checkpoint, transformers, receipt, out } = self;
+            let request = Request { run, checkpoint, transformers, receipt, out };
             let written = request.run(registry, &mut &*output)?;
             output.result(&written, || text(&written))
         }

@@ -318,10 +318,37 @@ fn the_card_has_metadata_scales_and_hashes() {
     {
         assert!(card.contains(part), "{part}: {card}");
     }
+    assert!(card.contains("from an imported checkpoint.") && !card.contains("## Evaluation"), "{card}");
     let mut files: Vec<String> = std::fs::read_dir(&out)
         .unwrap()
         .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
         .collect();
     files.sort();
     assert_eq!(files, ["README.md", "config.json", "swm.json", "weights.pt"]);
+
+    // A receipt must be of these weights.
+    let old = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/integration/receipt-v1.json");
+    let mut receipt: Json = serde_json::from_slice(&std::fs::read(old).unwrap()).unwrap();
+    let file = folder.path().join("receipt.json");
+    let with = |receipt: &Json, out: &str| {
+        std::fs::write(&file, receipt.to_string()).unwrap();
+        let (run, out) = (run.clone(), folder.path().join(out));
+        Export { run, receipt: Some(file.clone()), out, ..Export::default() }.run(&registry(), &mut ())
+    };
+    let refused = with(&receipt, "refused").unwrap_err().to_string();
+    assert!(refused.contains("whose files are not the weights of this checkpoint"), "{refused}");
+    assert!(!folder.path().join("refused").exists());
+    let weights = RunFolder::open(&run).unwrap().weights(0);
+    receipt["files"] = json!({ "step-0.safetensors": swm_tasks::evaluation::file_hash(&weights).unwrap() });
+    with(&receipt, "with").unwrap();
+    let card = std::fs::read_to_string(folder.path().join("with/README.md")).unwrap();
+    let hash = receipt["manifest_hash"].as_str().unwrap();
+    for part in [
+        "## Evaluation",
+        "pairs of start and goal in `",
+        &format!("| manifest | {hash} |"),
+        "SHA-256 of the receipt",
+    ] {
+        assert!(card.contains(part), "{part}: {card}");
+    }
 }
