@@ -127,12 +127,12 @@ pub trait Baseline: Send {
     fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError>;
 
     /// As [`Baseline::load_weights`], where the file may lack what neither plans nor actions need, and the encoder if its weights are
-    /// taken from another file (`without_encoder`). What it lacks stays as it is; the names of that.
+    /// those of another file, `encoder`. What is in neither stays as it is; the names of that.
     ///
     /// # Errors
     ///
     /// As of [`Baseline::load_weights`].
-    fn load_for_use(&mut self, path: &Path, _without_encoder: bool) -> Result<Vec<String>, BaselineError> {
+    fn load_for_use(&mut self, path: &Path, _encoder: Option<&Path>) -> Result<Vec<String>, BaselineError> {
         self.load_weights(path).map(|()| Vec::new())
     }
 

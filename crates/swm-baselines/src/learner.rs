@@ -254,10 +254,14 @@ impl<N: Network> Baseline for Learner<N> {
         Ok(())
     }
 
-    fn load_for_use(&mut self, path: &Path, without_encoder: bool) -> Result<Vec<String>, BaselineError> {
-        let encoder = without_encoder.then_some(N::ENCODER);
-        let dispensable: Vec<&str> = N::DISPENSABLE.iter().copied().chain(encoder).collect();
-        let (network, lacks) = weights::load_for_use(self.network(), path, &dispensable)?;
+    fn load_for_use(&mut self, path: &Path, encoder: Option<&Path>) -> Result<Vec<String>, BaselineError> {
+        let elsewhere = encoder.map(|_| N::ENCODER);
+        let dispensable: Vec<&str> = N::DISPENSABLE.iter().copied().chain(elsewhere).collect();
+        let (mut network, mut lacks) = weights::load_for_use(self.network(), path, &dispensable)?;
+        if let Some(encoder) = encoder {
+            network = weights::load_below(&network, encoder, N::ENCODER)?;
+            lacks.retain(|name| name.strip_prefix(N::ENCODER).is_none_or(|rest| !rest.starts_with('.')));
+        }
         (self.network, self.average) = (Some(network), None);
         Ok(lacks)
     }

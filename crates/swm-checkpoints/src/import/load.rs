@@ -54,6 +54,9 @@ pub(super) fn load(
     let set = set_of(request, &source);
     let recipe = recipe(request, &source, found.as_ref(), &set)?;
     let mut description = describe(&recipe, &source, found.as_ref())?;
+    if let Some(encoder) = request.encoder.as_deref().filter(|_| recipe.without_encoder) {
+        generation(&shapes_in(encoder)?).clone_into(&mut description.names);
+    }
     let columns: Vec<&str> = match (recipe.name, recipe.vector) {
         ("tdmpc2", 0) => Vec::new(),
         ("tdmpc2", _) => vec![&recipe.column],
@@ -326,10 +329,8 @@ impl Parts<'_> {
         let changes = settings(&recipe, frameskip.unwrap_or(1), &set);
         let options = MakeOptions { changes, ..MakeOptions::new("paper", dims) };
         let mut baseline = make(recipe.name, &options)?;
-        let lacks = baseline.load_for_use(path, recipe.without_encoder)?;
-        if let (true, Some(encoder)) = (recipe.without_encoder, &request.encoder) {
-            baseline.load_encoder(encoder)?;
-        }
+        let encoder = request.encoder.as_deref().filter(|_| recipe.without_encoder);
+        let lacks = baseline.load_for_use(path, encoder)?;
         let all = baseline.tensors().len();
         description.tensors = [all - lacks.len(), all];
         imported.lacks = lacks;
