@@ -102,6 +102,18 @@ impl Foreign {
         }
     }
 
+    /// The arguments with the dataset that it is evaluated on, where nothing says how vectors were scaled: the reference takes the
+    /// statistics of that dataset, too.
+    pub(super) fn on_dataset(&self, args: &PolicyArgs, dataset: &Path) -> Option<PolicyArgs> {
+        let Import { dataset: named, stats, action_mean, .. } = &self.request;
+        if named.is_some() || stats.is_some() || action_mean.is_some() || self.request.noted().is_some() {
+            return None;
+        }
+        let mut args = args.clone();
+        args.named.insert("dataset".to_owned(), dataset.display().to_string().into());
+        Some(args)
+    }
+
     /// What it is, as far as its own files say, and `env` where it is known.
     pub(super) fn describe(&self, registry: &Registry, env: Option<&str>) -> Option<Description> {
         let request = Import {

@@ -150,6 +150,7 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
     .trained(trained_in)
     .files(model_files)
     .companions(model_companions)
+    .on_dataset(|args, dataset| Given::of(args).ok()?.foreign?.on_dataset(args, dataset))
     .oracle(|context, args| {
         let mut given = Given::of(args).ok()?;
         given.rest.shift_remove(PROPOSAL.name);

@@ -46,6 +46,15 @@ fn a_published_checkpoint_plans_as_its_import_does() {
         let files = entry.model_files(&args).unwrap();
         assert!(files.len() == 2 && files.iter().all(|file| file.starts_with(&from)), "{files:?}");
         let (registry, config) = (Registry::new().with(&[DOT]), EnvConfig::default());
+        // On a dataset, it takes what no file says from there, once; a run has it.
+        let data = folder.path().join("data.h5");
+        let bare = PolicyArgs::parse(&format!("{family}:{},{SEARCH}", from.display())).unwrap();
+        let with = entry.args_on_dataset(&bare, &data).unwrap();
+        assert_eq!(with.named["dataset"], data.display().to_string());
+        let of_run = PolicyArgs::parse(&of_run).unwrap();
+        for said in [&with, &args, &of_run] {
+            assert_eq!(entry.args_on_dataset(said, &data), None);
+        }
         let oracle = entry.oracle_args(&PolicyContext::new(&DOT, &config).within(&registry), &args).unwrap();
         assert_eq!(oracle.named["action_block"], 2);
     }

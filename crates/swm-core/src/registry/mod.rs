@@ -30,6 +30,6 @@ pub use arguments::{NoArgs, PolicyArgs};
 pub use basic::BASIC_POLICIES;
 pub use context::PolicyContext;
 pub use entry::{Entry, EnvEntry, EnvTask, MakeEnv};
-pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry, TrainedOf};
+pub use policy::{FilesOf, ImageOf, MakePolicy, OnDataset, OracleOf, PolicyEntry, TrainedOf};
 pub use store::Registry;
 pub use trained::{FRAME_SKIP, TrainedIn, TrainedOn, TrainingDifference};

@@ -18,6 +18,8 @@ pub type ImageOf = fn(&PolicyArgs) -> Option<ImageSize>;
 pub type TrainedOf = fn(&PolicyArgs) -> Option<TrainedIn>;
 /// The files that a policy with these arguments depends on.
 pub type FilesOf = fn(&PolicyArgs) -> Result<Vec<PathBuf>, PolicyError>;
+/// These arguments with the dataset that an evaluation is on, if the policy takes from it what nothing else says.
+pub type OnDataset = fn(&PolicyArgs, &Path) -> Option<PolicyArgs>;
 /// The planner on the true dynamics that a policy with these arguments is compared with.
 pub type OracleOf = fn(&PolicyContext<'_>, &PolicyArgs) -> Option<PolicyArgs>;
 
@@ -55,6 +57,7 @@ pub struct PolicyEntry {
     trained: TrainedOf,
     files: FilesOf,
     companions: FilesOf,
+    on_dataset: OnDataset,
     oracle: OracleOf,
     pub(super) fits: Option<fn(&EnvEntry) -> bool>,
 }
@@ -73,6 +76,7 @@ impl PolicyEntry {
             trained: |_| None,
             files: named_files,
             companions: |_| Ok(Vec::new()),
+            on_dataset: |_, _| None,
             oracle: |_, _| None,
             fits: None,
         }
@@ -140,6 +144,13 @@ impl PolicyEntry {
         self
     }
 
+    /// What it takes from the dataset that it is evaluated on, such as how a model's vectors are scaled. Default: nothing.
+    #[must_use]
+    pub const fn on_dataset(mut self, on_dataset: OnDataset) -> Self {
+        self.on_dataset = on_dataset;
+        self
+    }
+
     /// The same planner on the true dynamics: the most that a better model could bring.
     #[must_use]
     pub const fn oracle(mut self, oracle: OracleOf) -> Self {
@@ -191,6 +202,11 @@ impl PolicyEntry {
     /// [`PolicyError::Argument`]: the model is not there.
     pub fn companion_files(&self, args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
         (self.companions)(args)
+    }
+
+    /// The arguments with the dataset that it is evaluated on, if it takes from it what nothing else says.
+    pub fn args_on_dataset(&self, args: &PolicyArgs, dataset: &Path) -> Option<PolicyArgs> {
+        (self.on_dataset)(args, dataset)
     }
 
     /// The planner on the true dynamics that a policy with these arguments is compared with, if it names one.

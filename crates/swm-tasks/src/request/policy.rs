@@ -64,6 +64,30 @@ pub fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Option<Im
     registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
+/// The same of a policy that is evaluated on a dataset, from which it may take what nothing else says: then this is noted.
+///
+/// # Errors
+///
+/// As of [`policy_args`]; or there is no such policy.
+pub(super) fn policy_args_on(
+    registry: &Registry,
+    env: &EnvEntry,
+    text: &str,
+    dataset: Option<&Path>,
+    report: &mut dyn Report,
+) -> Result<PolicyArgs, TaskError> {
+    let args = policy_args(registry, text)?;
+    let entry = registry.policy_entry(env, &args.name)?;
+    let on = |path| Some((path, entry.args_on_dataset(&args, path)?));
+    let Some((path, with)) = dataset.and_then(on) else { return Ok(args) };
+    let text = format!(
+        "no file of {text} says how vectors were scaled; the statistics of {} are taken",
+        path.display()
+    );
+    report.note(&Message::new(text));
+    Ok(with)
+}
+
 /// The policy for a world; notes settings with which it can hardly search, and those that its model was trained with where they are
 /// others.
 ///
@@ -72,15 +96,14 @@ pub fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Option<Im
 /// There is no such policy, or its arguments do not go with the world.
 pub fn make_policy(
     registry: &Registry,
-    text: &str,
+    args: &PolicyArgs,
     world: &World,
     ask: Ask,
     report: &mut dyn Report,
 ) -> Result<Box<dyn Policy>, TaskError> {
-    let args = policy_args(registry, text)?;
-    let policy = registry.policy_from(&args, world)?;
-    note_elites(registry, world.entry(), &args, report);
-    note_training(registry, &args, &world.into(), ask, report);
+    let policy = registry.policy_from(args, world)?;
+    note_elites(registry, world.entry(), args, report);
+    note_training(registry, args, &world.into(), ask, report);
     Ok(policy)
 }
 

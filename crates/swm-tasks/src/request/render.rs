@@ -9,7 +9,7 @@ use swm_media::{Clip, Format};
 
 use super::{
     Ask, Fix, Message, Report, Request, Scenario, TaskError, apart, create_parent, make_policy,
-    must_be_given, wrong,
+    must_be_given, policy_args, wrong,
 };
 use crate::threads::{self, within};
 use crate::video::Video;
@@ -82,7 +82,13 @@ impl Request for Render {
         let options = WorldOptions::new(1).env(env).max_episode_steps(self.steps.max(1));
         let entry = registry.env(&self.env)?;
         let mut world = World::new(entry, options.threads(self.threads))?;
-        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?)?;
+        world.set_policy(make_policy(
+            registry,
+            &policy_args(registry, &self.policy)?,
+            &world,
+            Ask::Here,
+            report,
+        )?)?;
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let reset = scenario.options(entry, &world.spec().factors, report)?;
         let rollout = Rollout::new(0..1).seed(self.seed).options(reset).cancel(report.cancel());

@@ -11,7 +11,7 @@ use swm_media::Format;
 use super::{Evaluate, Evaluated};
 use crate::evaluation::refusal;
 use crate::report::write_report;
-use crate::request::policy::{make_policy, model_image, note_images};
+use crate::request::policy::{make_policy, model_image, note_images, policy_args_on};
 use crate::request::report::apart;
 use crate::request::source::{
     check_built, check_recorded_in, claim, make_folder, open_dataset_with, video_format_of,
@@ -52,7 +52,8 @@ impl Evaluate {
             WorldOptions::new(num_envs).env(EnvConfig { image, settings }).max_episode_steps(budget);
         let mut world = World::new(entry, options.frame_skip(frame_skip).threads(self.threads))?;
         let ask = if dataset.is_some() { Ask::Dataset } else { Ask::Here };
-        world.set_policy(make_policy(registry, &self.policy, &world, ask, report)?)?;
+        let args = policy_args_on(registry, entry, &self.policy, self.dataset.as_deref(), report)?;
+        world.set_policy(make_policy(registry, &args, &world, ask, report)?)?;
         let factors = &world.spec().factors;
         let scenario = Scenario { vary: self.vary.as_deref(), set: &self.set };
         let reset = match &dataset {

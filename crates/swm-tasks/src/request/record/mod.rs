@@ -21,7 +21,7 @@ use swm_files::WriterLock;
 
 use super::{
     Ask, Assignment, Fix, MAX_STEPS, Message, NUM_ENVS, Needs, Report, Request, Scenario, Shard, Stage,
-    TaskError, create_parent, envs_at_most, make_policy, must_be_given, policy_files, wrong,
+    TaskError, create_parent, envs_at_most, make_policy, must_be_given, policy_args, policy_files, wrong,
 };
 use crate::memory::{episodes_note, machine_bytes};
 use crate::threads::{self, within};
@@ -149,7 +149,13 @@ impl Record {
             .unrecorded(self.without.iter().filter(|name| !is_rendered_later(name)).cloned())
             .checkpoints(self.replayable);
         let mut world = World::new(registry.env(&self.env)?, options).map_err(of_option)?;
-        world.set_policy(make_policy(registry, &self.policy, &world, Ask::Here, report)?)?;
+        world.set_policy(make_policy(
+            registry,
+            &policy_args(registry, &self.policy)?,
+            &world,
+            Ask::Here,
+            report,
+        )?)?;
         let row_bytes = world.infos().schema().row_bytes() as u64;
         if let Some(much) =
             episodes_note(world.options().num_envs, self.max_steps, row_bytes, machine_bytes())
