@@ -20,6 +20,8 @@ use crate::network::{Network, Parts};
 
 /// From the name of a preset, and changes to it, to all settings.
 type SettingsOf = fn(&str, &Json) -> Result<Json, BaselineError>;
+/// From all settings of a model, and changes to them, to all settings.
+type ChangedOf = fn(&Json, &Json) -> Result<Json, BaselineError>;
 /// From a model config to a model.
 type Make = fn(ModelConfig, &TensorDevice) -> Result<Box<dyn Baseline>, BaselineError>;
 
@@ -34,6 +36,8 @@ pub struct BaselineEntry {
     pub presets: &'static [&'static str],
     /// Settings of a preset.
     settings: SettingsOf,
+    /// All settings of a model, changed.
+    changed: ChangedOf,
     /// Makes it.
     make: Make,
 }
@@ -58,6 +62,10 @@ macro_rules! entry {
                     preset: preset.to_owned(),
                     known: [$(stringify!($preset)),+].join(", "),
                 })
+            },
+            changed: |settings, changes| {
+                let config: $folder::$config = parse($folder::NAME, settings)?;
+                changed($folder::NAME, &config, changes)
             },
             make: |model_config, device| {
                 let config: $folder::$config = parse($folder::NAME, &model_config.settings)?;
@@ -94,6 +102,10 @@ pub const BASELINES: &[BaselineEntry] = &[
                 preset: preset.to_owned(),
                 known: "small".to_owned(),
             }),
+        },
+        changed: |settings, changes| {
+            let config: gc_idm::GcIdmConfig = parse(gc_idm::NAME, settings)?;
+            changed(gc_idm::NAME, &config, changes)
         },
         make: |model_config, device| {
             let config: gc_idm::GcIdmConfig = parse(gc_idm::NAME, &model_config.settings)?;
@@ -167,6 +179,11 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 /// No such baseline, or settings that it does not take.
 pub fn restore(model_config: &ModelConfig, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
     made(find(&model_config.baseline)?, model_config.clone(), device)
+}
+
+/// All settings of a model, with changes laid over them, as over a preset.
+pub(crate) fn changed_settings(model_config: &ModelConfig, changes: &Json) -> Result<Json, BaselineError> {
+    (find(&model_config.baseline)?.changed)(&model_config.settings, changes)
 }
 
 /// All settings of a preset.

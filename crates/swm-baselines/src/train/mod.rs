@@ -47,7 +47,7 @@ pub use foreign::{LONGEST_CONFIG, YAML_CONFIGS, is_foreign};
 pub use looks::ImageLooks;
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub(crate) use run::descriptions;
-pub use run::{Imported, RUN_VERSION, RunConfig, TrainedModel, Which, step_of};
+pub use run::{Imported, Origin, RUN_VERSION, RunConfig, TrainedModel, Which, step_of};
 pub use scale::Scale;
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;

@@ -38,6 +38,21 @@ pub struct RunConfig {
     /// Where it is from, if it is a checkpoint of others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imported: Option<Imported>,
+    /// The run with whose weights it began, if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Origin>,
+}
+
+/// The run with whose weights another one began.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Its folder, as it was named.
+    pub run: PathBuf,
+    /// The checkpoint's step.
+    pub step: u64,
+    /// SHA-256 of its weights.
+    pub weights: String,
 }
 
 /// Where a checkpoint of others is from.
@@ -65,7 +80,14 @@ pub struct Imported {
 impl RunConfig {
     /// That of a run of this version.
     pub fn new(model_config: ModelConfig, data: DataConfig) -> Self {
-        Self { version: RUN_VERSION, model_config, data, fit: FitSettings::default(), imported: None }
+        Self {
+            version: RUN_VERSION,
+            model_config,
+            data,
+            fit: FitSettings::default(),
+            imported: None,
+            from: None,
+        }
     }
 
     /// That of a run.

@@ -6,20 +6,22 @@ use serde_json::Value as Json;
 use swm_core::{Cancel, Registry};
 use swm_data::{Dataset, Loader};
 
+use super::checkpoints::Checkpoint;
 use super::data::{DataConfig, Split, TrainData, data_dims, with_images};
 use super::diagnosis::Diagnosis;
 use super::fit::{State, fit, totals};
 use super::folder::{RunFolder, RunLock};
 use super::looks::ImageLooks;
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
-use super::run::{RunConfig, TrainedModel, Which};
+use super::run::{Origin, RunConfig, TrainedModel, Which, find};
 use super::settings::FitSettings;
 use super::world::FrozenWorld;
-use crate::baseline::Baseline;
+use crate::baseline::{Baseline, ModelConfig};
+use crate::data::DataDims;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::gc_idm;
-use crate::models::table::{MakeOptions, make, restore};
+use crate::models::table::{MakeOptions, changed_settings, make, restore};
 
 /// What a new run is made from.
 #[derive(Clone, Debug)]
@@ -30,6 +32,9 @@ pub struct NewRun<'a> {
     pub preset: &'a str,
     /// Settings of the baseline that differ from the preset's, as nested objects; `null` for none.
     pub changes: Json,
+    /// The run with whose weights it begins: with its model, whose settings `changes` are laid over, and how its vectors are scaled. Then there
+    /// is no preset and no encoder.
+    pub from: Option<&'a Path>,
     /// Weights of another's encoder to begin with, where the baseline takes them: a file, or the folder of a run, whose last
     /// checkpoint is taken.
     pub encoder: Option<&'a Path>,
@@ -67,33 +72,19 @@ impl PreparedRun {
     ///
     /// Settings that do not go together, a dataset that lacks what the model needs, or an encoder that cannot be read.
     pub fn new(registry: &Registry, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
-        let &NewRun { baseline, preset, ref changes, encoder, ref looks, split, ref fit, device } = new;
+        let &NewRun { baseline, ref looks, split, ref fit, .. } = new;
         fit.check()?;
         let dims = data_dims(dataset, baseline)?;
-        let world = (baseline == gc_idm::NAME).then(|| FrozenWorld::of(encoder, gc_idm::NAME)).transpose()?;
-        let changes = world.as_ref().map_or_else(|| changes.clone(), |world| world.within(changes));
-        let options = MakeOptions { preset, changes, dims, seed: fit.seed, device };
-        let mut model = make(baseline, &options)?;
-        match world.as_ref().map(|world| world.weights.as_path()).or(encoder) {
-            Some(run) if run.is_dir() => model.load_encoder(&TrainedModel::files(run, Which::Last)?[1])?,
-            Some(weights) => model.load_encoder(weights)?,
-            None if model.has_frozen_encoder() => {
-                return Err(BaselineError::Settings {
-                    baseline: model.name(),
-                    reason:
-                        "its encoder is not trained, and would be random; name its weights as `encoder`: a file, such as \
-                             facebook/dinov2-small for dino-wm, or a run, such as one of gcsl for keypoint-wm"
-                            .to_owned(),
-                });
-            }
-            None => {}
-        }
+        let Beginning { model, scales, from } = match new.from {
+            Some(run) => Beginning::with_weights_of(run, dims, new)?,
+            None => Beginning::fresh(dims, new)?,
+        };
         check_looks(model.as_ref(), looks)?;
         let dataset = with_images(dataset, registry, baseline, model.input_spec().image, looks)?;
         let mut data =
             TrainData::new(dataset.as_ref(), baseline, model.input_spec(), model.phases(), split, fit.seed)?;
-        if let Some(world) = &world {
-            data.take_scales(&world.data);
+        if let Some(scales) = &scales {
+            data.take_scales(scales);
         }
         data.config.looks.clone_from(looks);
         let mut fit = fit.clone();
@@ -101,7 +92,7 @@ impl PreparedRun {
             fit.batch = model.input_spec().batch;
         }
         let model_config = model.model_config().clone();
-        let config = RunConfig { fit, ..RunConfig::new(model_config, data.config.clone()) };
+        let config = RunConfig { fit, from, ..RunConfig::new(model_config, data.config.clone()) };
         Ok(Self { model, data, config })
     }
 
@@ -124,6 +115,69 @@ impl PreparedRun {
         let Self { model, data, config } = self;
         let (run, lock) = RunFolder::create(folder, &config)?;
         Ok(Training { _lock: lock, run, model, data, config })
+    }
+}
+
+/// A model before its first step.
+struct Beginning {
+    model: Box<dyn Baseline>,
+    /// What says how its vectors are scaled, where it is not the dataset.
+    scales: Option<DataConfig>,
+    from: Option<Origin>,
+}
+
+impl Beginning {
+    /// A model with random weights, but for those of an encoder.
+    fn fresh(dims: DataDims, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+        let &NewRun { baseline, preset, ref changes, encoder, ref fit, device, .. } = new;
+        let world = (baseline == gc_idm::NAME).then(|| FrozenWorld::of(encoder, gc_idm::NAME)).transpose()?;
+        let changes = world.as_ref().map_or_else(|| changes.clone(), |world| world.within(changes));
+        let options = MakeOptions { preset, changes, dims, seed: fit.seed, device };
+        let mut model = make(baseline, &options)?;
+        match world.as_ref().map(|world| world.weights.as_path()).or(encoder) {
+            Some(run) if run.is_dir() => model.load_encoder(&TrainedModel::files(run, Which::Last)?[1])?,
+            Some(weights) => model.load_encoder(weights)?,
+            None if model.has_frozen_encoder() => {
+                return Err(BaselineError::Settings {
+                    baseline: model.name(),
+                    reason:
+                        "its encoder is not trained, and would be random; name its weights as `encoder`: a file, such as \
+                             facebook/dinov2-small for dino-wm, or a run, such as one of gcsl for keypoint-wm"
+                            .to_owned(),
+                });
+            }
+            None => {}
+        }
+        Ok(Self { model, scales: world.map(|world| world.data), from: None })
+    }
+
+    /// The model of the last checkpoint of a run.
+    fn with_weights_of(path: &Path, dims: DataDims, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+        let run = RunFolder::open(path)?;
+        let RunConfig { model_config: known, data, .. } = RunConfig::read(&run)?;
+        if known.baseline != new.baseline {
+            return Err(run.wrong(format!(
+                "it trained {}, and {} is asked for; leave that out, or name another run",
+                known.baseline, new.baseline
+            )));
+        }
+        let checkpoint: Checkpoint<State> = run.checkpoint(find(&run, Which::Last)?)?;
+        let settings = changed_settings(&known, &new.changes)?;
+        let had = known.dims;
+        let model_config = ModelConfig { settings, seed: new.fit.seed, ..known };
+        let mut model = restore(&model_config, new.device)?;
+        let differs = |what: &str, had: usize, found: usize| {
+            run.wrong(format!("its model takes {what} of {had} values, and the dataset has {found}; use a dataset of that environment"))
+        };
+        if had.action_dim != dims.action_dim {
+            return Err(differs("actions", had.action_dim, dims.action_dim));
+        }
+        if model.input_spec().proprio && had.proprio_dim != dims.proprio_dim {
+            return Err(differs("`proprio`", had.proprio_dim, dims.proprio_dim));
+        }
+        model.load_weights(&run.checked_weights(&checkpoint)?)?;
+        let from = Origin { run: path.to_owned(), step: checkpoint.step, weights: checkpoint.weights };
+        Ok(Self { model, scales: Some(data), from: Some(from) })
     }
 }
 
@@ -175,7 +229,7 @@ impl Training {
         let known = RunConfig::read(&run)?;
         if known.imported.is_some() {
             return Err(
-                run.wrong("it was imported, and what its optimizers remember is not known; make a new run")
+                run.wrong("it was imported, and what its optimizers remember is not known; begin a new run with its weights: name it as `from_run`")
             );
         }
         let mut config = known.clone();

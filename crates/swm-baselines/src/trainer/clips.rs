@@ -20,7 +20,9 @@ use crate::baseline::Baseline;
 use crate::device::Device;
 use crate::models::table::BASELINES;
 use crate::precision::Precision;
-use crate::train::{Diagnosis, End, FitSettings, NewRun, PreparedRun, RunConfig, Split, State, Training};
+use crate::train::{
+    Diagnosis, End, FitSettings, NewRun, PreparedRun, RunConfig, RunFolder, Split, State, Training,
+};
 
 /// Trains a baseline, or resumes its run.
 pub(super) fn train(
@@ -83,7 +85,9 @@ fn begin(
     (device, precision): (Device, Option<Precision>),
     report: &mut dyn Report,
 ) -> Result<(Training, Option<OnTheWay>), TaskError> {
-    let (baseline, out) = (request.baseline.as_str(), request.out.as_path());
+    let known = request.from_run.as_deref().map(known).transpose()?;
+    let baseline = known.as_ref().map_or(request.baseline.as_str(), |known| &known.model_config.baseline);
+    let out = request.out.as_path();
     let path = request.dataset.as_deref().unwrap_or(Path::new(""));
     let mut fit = FitSettings::default();
     apply(request, &mut fit, precision);
@@ -95,12 +99,13 @@ fn begin(
     let dataset = open_dataset_with(registry, path, &request.opening)?;
     let looks = looks(request, dataset.as_ref(), registry, fit.seed, report)?;
     let drawn = match (baseline, &request.encoder) {
-        (KEYPOINT_WM, None) => {
+        (KEYPOINT_WM, None) if known.is_none() => {
             let fit = FitSettings { epochs: 1, steps: Some(request.encoder_steps), batch: 0, ..fit.clone() };
             let new = NewRun {
                 baseline: KEYPOINTS,
                 preset: "small",
                 changes: of_encoder(&changes),
+                from: None,
                 encoder: None,
                 looks: looks.clone(),
                 split,
@@ -112,7 +117,8 @@ fn begin(
         _ => None,
     };
     let encoder = request.encoder.as_deref().or(drawn.as_deref());
-    let new = NewRun { baseline, preset, changes, encoder, looks, split, fit, device };
+    let from = request.from_run.as_deref();
+    let new = NewRun { baseline, preset, changes, from, encoder, looks, split, fit, device };
     let is_blind = !holds_images(dataset.as_ref());
     // What cannot be measured is refused before anything is written.
     let (prepared, measured) = apart(report, move || {
@@ -126,7 +132,20 @@ fn begin(
             "{path} holds no images; they are rendered at {image}x{image} (the model's size)"
         )));
     }
+    if let (Some(run), Some(imported)) = (from, known.and_then(|known| known.imported))
+        && !imported.lacks.is_empty()
+    {
+        let (run, lacks) = (run.display(), imported.lacks.len());
+        report.note(&Message::new(format!(
+            "{run} was imported without {lacks} tensors of training; they begin random"
+        )));
+    }
     Ok((prepared.create(out).map_err(failed)?, measured))
+}
+
+/// The run with whose weights another one begins.
+fn known(run: &Path) -> Result<RunConfig, TaskError> {
+    RunFolder::open(run).and_then(|run| RunConfig::read(&run)).map_err(failed)
 }
 
 /// Measurements of what is trained, on the episodes of its dataset that validate, where they are asked for.

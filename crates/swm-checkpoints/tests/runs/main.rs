@@ -12,6 +12,7 @@ mod idm;
 mod keypoints;
 mod refusals;
 mod reproduce;
+mod tuned;
 
 use std::path::Path;
 
@@ -79,6 +80,7 @@ fn new_run(baseline: &str) -> NewRun<'_> {
         baseline,
         preset: "small",
         changes,
+        from: None,
         encoder: None,
         looks: ImageLooks::default(),
         split: Split::default(),

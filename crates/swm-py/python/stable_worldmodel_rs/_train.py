@@ -25,6 +25,7 @@ def train(
     resume: AnyPath | None = None,
     preset: str | None = None,
     settings: Mapping[str, Any] | None = None,
+    from_run: AnyPath | None = None,
     encoder: AnyPath | None = None,
     epochs: int | None = None,
     steps: int | None = None,
@@ -68,6 +69,7 @@ def train(
         resume: The run to go on with, in the place of ``baseline`` and ``out``.
         preset: Such as ``"paper"`` or ``"small"``.
         settings: Settings of the baseline by dotted names, or nested: ``{"optim.lr": 1e-3}``.
+        from_run: A run to begin with, also of an import: its model, with its settings and the weights of its last checkpoint.
         encoder: Weights of the encoder: a file, or a run.
         epochs: Epochs over the clips, in each phase.
         steps: Optimizer steps, in each phase; of an agent, steps of the environment.
@@ -125,6 +127,7 @@ def train(
         "resume": home_path("resume", resume),
         "preset": preset,
         "set": dict(_flat(settings or {})),
+        "from_run": home_path("from_run", from_run),
         "encoder": home_path("encoder", encoder),
         "epochs": epochs,
         "steps": steps,

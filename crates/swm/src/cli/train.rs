@@ -37,6 +37,7 @@ Examples:
   swm train lewm --dataset tworoom.h5 --preset small --out runs/lewm --epochs 10
   swm train pldm --dataset tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume runs/lewm
+  swm train --from runs/lewm --dataset more.h5 --out runs/lewm-more --set optim.lr=0.0001
   swm train canonical --dataset small.h5 --vary visual --canonical background.color=black --canonical agent.color=red --out runs/canonical
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
   swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
@@ -64,6 +65,9 @@ pub(super) struct Train {
     /// A setting of the baseline or agent, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,
+    /// Begin with the model of this run, also of an import: its settings, the weights of its last checkpoint, how its vectors are scaled.
+    #[arg(long = "from", value_name = "RUN", conflicts_with_all = ["preset", "encoder", "encoder_steps", "resume"])]
+    from_run: Option<PathBuf>,
     /// Weights of the encoder: a file (.safetensors, .pt, .ckpt), such as a DINOv2 for `dino-wm`, or a run, such as one of `gcsl`
     /// for `keypoint-wm`, or of a world model for `gc-idm`.
     #[arg(long, value_name = "FILE|RUN", conflicts_with = "resume")]
@@ -194,6 +198,7 @@ impl Train {
             out,
             preset: self.preset.clone(),
             set: assignments(&self.set, "--set", json_value)?,
+            from_run: self.from_run.clone(),
             encoder: self.encoder.clone(),
             encoder_steps: self.encoder_steps,
             resume,
@@ -255,7 +260,7 @@ pub(super) fn run(request: &request::Train, registry: &Registry, output: &Output
 }
 
 /// What has no option, or one of another name.
-const WORDS: Renamed = Renamed(&[("baseline", "baseline"), ("env", "--env")]);
+const WORDS: Renamed = Renamed(&[("baseline", "baseline"), ("env", "--env"), ("from_run", "--from")]);
 
 /// What there is to train.
 fn list(registry: &Registry, output: &Output) -> Result<(), Failure> {

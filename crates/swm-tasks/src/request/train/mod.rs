@@ -31,6 +31,8 @@ swm_core::settings! {
         preset: Option<String> = None => "the first of the baseline or agent",
         /// Settings of the baseline or agent, by names with dots, such as `optim.lr`.
         set: Map<String, Json> = Map::new() => "none",
+        /// A run to begin with: its model, with its settings and the weights of its last checkpoint, and how its vectors are scaled.
+        from_run: Option<PathBuf> = None => "none",
         /// Weights of the encoder: a file (.safetensors, .pt, .ckpt), or a run.
         encoder: Option<PathBuf> = None => "none",
         /// Optimizer steps of the encoder that keypoint-wm trains first where none is given.
@@ -96,6 +98,7 @@ swm_core::settings! {
 const OF_NEW_RUNS: &[&str] = &[
     "preset",
     "set",
+    "from_run",
     "encoder",
     "encoder_steps",
     "batch",
@@ -135,6 +138,7 @@ const NOT_OF_ALL: &[(&str, &[Way], Option<&str>)] = &[
     ("eval_every", &[Way::Online], Some("checkpoint_every")),
     ("eval_episodes", &[Way::Online], None),
     ("checkpoint_every", &[Way::Clips, Way::Steps], Some("eval_every")),
+    ("from_run", &[Way::Clips], None),
     ("encoder", &[Way::Clips], None),
     ("epochs", &[Way::Clips], Some("steps")),
     ("batch", &[Way::Clips], None),
@@ -193,7 +197,10 @@ impl Train {
     /// The files that it reads.
     pub(super) fn needs(&self, registry: &Registry) -> Result<Needs, TaskError> {
         self.check(registry)?;
-        Ok(Needs { episodes: 0, inputs: self.dataset.iter().chain(&self.encoder).cloned().collect() })
+        Ok(Needs {
+            episodes: 0,
+            inputs: self.dataset.iter().chain(&self.from_run).chain(&self.encoder).cloned().collect(),
+        })
     }
 
     /// The same in this folder: a run that is there is resumed. The folder has its settings, but not what it is computed on.
@@ -215,9 +222,10 @@ impl Train {
         threads::check(self.threads)?;
         let changed = self.changed();
         self.check_folder(&changed)?;
-        let trainer = match &self.resume {
-            Some(run) => TrainerEntry::of_run(&trainers, run)?,
-            None => TrainerEntry::named(&trainers, &self.baseline)?,
+        let trainer = match (&self.resume, &self.from_run) {
+            (Some(run), _) => TrainerEntry::of_run(&trainers, run)?,
+            (None, Some(run)) if self.baseline.is_empty() => TrainerEntry::of_run(&trainers, run)?,
+            (None, _) => TrainerEntry::named(&trainers, &self.baseline)?,
         };
         let way = match trainer.learns {
             Learns::FromClips => Way::Clips,
@@ -226,6 +234,7 @@ impl Train {
         };
         self.check_source(trainer, way)?;
         self.check_taken(trainer, way, &changed)?;
+        self.check_from(trainer, &trainers, &changed)?;
         self.check_opening()?;
         self.changes()?;
         if self.batch == Some(0) {
@@ -248,7 +257,7 @@ impl Train {
     /// Refuses a run without a name or a folder, and settings that a resumed one has already.
     fn check_folder(&self, changed: &Map<String, Json>) -> Result<(), TaskError> {
         let Some(run) = &self.resume else {
-            must_be_given(&[("baseline", self.baseline.is_empty())])?;
+            must_be_given(&[("baseline", self.baseline.is_empty() && self.from_run.is_none())])?;
             if self.out.as_os_str().is_empty() {
                 let resume = Fix::Set { setting: Assignment::name("resume"), to: "to continue one" };
                 let message = Message::about_setting("out", "name the folder of the new run");
@@ -311,6 +320,28 @@ impl Train {
         fixes.push(Fix::Leave(name));
         let message = Message::about_setting(name, format!("{} {how}, without this setting", trainer.name));
         Err(message.fix(Fix::Any(fixes)).into())
+    }
+
+    /// Refuses what a run that begins with another one has from it.
+    fn check_from(
+        &self,
+        trainer: &TrainerEntry,
+        trainers: &[&'static TrainerEntry],
+        changed: &Map<String, Json>,
+    ) -> Result<(), TaskError> {
+        let Some(run) = &self.from_run else { return Ok(()) };
+        for name in ["preset", "encoder", "encoder_steps"] {
+            if changed.contains_key(name) {
+                let message = Message::about_setting(name, "the run that it begins with has a model");
+                return Err(message.fix(Fix::Any(vec![Fix::Leave(name), Fix::Leave("from_run")])).into());
+            }
+        }
+        let began = TrainerEntry::of_run(trainers, run)?;
+        if began.name != trainer.name {
+            let text = format!("run {} trained {}, which is another model", run.display(), began.name);
+            return Err(Message::about("baseline", trainer.name, text).fix(Fix::Leave("baseline")).into());
+        }
+        Ok(())
     }
 
     /// Refuses options of opening a dataset where none is opened with them.

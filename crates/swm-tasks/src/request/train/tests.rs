@@ -153,6 +153,25 @@ fn every_refusal_names_the_setting_and_the_remedy() {
             leaves("dataset_max_steps"),
         ),
         (resume("sac", json!({ "patience": 4 })), "patience: sac", leaves("patience")),
+        (
+            resume("lewm", json!({ "from_run": run("lewm") })),
+            "from_run: a run is resumed with the settings that it was begun with",
+            leave("from_run"),
+        ),
+        (sac(json!({ "from_run": run("sac") })), "from_run: sac", leaves("from_run")),
+        (
+            lewm(json!({ "from_run": run("lewm"), "preset": "small" })),
+            "preset: the run that it begins with has a model",
+            any(vec![Fix::Leave("preset"), Fix::Leave("from_run")]),
+        ),
+        (
+            lewm(json!({ "from_run": run("lewm"), "encoder": "a.pt" })),
+            "encoder: the run that it begins with has a model",
+            any(vec![Fix::Leave("encoder"), Fix::Leave("from_run")]),
+        ),
+        (lewm(json!({ "from_run": run("sac") })), "trained sac, which is another model", leave("baseline")),
+        (lewm(json!({ "from_run": "none" })), "No such file", None),
+        (json!({ "from_run": run("lewm"), "out": "run" }), "dataset: name the dataset that lewm", None),
     ];
     for (given, text, fix) in table {
         let error = match ask(&given) {
@@ -170,6 +189,10 @@ fn every_refusal_names_the_setting_and_the_remedy() {
         (sac(json!({ "steps": 3, "eval_every": 2, "observe": ["state"] })), PathBuf::from("run")),
         (
             steps(json!({ "steps": 3, "checkpoint_every": 2, "opening": { "split": "val" } })),
+            PathBuf::from("run"),
+        ),
+        (
+            json!({ "from_run": run("lewm"), "dataset": "a.h5", "out": "run", "steps": 3 }),
             PathBuf::from("run"),
         ),
         (resume("lewm", json!({ "steps": 3, "patience": 4 })), run("lewm")),
