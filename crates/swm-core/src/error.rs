@@ -65,7 +65,7 @@ pub enum EnvError {
         /// What is wrong, and what is allowed.
         reason: String,
     },
-    /// The values that factors have or were given do not go together.
+    /// The values that factors have or were given violate a constraint.
     #[error("cannot reset `{env}`: {reason}")]
     Constraint {
         /// Environment id.

@@ -44,8 +44,7 @@ pub trait Policy: Send {
         None
     }
 
-    /// The policy as what it is, for callers that do more with a kind that they know: planners show how their plans come
-    /// about. A policy that wraps a planner gives the planner.
+    /// Downcast hook: lets callers attach a trace to a planner. A policy that wraps a planner returns the planner. Default: `None`.
     fn as_any(&mut self) -> Option<&mut dyn Any> {
         None
     }

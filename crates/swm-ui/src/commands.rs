@@ -1,4 +1,4 @@
-//! What the command line does and this crate cannot: it is handed in by whoever serves, so that the page and the commands are one.
+//! Operations of the command line, injected when the server starts.
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::Registry;
 use swm_core::error::BoxError;
 
-/// What the page asks the command line for; the command `swm ui` hands in all of it. Errors are shown on the page.
+/// Operations of the command line that the page needs; the command `swm ui` implements them. The page shows their errors.
 pub trait Commands: Debug + Send + Sync {
     /// What `swm jobs DIR --json` prints.
     ///

@@ -32,9 +32,8 @@ pub trait Env: Send + Sync {
     ///
     /// # Errors
     ///
-    /// [`EnvError::Reset`] and [`EnvError::Constraint`] for options that name what the environment has not, or values
-    /// that cannot be or do not go together; [`EnvError::Diverged`] where the simulation cannot begin. The
-    /// environment may be reset again.
+    /// [`EnvError::Reset`]: unknown names, or values out of range; [`EnvError::Constraint`]: values that violate a constraint;
+    /// [`EnvError::Diverged`]: the simulation cannot begin. The environment may be reset again.
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError>;
 
     /// Advances by one control step. `action` has the type and dimension of the spec's action space and is finite.

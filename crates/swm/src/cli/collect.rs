@@ -87,7 +87,7 @@ pub(super) struct Collect {
     /// If the file exists: `append`, `overwrite` or `error`.
     #[arg(long, default_value_t = DEFAULT.mode)]
     mode: WriteMode,
-    /// With --mode append: continue a part, or a dataset up to --total, with another policy, seed or shard.
+    /// With --mode append: allow episodes of another policy, seed or shard in a part, or in a dataset up to --total.
     #[arg(long)]
     mix: bool,
 }

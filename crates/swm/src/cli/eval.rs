@@ -31,8 +31,8 @@ Examples:
 
 With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets \
 receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet \
-(episodes.png) and videos (--videos). A folder that holds a result is kept: the same evaluation is not run twice, another one is \
-refused, and --again repeats or replaces it.")]
+(episodes.png) and videos (--videos). If --out holds a result, the same evaluation is skipped and another one is an error; \
+--again overwrites it.")]
 pub(super) struct Eval {
     #[command(flatten)]
     env: OptionalEnvArgs,

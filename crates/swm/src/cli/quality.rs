@@ -34,7 +34,7 @@ World models that a plugin registers are measured by their names. \
 Trained ones are `lewm:RUN`, `pldm:RUN`, `conv-jepa:RUN`, `dino-wm:RUN`, `keypoint-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
 time as the frame skip that they were trained with. \
 Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
-scored on the others. The gate says what a model should reach before plans are made on it: an R² of 0.8 of all that is probed, a rank correlation of 0.85. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
+scored on the others. Gate: R² of at least 0.8 over all probes and a rank correlation of at least 0.85; below it, do not expect plans on the model to work. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
 jumps or vanishes, or the name of a factor, which changes. An accuracy of 0.5 is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]

@@ -28,8 +28,8 @@ Examples:
   swm sweep --manifest pusht-strict.toml --policy weak --factors agent.shape,block.scale,agent.shape+block.scale
   swm sweep --manifest pusht-strict.toml --policy cem --out sweep --shard 3/64    (one of 64 parts; then --join in place of it)
 
-Each factor that is named alone, each group of which all are named, what is joined by `+` together, and with `--factors all` all together, on the pairs \
-of the manifest, against the unchanged environment. With --out, \
+Runs one evaluation per factor, per group whose factors are all named, and per `NAME+NAME`, on the pairs of the manifest; `--factors all` adds one with \
+every factor. Each is compared with the unchanged environment. With --out, \
 the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results. An interrupted sweep continues \
 where it stopped. Parts write to parts/ in --out; joined, they are the undivided sweep.")]
 pub(super) struct SweepCommand {

@@ -221,7 +221,7 @@ class Runs:
             quality: Quality of images in lossy formats, 1 to 100.
             replayable: Record simulator states every so many steps (True: 16) in place of images, which are rendered when read.
             check: Replay the new episodes afterwards, as `replay` does: environments of this package, into a file.
-            mix: With ``mode="append"``: continue a part of a divided recording with episodes of another one.
+            mix: With ``mode="append"``: allow episodes of another policy, seed or shard in a part of a divided recording.
             total: In place of ``episodes``: record until the dataset holds this many, the same ones as in one run.
 
         Returns:

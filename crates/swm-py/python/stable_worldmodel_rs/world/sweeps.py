@@ -81,8 +81,9 @@ def sweep(
     progress: bool = True,
     **world: Any,
 ) -> Sweep | None:
-    """Evaluate a policy under every factor of variation: each alone, each group of which all are named, and all together, on the pairs
-    of a manifest, against the unchanged environment. The same as ``swm-rs sweep``, for policies in Python, too.
+    """Evaluate a policy under factors of variation, on the pairs of a manifest: once per factor, per group whose factors are all named,
+    and per ``"a+b"``; ``"all"`` adds one evaluation with every factor. Each is compared with the unchanged environment. The same as
+    ``swm-rs sweep``, for policies in Python, too.
 
     Args:
         manifest: Its file, or what `read_manifest` gave.

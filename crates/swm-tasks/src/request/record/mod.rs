@@ -79,7 +79,7 @@ swm_core::settings! {
         quality: Option<u8> = None => "95 in folder, 85 in video and lerobot",
         /// If the file exists: `append`, `overwrite` or `error`.
         mode: WriteMode = WriteMode::Error => "error",
-        /// With the mode `append`: continue a part, or a dataset up to a total, with another policy, seed or shard.
+        /// With the mode `append`: allow episodes of another policy, seed or shard in a part, or in a dataset up to a total.
         mix: bool = false,
     }
 }
