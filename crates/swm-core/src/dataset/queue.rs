@@ -102,21 +102,21 @@ impl State {
     }
 }
 
-/// The near end of a queue: what a recorder on one of the world's threads hands its episodes to.
-pub(super) struct Beside<'s, 'scope> {
+/// Puts the episodes of a recorder on one of the world's threads into a queue.
+pub(super) struct QueuedOutput<'s, 'scope> {
     queue: &'scope Queue<'scope>,
     scope: &'s Scope<'scope>,
     /// Whether it waits for room.
     waits: bool,
 }
 
-impl<'s, 'scope> Beside<'s, 'scope> {
+impl<'s, 'scope> QueuedOutput<'s, 'scope> {
     pub(super) fn new(queue: &'scope Queue<'scope>, scope: &'s Scope<'scope>) -> Self {
         Self { queue, scope, waits: true }
     }
 }
 
-impl Output for Beside<'_, '_> {
+impl Output for QueuedOutput<'_, '_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         let held = self.queue.sink().begin(schema, metadata)?;
         self.queue.state().order = InOrder::from(held);
@@ -178,7 +178,7 @@ mod tests {
     use crate::recorder::{LiveStep, Recorder};
     use crate::run::{EpisodeEnd, Rollout, WorldOptions};
     use crate::testing::TOY;
-    use crate::world::{Watcher, World};
+    use crate::world::{SharedRecorder, World};
 
     /// Keeps the states of every episode; `before` runs first, with the number of episodes before.
     struct Kept<F> {
@@ -250,10 +250,10 @@ mod tests {
         _ = record(2, &mut sink, &mut ());
     }
 
-    /// Tells of every step.
-    struct Told(Sender<u64>);
+    /// Sends the episode of every step.
+    struct StepSender(Sender<u64>);
 
-    impl Recorder for Told {
+    impl Recorder for StepSender {
         fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             // Nobody listens to the end.
             _ = self.0.send(row.episode.index);
@@ -273,7 +273,7 @@ mod tests {
             while index == 0 && seen.recv_timeout(Duration::from_secs(60))? < 3 {}
             Ok(())
         });
-        record(2, &mut sink, &mut Told(steps)).unwrap();
+        record(2, &mut sink, &mut StepSender(steps)).unwrap();
         assert_eq!(sink.episodes.len(), 10);
     }
 
@@ -305,7 +305,7 @@ mod tests {
         let place = |value: f64| Some([("state".to_owned(), Value::vector(&[value]))].into());
         let options = ResetOptions { start: place(0.0), goal: place(9.0), ..ResetOptions::default() };
         let rollout = Rollout::new(0..5000).options(options);
-        world.record_beside(&rollout, &queue, Watcher::new(&mut ())).unwrap();
+        world.record_queued(&rollout, &queue, SharedRecorder::new(&mut ())).unwrap();
         assert_eq!(sink.episodes.len(), 5000);
         // Two that have ended, one of which may wait beyond what there is room for, and those that run.
         assert!(begun.is_some_and(|begun| begun <= 8), "{begun:?}");

@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::queue::{Beside, Queue};
-use super::sink::{AtOnce, EpisodeSink, Output};
+use super::queue::{Queue, QueuedOutput};
+use super::sink::{DirectOutput, EpisodeSink, Output};
 use super::{EncodedBatch, Metadata, RowEncoder};
 use crate::batch::{Field, Schema};
 use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
-use crate::world::{Part, Watcher, Whole, World};
+use crate::world::{RecorderShard, SharedRecorder, SplitRecorder, World};
 
 /// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
 /// end.
@@ -37,7 +37,7 @@ struct Buffered {
 impl<'a> DatasetRecorder<'a> {
     /// Records into `sink`, on the thread of the run: when an episode's end is seen, all before it are safe.
     pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
-        Self::with(Box::new(AtOnce::new(sink)))
+        Self::with(Box::new(DirectOutput::new(sink)))
     }
 
     fn with(output: Box<dyn Output + 'a>) -> Self {
@@ -136,9 +136,9 @@ impl Recorder for DatasetRecorder<'_> {
     }
 }
 
-impl Whole for DatasetRecorder<'_> {
-    fn part(&self) -> Option<Box<dyn Part + '_>> {
-        let mut part = DatasetRecorder {
+impl SplitRecorder for DatasetRecorder<'_> {
+    fn shard(&self) -> Option<Box<dyn RecorderShard + '_>> {
+        let mut shard = DatasetRecorder {
             output: self.output.part()?,
             schema: Arc::clone(&self.schema),
             from: self.from.clone(),
@@ -147,12 +147,12 @@ impl Whole for DatasetRecorder<'_> {
             spare: Vec::new(),
         };
         // While an episode is written, a sink cannot be asked for them.
-        part.spare.push(part.encoders());
-        Some(Box::new(part))
+        shard.spare.push(shard.encoders());
+        Some(Box::new(shard))
     }
 }
 
-impl Part for DatasetRecorder<'_> {
+impl RecorderShard for DatasetRecorder<'_> {
     fn has_room(&self) -> bool {
         self.output.has_room()
     }
@@ -184,26 +184,26 @@ impl World {
         sink: &mut dyn EpisodeSink,
         recorder: &mut dyn Recorder,
     ) -> Result<(), WorldError> {
-        let recorder = Watcher::new(recorder);
+        let recorder = SharedRecorder::new(recorder);
         if self.threads.is_one() {
-            return self.run_whole(rollout, &mut (DatasetRecorder::new(sink), recorder));
+            return self.run_split(rollout, &mut (DatasetRecorder::new(sink), recorder));
         }
         let queue = Queue::new(sink);
-        self.record_beside(rollout, &queue, recorder)
+        self.record_queued(rollout, &queue, recorder)
     }
 
     /// Records through `queue`, which the world's threads empty.
-    pub(super) fn record_beside<'a>(
+    pub(super) fn record_queued<'a>(
         &mut self,
         rollout: &Rollout,
         queue: &'a Queue<'a>,
-        recorder: Watcher<'_>,
+        recorder: SharedRecorder<'_>,
     ) -> Result<(), WorldError> {
         let threads = self.threads.clone();
         threads.install(|| {
             rayon::in_place_scope(|scope| {
-                let beside = DatasetRecorder::with(Box::new(Beside::new(queue, scope)));
-                self.run_whole(rollout, &mut (beside, recorder))
+                let episodes = DatasetRecorder::with(Box::new(QueuedOutput::new(queue, scope)));
+                self.run_split(rollout, &mut (episodes, recorder))
             })
         })
     }

@@ -129,19 +129,19 @@ impl InOrder {
 }
 
 /// Writes every episode before the next step.
-pub(super) struct AtOnce<'a> {
+pub(super) struct DirectOutput<'a> {
     sink: &'a mut dyn EpisodeSink,
     order: InOrder,
     spare: Vec<EncodedBatch>,
 }
 
-impl<'a> AtOnce<'a> {
+impl<'a> DirectOutput<'a> {
     pub(super) fn new(sink: &'a mut dyn EpisodeSink) -> Self {
         Self { sink, order: InOrder::default(), spare: Vec::new() }
     }
 }
 
-impl Output for AtOnce<'_> {
+impl Output for DirectOutput<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         let held = self.sink.begin(schema, metadata)?;
         self.order = InOrder::from(held);

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use rayon::Yield;
 
-use super::parts::{Part, Whole};
+use super::split_recorder::{RecorderShard, SplitRecorder};
 use super::{Run, World};
 use crate::batch::Batch;
 use crate::error::WorldError;
@@ -64,21 +64,21 @@ pub(super) fn run(
     world: &mut World,
     rollout: &Rollout,
     upcoming: &Arc<Upcoming>,
-    whole: &mut dyn Whole,
+    recorder: &mut dyn SplitRecorder,
 ) -> Option<Result<(), WorldError>> {
     let count = world.slots.len();
     if world.threads.is_one() || count == 1 {
         return None;
     }
-    let parts = (0..count).map(|_| whole.part()).collect::<Option<Vec<_>>>()?;
+    let shards = (0..count).map(|_| recorder.shard()).collect::<Option<Vec<_>>>()?;
     let worlds = world.divide()?;
-    let lanes = (0..).zip(worlds).zip(parts);
+    let lanes = (0..).zip(worlds).zip(shards);
     let mut lanes: Vec<Lane<'_>> =
-        lanes.map(|((slot, world), part)| Lane { slot, world, part, has_actions: true }).collect();
+        lanes.map(|((slot, world), shard)| Lane { slot, world, shard, has_actions: true }).collect();
     let ran = catch_unwind(AssertUnwindSafe(|| take_turns(&mut lanes, rollout, upcoming)));
     world.rejoin(lanes.into_iter().map(|lane| lane.world));
     let ran = ran.unwrap_or_else(|panic| resume_unwind(panic));
-    Some(ran.and_then(|()| whole.finish().map_err(WorldError::Record)))
+    Some(ran.and_then(|()| recorder.finish().map_err(WorldError::Record)))
 }
 
 /// Lets every thread take turns with the lanes until all are over. The failure of the first episode that fails is the run's:
@@ -134,13 +134,13 @@ enum Next {
     IsOver,
 }
 
-/// One environment with its own policy and its part of the recorder.
+/// One environment with its own policy and its shard of the recorder.
 struct Lane<'a> {
     /// Its place in the world.
     slot: usize,
     /// Of this environment alone.
     world: World,
-    part: Box<dyn Part + 'a>,
+    shard: Box<dyn RecorderShard + 'a>,
     /// Whether the policy has acted in this step.
     has_actions: bool,
 }
@@ -157,13 +157,13 @@ impl Lane<'_> {
             if !is_live && upcoming.is_empty() {
                 return Ok(Next::IsOver);
             }
-            if !is_live && !self.part.has_room() {
+            if !is_live && !self.shard.has_room() {
                 return Ok(Next::Waits);
             }
             let mut run = Run {
                 world: &mut self.world,
                 rollout,
-                recorder: &mut *self.part,
+                recorder: &mut *self.shard,
                 upcoming: Arc::clone(upcoming),
                 started: true,
                 has_actions: std::mem::take(&mut self.has_actions),

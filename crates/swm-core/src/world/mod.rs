@@ -5,10 +5,10 @@
 mod acting;
 mod fields;
 mod lanes;
-mod parts;
 mod phases;
 mod run;
 mod saved;
+mod split_recorder;
 
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ use crate::view::{Frames, Transform};
 pub use run::Run;
 pub use saved::SavedSlot;
 
-pub(crate) use parts::{Part, Watcher, Whole};
+pub(crate) use split_recorder::{RecorderShard, SharedRecorder, SplitRecorder};
 
 use fields::{CommonFields, check_names};
 use phases::{OptionsOf, ResetRules, StepRules};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::World;
 use super::lanes::{self, Upcoming};
-use super::parts::{Watcher, Whole};
+use super::split_recorder::{SharedRecorder, SplitRecorder};
 use crate::batch::Slice;
 use crate::error::WorldError;
 use crate::policy::View;
@@ -56,26 +56,29 @@ impl World {
     /// recorder meets. With several threads and a policy that can be divided ([`Policy::divide`](crate::Policy::divide)), the failure of the
     /// first episode that fails is given, and all before it go on to their ends.
     pub fn run(&mut self, rollout: &Rollout, recorder: &mut dyn Recorder) -> Result<(), WorldError> {
-        self.run_whole(rollout, &mut Watcher::new(recorder))
+        self.run_split(rollout, &mut SharedRecorder::new(recorder))
     }
 
-    /// As [`World::run`], with a recorder of which every environment may have a part of its own.
-    pub(crate) fn run_whole(&mut self, rollout: &Rollout, whole: &mut dyn Whole) -> Result<(), WorldError> {
+    /// As [`World::run`], with a recorder that may have a shard per environment.
+    pub(crate) fn run_split(
+        &mut self,
+        rollout: &Rollout,
+        recorder: &mut dyn SplitRecorder,
+    ) -> Result<(), WorldError> {
         let divides = self.policy.as_ref().ok_or(WorldError::NoPolicy)?.is_parallel();
         let threads = self.threads.clone();
         let mut drive = || {
-            let mut run = self.begin(rollout, whole)?;
+            let mut run = self.begin(rollout, recorder)?;
             if run.needs_actions().is_none() {
                 return Ok(());
             }
             run.act()?;
             run.prepare()?;
             let upcoming = Arc::clone(&run.upcoming);
-            if let Some(result) = lanes::run(self, rollout, &upcoming, whole) {
+            if let Some(result) = lanes::run(self, rollout, &upcoming, recorder) {
                 return result;
             }
-            let mut run =
-                Run { world: self, rollout, recorder: whole, upcoming, started: true, has_actions: true };
+            let mut run = Run { world: self, rollout, recorder, upcoming, started: true, has_actions: true };
             while run.needs_actions().is_some() {
                 if !run.has_actions {
                     run.act()?;

@@ -186,7 +186,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
             ExitCode::from(interrupt::status())
         }
         Err(failure) => {
-            if !failure.is_told() {
+            if !failure.is_reported() {
                 output::print_to_stderr(&format!("{failure}\n"));
             }
             ExitCode::from(failure.exit_code())

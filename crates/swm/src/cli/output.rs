@@ -32,9 +32,9 @@ impl Failure {
         matches!(self.source.downcast_ref(), Some(WorldError::Cancelled))
     }
 
-    /// Whether the result that was printed says it already.
-    pub(super) fn is_told(&self) -> bool {
-        self.source.is::<Told>()
+    /// Whether the printed result already gives the reason.
+    pub(super) fn is_reported(&self) -> bool {
+        self.source.is::<AlreadyReported>()
     }
 
     pub(crate) fn exit_code(&self) -> u8 {
@@ -82,10 +82,10 @@ impl Failure {
 #[error("{0}; start the task again to continue")]
 pub(super) struct Postponed(pub(super) String);
 
-/// A command did its work and found what its exit status 1 stands for; the result that it printed says the rest.
+/// A command completed with exit status 1, and the result that it printed gives the reason.
 #[derive(Debug, thiserror::Error)]
 #[error("the result says what was found")]
-pub(super) struct Told;
+pub(super) struct AlreadyReported;
 
 /// A wrong request.
 pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {

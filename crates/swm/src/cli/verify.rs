@@ -8,7 +8,7 @@ use swm_data::tools::compare::{ColumnComparison, SharedEpisodes};
 use swm_tasks::request::{self, Request as _};
 
 use super::opening::OpenArgs;
-use super::output::{Told, compact, counted, table};
+use super::output::{AlreadyReported, compact, counted, table};
 use super::reporter::Reporter;
 use super::threads::ThreadsArg;
 use super::{Failure, Output};
@@ -186,7 +186,7 @@ impl Diff {
             let (first, second) = (request.first.display(), request.second.display());
             text + &format!("{first} and {second} {}", if found.equal { "are equal" } else { "differ" })
         })?;
-        if found.equal { Ok(()) } else { Err(Told.into()) }
+        if found.equal { Ok(()) } else { Err(AlreadyReported.into()) }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Recorders of which every environment has a part of its own, so that environments need not wait for each other.
+//! Recorders that split into one shard per environment, so that environments need not wait for each other.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -7,40 +7,40 @@ use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, RunInfo};
 use crate::threads::lock;
 
-/// A recorder that can be divided once it has been told of the start of a run. It alone is told of the finish.
-pub(crate) trait Whole: Recorder {
-    /// A part for the steps and ends of one environment; `None`: it cannot be divided.
-    fn part(&self) -> Option<Box<dyn Part + '_>>;
+/// A recorder that can be split after its `start`. Its shards get neither `start` nor `finish`.
+pub(crate) trait SplitRecorder: Recorder {
+    /// A shard for the steps and ends of one environment; `None`: it cannot be split.
+    fn shard(&self) -> Option<Box<dyn RecorderShard + '_>>;
 }
 
-/// What watches one environment.
-pub(crate) trait Part: Recorder {
+/// The recorder of one environment.
+pub(crate) trait RecorderShard: Recorder {
     /// Whether another episode may begin; else it waits.
     fn has_room(&self) -> bool;
 }
 
-impl Part for Box<dyn Part + '_> {
+impl RecorderShard for Box<dyn RecorderShard + '_> {
     fn has_room(&self) -> bool {
         (**self).has_room()
     }
 }
 
-impl<A: Whole, B: Whole> Whole for (A, B) {
-    fn part(&self) -> Option<Box<dyn Part + '_>> {
-        Some(Box::new((self.0.part()?, self.1.part()?)))
+impl<A: SplitRecorder, B: SplitRecorder> SplitRecorder for (A, B) {
+    fn shard(&self) -> Option<Box<dyn RecorderShard + '_>> {
+        Some(Box::new((self.0.shard()?, self.1.shard()?)))
     }
 }
 
-impl<A: Part, B: Part> Part for (A, B) {
+impl<A: RecorderShard, B: RecorderShard> RecorderShard for (A, B) {
     fn has_room(&self) -> bool {
         self.0.has_room() && self.1.has_room()
     }
 }
 
-/// Any recorder: its parts pass on to it, one at a time.
-pub(crate) struct Watcher<'a>(Mutex<&'a mut dyn Recorder>);
+/// Makes any recorder a [`SplitRecorder`]: its shards call it, one at a time.
+pub(crate) struct SharedRecorder<'a>(Mutex<&'a mut dyn Recorder>);
 
-impl<'a> Watcher<'a> {
+impl<'a> SharedRecorder<'a> {
     pub(crate) fn new(recorder: &'a mut dyn Recorder) -> Self {
         Self(Mutex::new(recorder))
     }
@@ -50,7 +50,7 @@ impl<'a> Watcher<'a> {
     }
 }
 
-impl Recorder for Watcher<'_> {
+impl Recorder for SharedRecorder<'_> {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.inner().start(run)
     }
@@ -68,16 +68,16 @@ impl Recorder for Watcher<'_> {
     }
 }
 
-impl Whole for Watcher<'_> {
-    fn part(&self) -> Option<Box<dyn Part + '_>> {
-        Some(Box::new(Watching(&self.0)))
+impl SplitRecorder for SharedRecorder<'_> {
+    fn shard(&self) -> Option<Box<dyn RecorderShard + '_>> {
+        Some(Box::new(SharedShard(&self.0)))
     }
 }
 
-/// A part of a [`Watcher`].
-struct Watching<'s, 'a>(&'s Mutex<&'a mut dyn Recorder>);
+/// A shard of a [`SharedRecorder`].
+struct SharedShard<'s, 'a>(&'s Mutex<&'a mut dyn Recorder>);
 
-impl Recorder for Watching<'_, '_> {
+impl Recorder for SharedShard<'_, '_> {
     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         lock(self.0).step(row)
     }
@@ -87,7 +87,7 @@ impl Recorder for Watching<'_, '_> {
     }
 }
 
-impl Part for Watching<'_, '_> {
+impl RecorderShard for SharedShard<'_, '_> {
     fn has_room(&self) -> bool {
         true
     }
