@@ -10,8 +10,8 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::{
-    apart, book, demo, deny, exports, gpu, interop, plugin, process, proof, release, setup, sizes, test,
-    tidy, ui, wheel,
+    book, demo, deny, exports, gpu, interop, plugin, process, proof, release, separate_crates, setup, sizes,
+    test, tidy, ui, wheel,
 };
 
 /// Options of the three commands.
@@ -294,7 +294,7 @@ fn doc() -> Result<()> {
 /// The crate, and the command with these formats.
 fn lance() -> Result<()> {
     let environment = setup::tools::protoc();
-    apart::lint("swm-data-lance", &environment)?;
+    separate_crates::lint("swm-data-lance", &environment)?;
     process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
 }
 
@@ -302,7 +302,7 @@ fn lance() -> Result<()> {
 fn lance_tests() -> Result<()> {
     let mut environment = setup::tools::protoc().to_vec();
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
-    apart::test("swm-data-lance", &environment)
+    separate_crates::test("swm-data-lance", &environment)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 //!
 //! Not part of the product: the command that researchers use is `swm`.
 
-mod apart;
 mod api;
 mod bindgen;
 mod book;
@@ -31,6 +30,7 @@ mod python;
 mod recipes;
 mod reference_tests;
 mod release;
+mod separate_crates;
 mod setup;
 mod sizes;
 mod test;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use crate::metadata::Metadata;
-use crate::{apart, interop, onnx, process, setup};
+use crate::{interop, onnx, process, separate_crates, setup};
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args, Default)]
@@ -86,7 +86,7 @@ pub(crate) fn whole_workspace() -> Vec<&'static str> {
 
 /// The crates that can be built here, but what is built apart.
 fn packages() -> Vec<&'static str> {
-    let mut all = apart::all_others();
+    let mut all = separate_crates::all_others();
     if !process::has_cxx() {
         // They have videos in MP4.
         all.extend(["--exclude", "swm-baselines", "--exclude", "swm-checkpoints", "--exclude", "swm-py"]);

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::Value as Json;
 use swm_core::Column;
 use swm_data::error::{Result, invalid};
-use swm_data::tools::alike;
+use swm_data::tools::compatibility;
 
 use super::contents::{Shared, shape_of, video};
 use super::episode_files::EpisodeFiles;
@@ -167,8 +167,8 @@ impl Found<'_> {
                 && let Some(rate) = episodes.iter().find_map(|&episode| other_rate(&times, episode, info.fps))
             {
                 is_rate_told = true;
-                let fix = match alike::is_rate(rate) {
-                    true => format!("; a copy with `fps` {} repairs it", alike::told(rate)),
+                let fix = match compatibility::is_rate(rate) {
+                    true => format!("; a copy with `fps` {} repairs it", compatibility::rate_text(rate)),
                     false => String::new(),
                 };
                 let file = self.name(file);
@@ -251,7 +251,7 @@ impl Found<'_> {
 fn other_rate(times: &[f32], (first, rows): (usize, usize), fps: f64) -> Option<f64> {
     let times = times.get(first..first.checked_add(rows)?)?;
     let [begin, .., end] = times else { return None };
-    alike::other_rate(alike::rate(rows, *begin, *end), fps, rows)
+    compatibility::other_rate(compatibility::rate(rows, *begin, *end), fps, rows)
 }
 
 /// The list of tasks.

@@ -28,11 +28,11 @@ mod random_actions;
 #[cfg(feature = "rapier")]
 mod rigid;
 mod settings;
+mod shortest_path;
 pub mod simple_navigation;
 pub mod simple_point_maze;
 pub mod tworoom_v1;
 pub mod tworoom_v2;
-mod ways;
 
 use swm_core::EnvEntry;
 

@@ -9,14 +9,15 @@
 //! * [`remote`]: `https://`, `s3://` and `hf://` (with the feature `remote`);
 //! * [`cache_folder`]: where what could be made again is kept.
 
+mod atomic_write;
 mod cache_folder;
 mod folders;
 mod lock;
 mod open;
 mod read_at;
 pub mod remote;
-mod whole;
 
+pub use atomic_write::{DRAFT, draft, new_file, replace, replace_unsynced, settle, sync, write_new};
 pub use cache_folder::cache_folder;
 pub use folders::{beside, first_link, is_plain_name, link_out_of, size};
 pub use lock::{WriterLock, has_no_locks, lacks_locks};
@@ -24,4 +25,3 @@ pub use open::{
     append_own, begins, identity, is_zip, link_count, open_beneath, open_own, open_regular, read_regular,
 };
 pub use read_at::{Cursor, ReadAt, Readable, read_exact_at, write_all_at};
-pub use whole::{DRAFT, draft, new_file, replace, replace_unsynced, settle, sync, write_new};

@@ -14,9 +14,9 @@ use std::time::Duration;
 
 use swm_core::dataset::DataError;
 
+use crate::atomic_write::{draft, new_file};
 use crate::folders::{beside, folder_of};
 use crate::open::{identity, open_own};
-use crate::whole::{draft, new_file};
 
 /// A lock file above this size is not ours.
 const MAX_BYTES: u64 = 4096;

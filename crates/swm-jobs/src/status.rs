@@ -11,10 +11,10 @@ use swm_tasks::request::Divided;
 use crate::engine::Queued;
 use crate::error::JobError;
 use crate::files::{ranges, read_json};
-use crate::held::Held;
 use crate::job::JobFolder;
 use crate::log::{attempts, last_episode};
 use crate::progress::{Done, Failed, Finished, Progress};
+use crate::queue_state::QueueState;
 
 /// What is known of a job.
 #[derive(Debug)]
@@ -49,7 +49,7 @@ impl<'a> Status<'a> {
     /// # Errors
     ///
     /// A file cannot be read.
-    pub fn of(registry: &Registry, folder: &'a JobFolder, held: &Held) -> Result<Self, JobError> {
+    pub fn of(registry: &Registry, folder: &'a JobFolder, held: &QueueState) -> Result<Self, JobError> {
         let progress = Progress::of(folder)?;
         let done = Done::all(folder, &progress)?;
         let mut failed = BTreeMap::new();

@@ -9,9 +9,9 @@ use serde_json::{Value as Json, json};
 use crate::engine::{Engine, Request, Settings, Submission};
 use crate::error::JobError;
 use crate::files::{now, ranges};
-use crate::held::{ASK_EVERY, held_shards, queued};
 use crate::job::JobFolder;
 use crate::progress::Progress;
+use crate::queue_state::{ASK_EVERY, queued, queued_shards};
 
 /// A job and the engine that gets it.
 #[derive(Debug)]
@@ -59,7 +59,7 @@ impl Handover<'_> {
         let entries = engine.driver.entries(shards, settings)?;
         let tasks =
             if is_dry && before.is_empty() { Vec::new() } else { queued(folder, before, Some(engine))? };
-        let held = held_shards(&tasks, before, entries, shards);
+        let held = queued_shards(&tasks, before, entries, shards);
         let is_free = |shard: &u64| !held.contains_key(shard);
         let missing: Vec<u64> = progress.missing(folder).into_iter().filter(is_free).collect();
         let waiting = held.keys().filter(|shard| !progress.done.contains(shard)).count();

@@ -20,8 +20,8 @@ use swm::files::remote::Event;
 use crate::arrays::{describe, from_array, into_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _, SwmError, in_words};
 use crate::fork::Process;
+use crate::integers;
 use crate::interrupt::interruptible;
-use crate::whole;
 use crate::world::registry;
 use crate::writer::recorded;
 
@@ -155,7 +155,7 @@ impl Reader {
     fn subset(
         &self,
         py: Python<'_>,
-        #[pyo3(from_py_with = whole::episodes)] episodes: Vec<usize>,
+        #[pyo3(from_py_with = integers::episodes)] episodes: Vec<usize>,
     ) -> PyResult<Self> {
         self.derive(py, |dataset| Subset::new(dataset, &episodes))
     }
@@ -266,10 +266,10 @@ impl Reader {
     fn slice<'py>(
         &self,
         py: Python<'py>,
-        #[pyo3(from_py_with = whole::episode)] episode: usize,
-        #[pyo3(from_py_with = whole::start)] start: usize,
-        #[pyo3(from_py_with = whole::stop)] stop: usize,
-        #[pyo3(from_py_with = whole::frameskip)] frameskip: usize,
+        #[pyo3(from_py_with = integers::episode)] episode: usize,
+        #[pyo3(from_py_with = integers::start)] start: usize,
+        #[pyo3(from_py_with = integers::stop)] stop: usize,
+        #[pyo3(from_py_with = integers::frameskip)] frameskip: usize,
         columns: Vec<usize>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let span = stop.saturating_sub(start);

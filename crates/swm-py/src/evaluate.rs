@@ -10,10 +10,10 @@ use swm::core::evaluate::{EvaluationRecorder, choose_starts};
 use swm::core::{EpisodeEnd, EpisodeSeed, LiveStep, Recorder, ResetOptions, Rollout};
 
 use crate::errors::SwmError;
+use crate::integers;
 use crate::manifest::boxed;
 use crate::media::VideoFolder;
 use crate::policy::drive;
-use crate::whole;
 use crate::world::PyWorld;
 
 /// How far a run is, for progress bars.
@@ -113,10 +113,10 @@ fn evaluate(
     world: &Bound<'_, PyWorld>,
     act: Option<&Bound<'_, PyAny>>,
     episodes: (u64, u64),
-    #[pyo3(from_py_with = whole::seed)] seed: u64,
+    #[pyo3(from_py_with = integers::seed)] seed: u64,
     options: Option<&Bound<'_, PyAny>>,
-    #[pyo3(from_py_with = whole::seeds)] seeds: Option<Vec<Option<u64>>>,
-    #[pyo3(from_py_with = whole::limit)] limit: Option<u64>,
+    #[pyo3(from_py_with = integers::seeds)] seeds: Option<Vec<Option<u64>>>,
+    #[pyo3(from_py_with = integers::limit)] limit: Option<u64>,
     video: Option<String>,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<(String, Vec<String>)> {

@@ -15,9 +15,9 @@ use crate::arrays::{describe, lock};
 use crate::dataset::Reader;
 use crate::errors::OrRaise as _;
 use crate::fork::Process;
+use crate::integers;
 use crate::interrupt::interruptible;
 use crate::memory::tables::{AnyTable, ForeignTable, Pool, lend};
-use crate::whole;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -51,13 +51,13 @@ impl ClipReader {
     fn new(
         py: Python<'_>,
         reader: PyRef<'_, Reader>,
-        #[pyo3(from_py_with = whole::num_steps)] num_steps: usize,
-        #[pyo3(from_py_with = whole::frameskip)] frameskip: usize,
+        #[pyo3(from_py_with = integers::num_steps)] num_steps: usize,
+        #[pyo3(from_py_with = integers::frameskip)] frameskip: usize,
         keys: Option<Vec<String>>,
         channels_first: bool,
         image: Option<(usize, usize)>,
         paper: bool,
-        #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
+        #[pyo3(from_py_with = integers::threads)] threads: Option<usize>,
         goals: Option<Goals>,
         action_rewards: bool,
         float32: bool,
@@ -110,15 +110,15 @@ impl ClipReader {
     }
 
     /// The episode and the first row of a clip.
-    fn clip(&self, #[pyo3(from_py_with = whole::index)] index: usize) -> Option<(usize, usize)> {
+    fn clip(&self, #[pyo3(from_py_with = integers::index)] index: usize) -> Option<(usize, usize)> {
         self.loader.clip(index).map(|clip| (clip.episode, clip.start))
     }
 
     /// The episode and row of the goal of a clip in an epoch.
     fn goal(
         &self,
-        #[pyo3(from_py_with = whole::index)] index: usize,
-        #[pyo3(from_py_with = whole::epoch)] epoch: u64,
+        #[pyo3(from_py_with = integers::index)] index: usize,
+        #[pyo3(from_py_with = integers::epoch)] epoch: u64,
     ) -> Option<(usize, usize)> {
         self.loader.goal(index, epoch)
     }
@@ -128,8 +128,8 @@ impl ClipReader {
     fn read<'py>(
         &self,
         py: Python<'py>,
-        #[pyo3(from_py_with = whole::indices)] indices: Vec<usize>,
-        #[pyo3(from_py_with = whole::epoch)] epoch: u64,
+        #[pyo3(from_py_with = integers::indices)] indices: Vec<usize>,
+        #[pyo3(from_py_with = integers::epoch)] epoch: u64,
     ) -> PyResult<Bound<'py, PyDict>> {
         self.process.check("this open dataset")?;
         let mut batch = self.pool.take().unwrap_or_else(|| self.loader.new_batch());

@@ -10,10 +10,10 @@ use swm::tasks::request::verify_foreign;
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
+use crate::integers;
 use crate::interrupt::interruptible_with;
 use crate::manifest::{from_json, to_json};
 use crate::runs::{Given, foreign};
-use crate::whole;
 use crate::world::registry;
 
 /// A receipt file, or that of a folder, as JSON.
@@ -60,9 +60,9 @@ fn verify_receipt(
     py: Python<'_>,
     receipt: &str,
     policy: Option<(String, Given<'_>)>,
-    #[pyo3(from_py_with = whole::plan_steps)] plan_steps: Option<u64>,
-    #[pyo3(from_py_with = whole::num_envs)] num_envs: usize,
-    #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
+    #[pyo3(from_py_with = integers::plan_steps)] plan_steps: Option<u64>,
+    #[pyo3(from_py_with = integers::num_envs)] num_envs: usize,
+    #[pyo3(from_py_with = integers::threads)] threads: Option<usize>,
     oracle: bool,
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {

@@ -17,10 +17,10 @@ use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::{Progress, rollout};
 use crate::fork::Process;
 use crate::infos;
+use crate::integers;
 use crate::interrupt::PERIOD;
 use crate::manifest::from_json;
 use crate::policy::{Steps, drive, run_native};
-use crate::whole;
 use crate::words::Arguments;
 use crate::world::{PyWorld, Shared, registry};
 
@@ -135,7 +135,7 @@ fn episodes(
     world: &Bound<'_, PyWorld>,
     act: Option<Bound<'_, PyAny>>,
     episodes: (u64, u64),
-    #[pyo3(from_py_with = whole::seed)] seed: u64,
+    #[pyo3(from_py_with = integers::seed)] seed: u64,
     options: Option<&Bound<'_, PyAny>>,
     held: Vec<String>,
 ) -> PyResult<Episodes> {

@@ -13,10 +13,10 @@ use swm::tasks::request::{Message, model_image, note_elites, note_images, policy
 use crate::errors::{OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::infos;
+use crate::integers;
 use crate::memory::views::{self, Table};
 use crate::mirror::{Mirror, SavedRow};
 use crate::policy::{Farewell, Foreign};
-use crate::whole;
 
 /// Every environment, policy, solver and format of the package.
 pub(crate) fn registry() -> &'static Registry {
@@ -114,14 +114,14 @@ impl PyWorld {
     fn new(
         py: Python<'_>,
         id: &str,
-        #[pyo3(from_py_with = whole::num_envs)] num_envs: usize,
+        #[pyo3(from_py_with = integers::num_envs)] num_envs: usize,
         image: Option<(usize, usize)>,
-        #[pyo3(from_py_with = whole::max_episode_steps)] max_episode_steps: Option<u64>,
-        #[pyo3(from_py_with = whole::frame_skip)] frame_skip: u32,
-        #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
+        #[pyo3(from_py_with = integers::max_episode_steps)] max_episode_steps: Option<u64>,
+        #[pyo3(from_py_with = integers::frame_skip)] frame_skip: u32,
+        #[pyo3(from_py_with = integers::threads)] threads: Option<usize>,
         settings: &str,
         unrecorded: Option<Vec<String>>,
-        #[pyo3(from_py_with = whole::checkpoints)] checkpoints: Option<u32>,
+        #[pyo3(from_py_with = integers::checkpoints)] checkpoints: Option<u32>,
     ) -> PyResult<Self> {
         let entry = registry().env(id).or_raise()?;
         let settings = serde_json::from_str(settings).map_err(|error| {
@@ -351,7 +351,7 @@ impl PyWorld {
     }
 
     /// The seed of a native policy's own noise; 0: noise comes from the episodes' seeds.
-    fn set_policy_seed(&self, #[pyo3(from_py_with = whole::seed)] seed: u64) -> PyResult<()> {
+    fn set_policy_seed(&self, #[pyo3(from_py_with = integers::seed)] seed: u64) -> PyResult<()> {
         self.shared.lock()?.world()?.set_policy_seed(seed);
         Ok(())
     }
@@ -374,7 +374,7 @@ impl PyWorld {
     /// Changes the time limit of the episodes to come; returns the old one.
     fn set_max_episode_steps(
         &self,
-        #[pyo3(from_py_with = whole::limit)] limit: Option<u64>,
+        #[pyo3(from_py_with = integers::limit)] limit: Option<u64>,
     ) -> PyResult<Option<u64>> {
         Ok(self.shared.lock()?.world()?.set_max_episode_steps(limit))
     }

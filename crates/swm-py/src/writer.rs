@@ -14,7 +14,7 @@ use swm::data::{DataError, LastRow, WriteMode, format};
 use crate::arrays::{from_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
-use crate::whole;
+use crate::integers;
 use crate::world::registry;
 
 /// Adds this file's classes and functions to the module.
@@ -104,7 +104,7 @@ impl EpisodeWriter {
         metadata: Option<&str>,
         quality: Option<u8>,
         fps: Option<f64>,
-        #[pyo3(from_py_with = whole::key_frame_period)] key_frame_period: Option<u32>,
+        #[pyo3(from_py_with = integers::key_frame_period)] key_frame_period: Option<u32>,
         last_row: Option<&str>,
     ) -> PyResult<Self> {
         check_threads(format)?;

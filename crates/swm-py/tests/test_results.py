@@ -14,7 +14,7 @@ import pytest
 
 import stable_worldmodel_rs as swm
 from stable_worldmodel_rs.planning import CEMSolver
-from stable_worldmodel_rs.world.given import settings_of
+from stable_worldmodel_rs.world.candidates import settings_of
 
 from test_evaluate import command
 

@@ -5,7 +5,7 @@
 //! | `<!-- test: skip: REASON -->` | the block is not run |
 //! | `<!-- test: needs WHAT -->` | it is run where that is at hand: a feature of `swm`, `mujoco-data`, `torch`, … |
 //! | `<!-- test: exit N -->` | its last command ends with this status |
-//! | `<!-- test: given NAME … -->` | anywhere on the page: files (`given.rs`) that lie in its folder |
+//! | `<!-- test: given NAME … -->` | anywhere on the page: files (`input_files.rs`) that lie in its folder |
 //! | `<!-- test: rust here: REASON -->` | anywhere on the page: its blocks of Rust and TOML are tested elsewhere |
 
 use std::path::Path;

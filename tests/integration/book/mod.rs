@@ -6,7 +6,7 @@
 //! the pages are read that have blocks which need WHAT, and it must be at hand.
 
 mod blocks;
-mod given;
+mod input_files;
 mod shell;
 
 use std::path::Path;
@@ -57,7 +57,7 @@ fn every_block_of_the_book_runs() {
 /// What became of the blocks of a page, in their order, and where they stand.
 fn page_runs<'a>(page: &'a Page, machine: &'a Machine) -> Vec<(String, Result<Outcome, String>)> {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let given = page.given.iter().try_for_each(|name| given::put(machine, name, folder.path()));
+    let given = page.given.iter().try_for_each(|name| input_files::put(machine, name, folder.path()));
     let run = |block: &Block| match &given {
         Ok(()) => run(page, block, machine, folder.path()),
         Err(error) => Err(error.clone()),

@@ -14,7 +14,7 @@ use anyhow::{Context as _, Result, ensure};
 use semver::Version;
 
 use crate::metadata::Metadata;
-use crate::{apart, deny, process, setup};
+use crate::{deny, process, separate_crates, setup};
 
 /// Options of `cargo xtask release`.
 #[derive(clap::Args, Default)]
@@ -144,8 +144,8 @@ fn packaged_files(release: &Release) -> Result<String> {
     let count = packages::make(metadata, release.is_dry)?;
     let features: Vec<String> = program::DEV_FEATURES.split(',').map(|name| format!("swm/{name}")).collect();
     let build = ["build", "--quiet", "--features", &features.join(",")];
-    process::run(packages::cargo(metadata, &build).args(apart::all_others()))?;
-    for name in apart::APART {
+    process::run(packages::cargo(metadata, &build).args(separate_crates::all_others()))?;
+    for name in separate_crates::SEPARATE {
         // With tests, whose features their own step in `cargo xtask nightly` has built already.
         let mut check = packages::cargo(metadata, &["check", "--quiet", "--all-targets", "--package", name]);
         process::run(check.envs(setup::tools::protoc()))?;

@@ -18,7 +18,7 @@ use self::measure::Figures;
 use self::table::Row;
 use crate::metadata::Metadata;
 use crate::pages::with_part;
-use crate::{apart, process};
+use crate::{process, separate_crates};
 
 /// Options of `cargo xtask sizes`.
 #[derive(clap::Args, Default)]
@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 pub(crate) fn check_each_alone() -> Result<()> {
     run(&Args { check: true, ..Args::default() })?;
     for choice in builds::choices(&Metadata::load()?) {
-        if !choice.pulls_in(apart::APART)? {
+        if !choice.pulls_in(separate_crates::SEPARATE)? {
             let mut command = process::cargo(["check", "--quiet"]);
             process::run(command.args(choice.build.selection()))?;
         }

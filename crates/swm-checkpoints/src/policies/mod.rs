@@ -4,14 +4,14 @@
 //! |---|---|
 //! | `table` | `mpc:RUN`, `policy:RUN` and their arguments |
 //! | `models` | world models for `swm quality` |
-//! | `given` | arguments that all of them share |
+//! | `arguments` | arguments that all of them share |
 //! | `foreign` | published checkpoints in the place of runs |
 //! | `canonical` | the setting `canonical` |
 //! | `zoo` | `zoo:NAME`: models that are shipped |
 
+mod arguments;
 mod canonical;
 mod foreign;
-mod given;
 mod models;
 mod table;
 mod zoo;

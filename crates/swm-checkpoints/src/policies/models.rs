@@ -5,7 +5,7 @@ use swm_baselines::train::TrainedModel;
 use swm_core::evaluate::ModelEntry;
 use swm_core::{PolicyArgs, PolicyError, Registry};
 
-use super::given::Given;
+use super::arguments::RunArguments;
 use super::table::{image_size, trained_in};
 
 /// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
@@ -41,7 +41,7 @@ pub fn latent_model(
     env: &str,
     registry: Option<&Registry>,
 ) -> Result<LatentModel, PolicyError> {
-    let given = Given::of(args)?;
+    let given = RunArguments::of(args)?;
     let TrainedModel { baseline, config, .. } = given.model(args, env, registry)?;
     given.check_all_known(args, &[])?;
     let found = baseline.name();

@@ -14,9 +14,9 @@ use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, Policy
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 use swm_tasks::zoo::run_of;
 
+use super::arguments::RunArguments;
 use super::canonical::{self, CANONICAL};
 use super::foreign;
-use super::given::Given;
 use super::zoo;
 
 /// Policies for every environment that shows images.
@@ -124,7 +124,7 @@ fn aggregate(args: &PolicyArgs, given: Option<Json>) -> Result<Aggregate, Policy
 
 const fn planning(name: &'static str, summary: &'static str, settings: &'static [Setting]) -> PolicyEntry {
     PolicyEntry::new(name, summary, |context, args| {
-        let mut given = Given::of(args)?;
+        let mut given = RunArguments::of(args)?;
         let model = given.model(args, context.env.id, context.registry)?;
         let aggregate = aggregate(args, given.rest.shift_remove(AGGREGATE.name))?;
         let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
@@ -150,9 +150,9 @@ const fn planning(name: &'static str, summary: &'static str, settings: &'static 
     .trained(trained_in)
     .files(model_files)
     .companions(model_companions)
-    .on_dataset(|args, dataset| Given::of(args).ok()?.foreign?.on_dataset(args, dataset))
+    .on_dataset(|args, dataset| RunArguments::of(args).ok()?.foreign?.on_dataset(args, dataset))
     .oracle(|context, args| {
-        let mut given = Given::of(args).ok()?;
+        let mut given = RunArguments::of(args).ok()?;
         given.rest.shift_remove(PROPOSAL.name);
         given.rest.shift_remove(CANONICAL.name);
         let block = |block: usize| Map::from_iter([("action_block".to_owned(), Json::from(block))]);
@@ -179,18 +179,18 @@ const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> 
 /// The policy of the agent of the same name.
 const fn agent(name: &'static str, summary: &'static str, settings: &'static [Setting]) -> PolicyEntry {
     PolicyEntry::new(name, summary, |context, args| {
-        let agent = Given::of(args)?.agent(args, context.env.id)?;
+        let agent = RunArguments::of(args)?.agent(args, context.env.id)?;
         Ok(Box::new(AgentPolicy::new(agent)))
     })
     .settings(settings)
     .image(agent_image)
     .trained(agent_trained_in)
     .files(|args| {
-        let given = Given::of(args)?;
+        let given = RunArguments::of(args)?;
         TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
     })
     .companions(|args| {
-        let given = Given::of(args)?;
+        let given = RunArguments::of(args)?;
         TrainedAgent::companions(&given.run, given.which).map_err(|error| given.wrong(args, error))
     })
 }
@@ -200,7 +200,7 @@ fn model_policy(
     args: &PolicyArgs,
     baseline: Option<&str>,
 ) -> Result<Box<dyn Policy>, PolicyError> {
-    let mut given = Given::of(args)?;
+    let mut given = RunArguments::of(args)?;
     let model = given.model(args, context.env.id, context.registry)?;
     let canonical = canonical::take(args, &mut given.rest, given.device, context.env.id)?;
     given.check_all_known(args, &[CANONICAL])?;
@@ -220,7 +220,7 @@ fn model_policy(
 
 /// The size of the images that the model of these arguments was trained on; `None` for runs that are not there.
 pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
-    let given = Given::of(args).ok()?;
+    let given = RunArguments::of(args).ok()?;
     if let Some(size) = canonical::image_size(&given.rest) {
         return Some(size);
     }
@@ -233,7 +233,7 @@ pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
 
 /// The size of the images that the agent of these arguments observes; `None` also for runs that are not there.
 fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
-    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let run = RunFolder::open(&RunArguments::of(args).ok()?.run).ok()?;
     let side = OnlineConfig::read(&run).ok()?.interface.image?;
     Some(ImageSize { height: side, width: side })
 }
@@ -241,7 +241,7 @@ fn agent_image(args: &PolicyArgs) -> Option<ImageSize> {
 /// The environment and the dataset that the model of these arguments was trained in and on; `None` also for runs that are not there, and for datasets that
 /// do not say how they were recorded.
 pub(super) fn trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
-    let given = Given::of(args).ok()?;
+    let given = RunArguments::of(args).ok()?;
     if let Some(foreign) = &given.foreign {
         return foreign.trained_in();
     }
@@ -257,7 +257,7 @@ pub(super) fn trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
 
 /// The same of an agent. Online, agents act at every step of the environment.
 fn agent_trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
-    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let run = RunFolder::open(&RunArguments::of(args).ok()?.run).ok()?;
     let config = OnlineConfig::read(&run).ok()?;
     let frame_skip = config.data.map_or(Some(1), |data| data.frame_skip);
     Some(TrainedIn::new(config.env).settings(config.env_settings).frame_skip(frame_skip))
@@ -265,7 +265,7 @@ fn agent_trained_in(args: &PolicyArgs) -> Option<TrainedIn> {
 
 /// Of a run, the files that a policy depends on: the others change as training goes on.
 fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
-    let given = Given::of(args)?;
+    let given = RunArguments::of(args)?;
     let mut files = match &given.foreign {
         Some(foreign) => foreign.files(args)?,
         None => TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))?,
@@ -281,7 +281,7 @@ fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
 
 /// Of a run, what it takes beside these files to open it elsewhere. A published checkpoint is its files.
 fn model_companions(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
-    let given = Given::of(args)?;
+    let given = RunArguments::of(args)?;
     let mut files = match &given.foreign {
         Some(_) => Vec::new(),
         None => {

@@ -1,6 +1,6 @@
 //! Copying episodes of datasets into another, of any format: conversion, merging and splitting are all that.
 //!
-//! One thread reads the next rows while the caller's writes the ones before. Columns that both sides store alike, such as
+//! One thread reads the next rows while the caller's writes the ones before. Columns that both sides store in the same way, such as
 //! images in HDF5, pass as they are stored, without being decoded. Episodes flow in pieces, so that memory is bounded
 //! whatever their length. A copy that was interrupted continues where it ended, if what it holds is what it would
 //! be given.
@@ -16,7 +16,7 @@ use swm_core::error::BoxError;
 use swm_core::{Field, Metadata, Registry, Schema};
 use swm_files::remote::is_remote;
 
-use super::{alike, begun};
+use super::{compatibility, resume_check};
 use crate::dataset::{self, Dataset, EncodedBatch, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
@@ -49,8 +49,8 @@ pub struct Copied {
 ///
 /// # Errors
 ///
-/// Sources without a wanted column, of several recordings ([`alike::check_recordings`]) or of a rate that is in doubt and not given
-/// ([`alike::rate_doubt`]): then nothing is written. A target that holds something else, and whatever reading and writing may meet; an
+/// Sources without a wanted column, of several recordings ([`compatibility::check_recordings`]) or of a rate that is in doubt and not given
+/// ([`compatibility::rate_doubt`]): then nothing is written. A target that holds something else, and whatever reading and writing may meet; an
 /// error after the first episode says how many there are.
 pub fn copy(
     sources: &mut [Box<dyn Dataset>],
@@ -77,7 +77,7 @@ pub fn copy_in(
 ) -> Result<Copied, DataError> {
     let Some(first) = sources.first() else { return Ok(Copied::default()) };
     let schema = first.schema().clone();
-    alike::check_recordings(sources, pieces)?;
+    compatibility::check_recordings(sources, pieces)?;
     for source in sources.iter() {
         check_columns(source.as_ref(), &schema)?;
         if is_same(source.path(), to) {
@@ -85,12 +85,15 @@ pub fn copy_in(
         }
     }
     if options.frames_per_second.is_none()
-        && let Some(doubt) = alike::rate_doubt(sources, pieces)
+        && let Some(doubt) = compatibility::rate_doubt(sources, pieces)
     {
         return Err(doubt.into());
     }
-    let resumed =
-        if options.mode == WriteMode::Append { begun::held(registry, sources, pieces, to)? } else { 0 };
+    let resumed = if options.mode == WriteMode::Append {
+        resume_check::copied_pieces(registry, sources, pieces, to)?
+    } else {
+        0
+    };
     let mut copied = Copied { resumed, ..Copied::default() };
     let done = copy_rest(registry, sources, pieces, to, (format, options), &mut copied, watch);
     done.map_err(|error| unfinished(error, to, &copied, pieces.len()))?;
@@ -285,7 +288,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 /// What helps where only some sources have a column.
 fn fix(field: &Field) -> &'static str {
     // Recordings without images have the states that images are rendered from.
-    match begun::is_image(field) || field.name == CHECKPOINT {
+    match resume_check::is_image(field) || field.name == CHECKPOINT {
         true => "; `image_size` renders images for all sources",
         false => "",
     }
@@ -294,7 +297,7 @@ fn fix(field: &Field) -> &'static str {
 /// The record of the run that an episode comes from. Files of other programs have none.
 fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
     let info = sources[source].info();
-    match alike::run_of(sources[source].as_ref(), episode) {
+    match compatibility::run_of(sources[source].as_ref(), episode) {
         Some(metadata) => metadata.clone(),
         None => Metadata { rows_per_second: info.rows_per_second, ..Metadata::unknown() },
     }

@@ -1,12 +1,12 @@
 //! What one does to whole datasets: copy them, prove them sound, compare them. All stream: an episode or a block of rows
 //! is in memory, never a dataset.
 
-pub mod alike;
-mod begun;
 pub mod compare;
+pub mod compatibility;
 pub mod copy;
 pub mod part_folder;
 pub mod parts;
+mod resume_check;
 mod sample;
 pub mod verify;
 

@@ -3,9 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
 mod adapt;
-mod alike;
 mod append;
 mod buffer;
+mod compatibility;
 mod crash;
 mod damage;
 mod damage_mcap;

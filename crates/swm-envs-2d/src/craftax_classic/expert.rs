@@ -3,8 +3,8 @@
 
 use super::actions::is_near;
 use super::rules::{Achievement, Block, Cell, action, block, direction, distance, is_solid, plus};
+use super::shortest_path::{WALKS, room, toward, use_block, way_to};
 use super::state::{Map, Mob, State};
-use super::ways::{WALKS, room, toward, use_block, way_to};
 
 /// Food, drink and energy below which the player looks for more.
 const LOW: i32 = 4;

@@ -12,7 +12,7 @@
 //! | `game`, `actions`, `mobs`, `spawning`, `vitals` | one step, by its parts |
 //! | `observation` | the symbolic observation |
 //! | `rendering`, `tiles` | images |
-//! | `expert`, `ways`, `policies` | the expert |
+//! | `expert`, `shortest_path`, `policies` | the expert |
 
 mod actions;
 mod env;
@@ -24,6 +24,7 @@ mod observation;
 mod policies;
 mod rendering;
 mod rules;
+mod shortest_path;
 mod spawning;
 mod state;
 #[cfg(test)]
@@ -31,7 +32,6 @@ mod tests;
 mod threefry;
 mod tiles;
 mod vitals;
-mod ways;
 mod world;
 
 use swm_core::{EnvEntry, Settings as _};

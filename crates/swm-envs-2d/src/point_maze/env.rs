@@ -12,9 +12,9 @@ use super::layout::{Layout, cell_at};
 use super::physics::{Disc, PointSim, STEP_S};
 use super::rendering::{Look, in_image};
 use super::settings::Settings;
-use super::ways::ways;
+use super::shortest_path::shortest_paths;
 use crate::image::Canvas;
-use crate::ways::{Ways, distance};
+use crate::shortest_path::{ShortestPaths, distance};
 
 // Field indices, in the order of `spec`.
 const STATE: usize = 0;
@@ -32,8 +32,8 @@ pub(super) struct PointMaze {
     with_target: bool,
     terminate_at_goal: bool,
     sim: PointSim,
-    /// Ways to the goal, found when first asked for.
-    ways: OnceLock<Ways>,
+    /// Paths to the goal, found when first asked for.
+    paths: OnceLock<ShortestPaths>,
 }
 
 /// What changes in an episode, and the goal.
@@ -114,7 +114,7 @@ impl Scene for PointMaze {
             with_target: settings.with_target,
             terminate_at_goal: settings.terminate_at_goal,
             sim: PointSim::new(layout, disc),
-            ways: OnceLock::new(),
+            paths: OnceLock::new(),
         })
     }
 
@@ -134,7 +134,7 @@ impl Scene for PointMaze {
     }
 
     fn take_goal(&mut self, _: &Moving) {
-        self.ways = OnceLock::new();
+        self.paths = OnceLock::new();
     }
 
     fn restore(&mut self, &Moving { goal, position, velocity }: &Moving) -> Result<(), SceneError> {
@@ -198,7 +198,8 @@ impl Scene for PointMaze {
 
     /// The way that is left to the goal after coasting to rest, as far as that goes along the way. Length.
     fn task_cost(&self, &Moving { goal, position, velocity }: &Moving) -> Option<f64> {
-        let leg = self.ways.get_or_init(|| ways(self.layout, self.disc.radius, goal)).leg(position);
+        let leg =
+            self.paths.get_or_init(|| shortest_paths(self.layout, self.disc.radius, goal)).leg(position);
         let reach = distance(position, leg.to);
         let along: f64 = [0, 1].iter().map(|&axis| (leg.to[axis] - position[axis]) * velocity[axis]).sum();
         let coasting = if reach > 0.0 { along / reach / self.disc.damping } else { 0.0 };

@@ -3,7 +3,7 @@
 //! Wall cells, cell size and coordinates are those of OGBench's locomotion mazes (`ogbench` 1.2.2, `locomaze/maze.py`),
 //! so that positions compare with its datasets.
 
-use crate::ways::Rectangle;
+use crate::shortest_path::Rectangle;
 
 /// Side of a cell, in the maze's unit of length.
 pub(super) const CELL: f64 = 4.0;
@@ -125,7 +125,7 @@ impl Layout {
         walls
     }
 
-    /// Corners that ways bend around: where one wall cell meets three free ones. Each comes with the direction, along
+    /// Corners that paths bend around: where one wall cell meets three free ones. Each comes with the direction, along
     /// both axes, that leads away from the wall.
     pub(super) fn corners(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
         self.cells().filter_map(|[row, col]| {

@@ -10,9 +10,9 @@ mod physics;
 mod policies;
 mod rendering;
 mod settings;
+mod shortest_path;
 #[cfg(test)]
 mod tests;
-mod ways;
 
 use swm_core::{EnvEntry, Settings as _};
 use swm_fov::{FactorEnv, Scene as _};

@@ -100,7 +100,7 @@ impl PointSim {
 mod tests {
     use super::super::layout::{LAYOUTS, cell_at};
     use super::*;
-    use crate::ways::distance;
+    use crate::shortest_path::distance;
 
     const DISC: Disc = Disc { radius: 0.7, mass: 1.0, damping: 2.0, gain: 10.0 };
     const FASTEST: Disc = Disc { radius: 0.3, mass: 0.5, damping: 1.0, gain: 16.0 };

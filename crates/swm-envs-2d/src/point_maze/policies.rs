@@ -9,8 +9,8 @@ use swm_core::{EpisodeSeed, PolicyContext, PolicyEntry, PolicyError, SlotView};
 use super::factors::layout_at;
 use super::layout::{Layout, center};
 use super::physics::{Disc, STEP_S};
-use super::ways::ways;
-use crate::ways::{Ways, distance};
+use super::shortest_path::shortest_paths;
+use crate::shortest_path::{ShortestPaths, distance};
 
 /// The policies of the maze.
 pub(super) const POLICIES: &[PolicyEntry] = &[
@@ -29,7 +29,7 @@ struct Navigator<const EXPLORES: bool> {
     disc: Disc,
     /// A way ends within this distance of its goal.
     goal_radius: f64,
-    ways: Ways,
+    paths: ShortestPaths,
     target: [f64; 2],
     /// Cells that the explorer has chosen so far.
     errands: u64,
@@ -48,7 +48,7 @@ impl<const EXPLORES: bool> Navigator<EXPLORES> {
     /// The force, in units of actions, that follows the way from here.
     fn steer(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
         let Disc { mass, damping, gain, .. } = self.disc;
-        let leg = self.ways.leg(position);
+        let leg = self.paths.leg(position);
         let reach = distance(position, leg.to);
         if reach == 0.0 {
             return [0.0; 2];
@@ -103,8 +103,8 @@ impl<const EXPLORES: bool> NoisyExpert<2> for Navigator<EXPLORES> {
                 ([goal[0], goal[1]], number("goal.radius")?)
             }
         };
-        let ways = ways(layout, disc.radius, target);
-        Ok(Self { layout, disc, goal_radius, ways, target, errands: 0 })
+        let paths = shortest_paths(layout, disc.radius, target);
+        Ok(Self { layout, disc, goal_radius, paths, target, errands: 0 })
     }
 
     fn choose(&mut self, view: &SlotView<'_>) -> Result<[f64; 2], PolicyError> {
@@ -113,7 +113,7 @@ impl<const EXPLORES: bool> NoisyExpert<2> for Navigator<EXPLORES> {
         if EXPLORES && distance(position, self.target) < VISITED {
             self.errands += 1;
             self.target = random_cell(self.layout, view.episode.seed, self.errands);
-            self.ways = ways(self.layout, self.disc.radius, self.target);
+            self.paths = shortest_paths(self.layout, self.disc.radius, self.target);
         }
         Ok(self.steer(position, velocity))
     }

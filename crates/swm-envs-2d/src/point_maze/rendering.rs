@@ -6,7 +6,7 @@ use swm_render::{Painter, Rgb, light};
 use super::factors::{disc, layout};
 use super::layout::{CELL, Layout, center};
 use crate::image::Background;
-use crate::ways::Rectangle;
+use crate::shortest_path::Rectangle;
 
 /// Side of the canvas, pixels.
 const CANVAS: f64 = 512.0;

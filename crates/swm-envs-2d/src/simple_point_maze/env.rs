@@ -12,15 +12,15 @@ use super::walls::{MAX_ACTION, Room, SIDE};
 use crate::dot_room::{
     Canvas, DISTANCE, Dots, GOAL_STATE, OBSERVATION, PROPRIO, STATE, finite_action, recorded, spec,
 };
-use crate::ways::{Ways, distance};
+use crate::shortest_path::{ShortestPaths, distance};
 
 /// Move a disc past walls to a goal. See the module's documentation.
 pub(super) struct SimplePointMaze {
     room: Room,
     goal_radius: f32,
     show_goal: bool,
-    /// Ways to the goal, found when first asked for.
-    ways: OnceLock<Ways>,
+    /// Paths to the goal, found when first asked for.
+    paths: OnceLock<ShortestPaths>,
 }
 
 /// Euclidean distance to the goal, summed in f32 as in the reference.
@@ -53,7 +53,7 @@ impl Scene for SimplePointMaze {
 
     fn new(settings: &Settings, fov: &Fov) -> Result<Self, SceneError> {
         let (room, goal_radius) = (Room::new(fov), fov.f32("goal.radius"));
-        Ok(Self { room, goal_radius, show_goal: settings.show_goal, ways: OnceLock::new() })
+        Ok(Self { room, goal_radius, show_goal: settings.show_goal, paths: OnceLock::new() })
     }
 
     fn start(&mut self, _: &EnvSpec, fov: &Fov, episode: &Episode<'_>) -> Result<Dots, SceneError> {
@@ -65,7 +65,7 @@ impl Scene for SimplePointMaze {
     }
 
     fn take_goal(&mut self, _: &Dots) {
-        self.ways = OnceLock::new();
+        self.paths = OnceLock::new();
     }
 
     fn restore(&mut self, state: &Dots) -> Result<(), SceneError> {
@@ -112,9 +112,9 @@ impl Scene for SimplePointMaze {
 
     /// The length of the shortest way to the goal.
     fn task_cost(&self, state: &Dots) -> Option<f64> {
-        let ways = self.ways.get_or_init(|| self.room.ways(state.target));
+        let paths = self.paths.get_or_init(|| self.room.shortest_paths(state.target));
         let [agent, goal] = [state.agent, state.target].map(|position| position.map(f64::from));
-        let length = ways.leg(agent).length;
+        let length = paths.leg(agent).length;
         // Where walls leave no way: as the crow flies, and worse than any way.
         Some(if length.is_finite() { length } else { distance(agent, goal) + f64::from(4.0 * SIDE) })
     }

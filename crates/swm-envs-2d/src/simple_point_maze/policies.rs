@@ -6,7 +6,7 @@ use swm_fov::{FactorEnv, FovSpace};
 
 use super::env::SimplePointMaze;
 use super::walls::{MAX_ACTION, Room};
-use crate::ways::Ways;
+use crate::shortest_path::ShortestPaths;
 
 /// A planner on the true dynamics that finds the goal.
 pub(super) const PLANNER: &str =
@@ -15,7 +15,7 @@ pub(super) const PLANNER: &str =
 /// The expert in one episode.
 pub(super) struct Expert {
     room: Room,
-    ways: Ways,
+    paths: ShortestPaths,
 }
 
 impl NoisyExpert<2> for Expert {
@@ -30,13 +30,13 @@ impl NoisyExpert<2> for Expert {
     fn new(space: &FovSpace, view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let (fov, state) = FactorEnv::<SimplePointMaze>::episode(space, view)?;
         let room = Room::new(&fov);
-        Ok(Self { ways: room.ways(state.target), room })
+        Ok(Self { paths: room.shortest_paths(state.target), room })
     }
 
     fn choose(&mut self, view: &SlotView<'_>) -> Result<[f64; 2], PolicyError> {
         let agent: &[f32] = view.row.get("state")?;
         let agent = [agent[0], agent[1]].map(f64::from);
-        let to = self.ways.leg(agent).to;
+        let to = self.paths.leg(agent).to;
         let wanted = [0, 1].map(|axis| (to[axis] - agent[axis]) / f64::from(self.room.speed));
         // Straight to the corner: along both axes by the same share of the way.
         let excess = wanted.iter().map(|value| value.abs() / f64::from(MAX_ACTION)).fold(1.0, f64::max);

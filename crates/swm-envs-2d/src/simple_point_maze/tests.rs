@@ -42,7 +42,7 @@ fn walls_stop_the_disc_and_the_border_holds_it() {
     // Actions are clipped, and so are positions.
     assert_eq!(room.step([0.05, 4.9], [-9.0, 9.0]), [0.0, 5.0]);
     let [way, straight] =
-        [[1.5, 2.5], [2.5, 1.5]].map(|from: [f64; 2]| room.ways([3.5, 2.5]).leg(from).length);
+        [[1.5, 2.5], [2.5, 1.5]].map(|from: [f64; 2]| room.shortest_paths([3.5, 2.5]).leg(from).length);
     assert!(way > 2.0 && straight > 2.0_f64.sqrt() && way.is_finite());
 }
 

@@ -3,7 +3,7 @@
 
 use swm_fov::Fov;
 
-use crate::ways::{Rectangle, Ways};
+use crate::shortest_path::{Rectangle, ShortestPaths};
 
 /// The side of the room.
 pub(super) const SIDE: f32 = 5.0;
@@ -11,7 +11,7 @@ pub(super) const SIDE: f32 = 5.0;
 pub(super) const MAX_WALLS: usize = 6;
 /// Largest displacement of a step along each axis at a speed of 1.
 pub(super) const MAX_ACTION: f32 = 0.2;
-/// Room that the expert's ways leave beside the disc.
+/// Room that the expert's paths leave beside the disc.
 const MARGIN: f64 = 0.01;
 
 /// A wall: its corners of least and of greatest coordinates.
@@ -74,8 +74,8 @@ impl Room {
         next.map(|c| c.clamp(0.0, SIDE))
     }
 
-    /// All ways to a goal: around the corners of walls that the disc reaches.
-    pub(super) fn ways(&self, goal: [f32; 2]) -> Ways {
+    /// All shortest paths to a goal: around the corners of walls that the disc reaches.
+    pub(super) fn shortest_paths(&self, goal: [f32; 2]) -> ShortestPaths {
         let rectangles: Vec<Rectangle> = (self.walls.iter())
             .map(|wall| Rectangle { min: wall.min.map(f64::from), max: wall.max.map(f64::from) })
             .collect();
@@ -91,6 +91,6 @@ impl Room {
             (0..2).all(|axis| (0.0..=f64::from(SIDE)).contains(&(corner[axis] + out * away[axis])))
         };
         let radius = [f64::from(self.radius), MARGIN];
-        Ways::new(&rectangles, corners.filter(is_in_room), radius, goal.map(f64::from))
+        ShortestPaths::new(&rectangles, corners.filter(is_in_room), radius, goal.map(f64::from))
     }
 }

@@ -12,7 +12,7 @@ use super::robot::{Robot, distance};
 use super::rows::{TaskState, episode_columns, fields, start_columns};
 use super::settings::{SETTINGS, Settings};
 use super::task::{REACHED, Reward, SUBSTEPS, Task, Variant};
-use crate::given::finite_values;
+use crate::inputs::finite_values;
 use crate::suite::Control;
 use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;

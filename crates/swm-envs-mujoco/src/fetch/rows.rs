@@ -7,7 +7,7 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 
 use super::env::FetchEnv;
 use super::task::{Form, Task, Variant};
-use crate::given::{check_goal, needed, recorded};
+use crate::inputs::{check_goal, needed, recorded};
 
 /// The episode as it stands, beside the simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -16,7 +16,7 @@ use super::rows::{START_COLUMNS, fields, first_factor};
 use super::settings::Settings;
 use super::soccer;
 use super::state::TaskState;
-use crate::given::{finite_values, recall};
+use crate::inputs::{finite_values, recall};
 use crate::views::{CameraName, GoalImage, Images, Views};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;

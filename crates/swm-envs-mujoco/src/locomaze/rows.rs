@@ -8,7 +8,7 @@ use super::Body;
 use super::env::MazeEnv;
 use super::state::TaskState;
 use super::{humanoid, soccer};
-use crate::given::{check_goal, needed, recorded};
+use crate::inputs::{check_goal, needed, recorded};
 
 // Positions of the step columns, in the order of `fields`; behind them those of the episode.
 const OBSERVATION: usize = 0;

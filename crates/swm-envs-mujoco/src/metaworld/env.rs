@@ -13,7 +13,7 @@ use super::robot::{Frame, JOINT, Origin, Robot, minus, norm};
 use super::rows::{EPISODE, START, START_EXTRAS, TaskState, fields};
 use super::settings::{SETTINGS, Settings, VIEW};
 use super::task::{Done, SUBSTEPS, Task};
-use crate::given::finite_values;
+use crate::inputs::finite_values;
 use crate::suite::Control;
 use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;

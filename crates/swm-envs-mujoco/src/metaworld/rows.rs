@@ -8,7 +8,7 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 use super::env::MetaWorldEnv;
 use super::reward::{PARTS, Worth};
 use super::robot::{Frame, Origin};
-use crate::given::{check_goal, needed, recall, recorded};
+use crate::inputs::{check_goal, needed, recall, recorded};
 use swm_mujoco::MujocoError;
 
 /// The episode as it stands, beside the simulation.

@@ -16,11 +16,11 @@ use super::furniture::Which;
 use super::layout::{CAMERA, FLOOR, Kind};
 use super::models::Models;
 use super::settings::{CUBE_SETTINGS, Mode, Settings};
-use super::standing::{Goal, Observed, Standing};
+use super::sim_state::{Goal, Observed, SimState};
 use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
-use crate::given::finite_values;
+use crate::inputs::finite_values;
 use crate::views::{CameraName, GoalImage, Images, Views, settings};
 use swm_mujoco::MujocoError;
 use swm_mujoco::assets;
@@ -43,7 +43,7 @@ pub(super) struct TableEnv {
     sim: Simulation,
     table: Table,
     task_state: TaskState,
-    standing: Standing,
+    sim_state: SimState,
     goal: Goal,
     lock_colors: Vec<f64>,
     scratch: Vec<f64>,
@@ -62,7 +62,7 @@ pub(super) struct TableEnv {
 struct Saved {
     fov: SavedFov,
     task_state: TaskState,
-    standing: Standing,
+    sim_state: SimState,
     goal: Goal,
 }
 
@@ -116,7 +116,7 @@ impl TableEnv {
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
         let fov = space.defaults();
         let mut env = Self {
-            standing: Standing::at_rest(&sim),
+            sim_state: SimState::at_rest(&sim),
             goal: Goal::default(),
             lock_colors: if is_scene { factor_values(&fov, LOCK_COLOR) } else { Vec::new() },
             floor: FLOOR.to_vec(),
@@ -212,15 +212,15 @@ impl TableEnv {
         if self.is_done_with_target() {
             targets::sample(&self.table, &mut self.sim, &mut self.task_state, &self.fov);
         }
-        let Self { sim, task_state, table, standing, .. } = self;
+        let Self { sim, task_state, table, sim_state, .. } = self;
         task_state.before_qpos.copy_from_slice(sim.qpos());
         task_state.before_qvel.copy_from_slice(sim.qvel());
         task_state.before_buttons = task_state.buttons;
-        match standing.observed() {
+        match sim_state.observed() {
             Some(Observed { effector, .. }) => table.robot.command_from(sim, effector, action),
             None => table.robot.command(sim, action),
         }
-        standing.advance(sim)?;
+        sim_state.advance(sim)?;
         if let Some(furniture) = &table.furniture {
             let pressed = furniture.pressed(&task_state.before_qpos, sim);
             for (state, is_pressed) in task_state.buttons.iter_mut().zip(pressed) {
@@ -295,7 +295,7 @@ impl Env for TableEnv {
         let saved = Saved {
             fov: self.fov.save(),
             task_state: self.task_state.clone(),
-            standing: self.standing.clone(),
+            sim_state: self.sim_state.clone(),
             goal: self.goal.clone(),
         };
         state.store(&self.spec.id, &saved)
@@ -318,7 +318,7 @@ impl Env for TableEnv {
             GoalImage::renew(&mut self.goal_image);
         }
         (self.fov, self.task_state) = (fov, saved.task_state);
-        (self.standing, self.goal) = (saved.standing, saved.goal);
+        (self.sim_state, self.goal) = (saved.sim_state, saved.goal);
         let restored = (|| {
             if !is_same_model {
                 self.set_model()?;

@@ -5,7 +5,7 @@
 //! * `arm`, `robot`: inverse kinematics and the control law;
 //! * `table`, `furniture`: where things are, and whether they are where they belong;
 //! * `start`, `targets`: where episodes begin, and what is wanted;
-//! * `env`, `columns`, `standing`, `task_state`: the environment, its rows and its saved states;
+//! * `env`, `columns`, `sim_state`, `task_state`: the environment, its rows and its saved states;
 //! * `expert`: the policies.
 
 mod arm;
@@ -20,7 +20,7 @@ mod models;
 mod pose;
 mod robot;
 mod settings;
-mod standing;
+mod sim_state;
 mod start;
 mod state;
 mod table;

@@ -13,7 +13,7 @@ use super::domain::{Domain, Task, TaskEntry};
 use super::image::Image;
 use super::models::{Models, Origin};
 use super::settings::{OnDivergence, SETTINGS, Settings};
-use crate::given::finite_values;
+use crate::inputs::finite_values;
 use crate::views::{CameraName, GoalImage, Views, settings};
 use rows::{ACT, Columns, OBSERVATION, QACC_WARMSTART, QPOS, QVEL, SCORE, TIME, fields};
 use swm_mujoco::MujocoError;

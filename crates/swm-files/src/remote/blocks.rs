@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
-use crate::whole::draft;
+use crate::atomic_write::draft;
 
 /// Bytes of a block; the last of an object is shorter.
 pub(super) const BLOCK: u64 = 1 << 20;

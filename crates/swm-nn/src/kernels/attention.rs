@@ -1,5 +1,5 @@
 //! Attention: softmax(q kᵀ / √E) v. Of many tokens it is computed head by head, so that the weights of a head stay in the cache of a
-//! core; of few tokens by [`few`](super::few).
+//! core; of few tokens by [`small_attention`](super::small_attention).
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
@@ -12,11 +12,11 @@ use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{DType, Shape, Tensor, module};
 use rayon::prelude::*;
 
-use super::few::Few;
 use super::product::{Matrix, as_matrix, product};
+use super::small_attention::SmallAttention;
 use super::{attention_scale, is_ours, tensor_of, vector};
 
-/// The most weights of a head that [`Few`] is for.
+/// The most weights of a head that [`SmallAttention`] is for.
 const FEW: usize = 64;
 
 /// softmax(q kᵀ / √E) v: `[B, heads, N, E]` queries, `[B, heads, M, E]` keys and values → `[B, heads, N, E]`. With `causal`, the last
@@ -45,8 +45,8 @@ trait Attend: Backend {
 
 impl Attend for Flex {
     fn attend(q: FlexTensor, k: FlexTensor, v: FlexTensor, causal: bool) -> FlexTensor {
-        if is_few(&q, &k) {
-            return Few::new([&q, &k, &v], causal).forward().1;
+        if is_small(&q, &k) {
+            return SmallAttention::new([&q, &k, &v], causal).forward().1;
         }
         let heads = Heads::of(&q);
         let outputs = heads.each(|head| heads.forward(head, [&q, &k, &v], causal).1);
@@ -55,7 +55,7 @@ impl Attend for Flex {
 }
 
 /// Whether heads have few weights.
-fn is_few(q: &FlexTensor, k: &FlexTensor) -> bool {
+fn is_small(q: &FlexTensor, k: &FlexTensor) -> bool {
     let [[_, _, queries, _], [_, _, keys, _]] = [q, k].map(|tensor| tensor.layout().shape().dims());
     queries * keys <= FEW
 }
@@ -89,8 +89,8 @@ impl<C: CheckpointStrategy> Attend for Autodiff<Flex, C> {
     ) -> FloatTensor<Self> {
         let ((q, of_q), (k, of_k), (v, of_v)) = (q.into_parts(), k.into_parts(), v.into_parts());
         match Attended.prepare::<C>([of_q, of_k, of_v]).compute_bound().stateful() {
-            OpsKind::Tracked(ops) if is_few(&q, &k) => {
-                let (weights, outputs) = Few::new([&q, &k, &v], causal).forward();
+            OpsKind::Tracked(ops) if is_small(&q, &k) => {
+                let (weights, outputs) = SmallAttention::new([&q, &k, &v], causal).forward();
                 ops.finish(Seen { qkv: [q, k, v], weights: Weights::Together(weights), causal }, outputs)
             }
             OpsKind::Tracked(ops) => {
@@ -124,7 +124,9 @@ impl Seen {
     fn gradients(&self, given: &FlexTensor) -> [FlexTensor; 3] {
         let Self { qkv: [q, k, v], weights, causal } = self;
         let weights = match weights {
-            Weights::Together(weights) => return Few::new([q, k, v], *causal).backward(weights, given),
+            Weights::Together(weights) => {
+                return SmallAttention::new([q, k, v], *causal).backward(weights, given);
+            }
             Weights::Apart(weights) => weights,
         };
         let (heads, of_keys) = (Heads::of(q), Heads::of(k));

@@ -10,12 +10,12 @@
 //! not on threads, on other rows or on the CPU, if it has fused multiply-adds.
 
 mod attention;
-mod few;
 mod gelu;
 mod linear;
 mod norm;
 mod product;
 mod sigreg;
+mod small_attention;
 #[cfg(test)]
 mod tests;
 mod vector;

@@ -4,10 +4,10 @@
 mod cells;
 mod compare;
 mod difference;
+mod existing_result;
 mod files;
 mod gate;
 mod hash;
-mod held;
 mod image_model;
 mod outdated;
 mod probe;
@@ -26,12 +26,12 @@ mod verify;
 pub use cells::{CellLedger, Division};
 pub use compare::{Compared, Side, compare};
 pub use difference::{Difference, differences, result_differences};
+pub use existing_result::{existing_receipt, refusal};
 pub use files::{
     env_of, holds_manifest, read_manifest, read_receipt, recorded_pairs, write_manifest, write_receipt,
 };
 pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::{file_bytes, file_hash};
-pub use held::{held_receipt, refusal};
 pub use image_model::ImageModel;
 pub use outdated::changed_model;
 pub use probe::{Fingerprints, fingerprints};
@@ -48,8 +48,8 @@ pub use robustness::{Published, ROBUST_TASKS, ROBUSTNESS_VERSION, RobustTask, Ro
 pub use run::{Candidate, ForeignPolicy, RunEpisodes, RunOptions, run_pairs};
 pub(crate) use sweep::unknown_factor;
 pub use sweep::{
-    Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, grid_points, held_sweep, is_sweep,
-    read_sweep, write_sweep,
+    Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, existing_sweep, grid_points,
+    is_sweep, read_sweep, write_sweep,
 };
 pub use tiers::{TierRules, ruled_envs, task_probes, tier_rules};
 pub use verify::{Part, Verification, verify, verify_by};

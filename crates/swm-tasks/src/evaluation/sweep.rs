@@ -17,7 +17,7 @@ use super::receipt::Code;
 use super::run::Candidate;
 pub(crate) use changes::unknown_factor;
 pub use changes::{Change, Scope, Values, changes, grid_points};
-pub use folder::{held_sweep, read_sweep, write_sweep};
+pub use folder::{existing_sweep, read_sweep, write_sweep};
 pub use run::SweepRun;
 
 /// The version of [`Sweep`] that is written and read.

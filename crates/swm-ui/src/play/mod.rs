@@ -7,7 +7,7 @@ pub(crate) mod catalog;
 mod history;
 mod inbox;
 mod message;
-mod noted;
+mod observed_policy;
 mod planner;
 mod recording;
 mod session;

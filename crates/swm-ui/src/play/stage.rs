@@ -15,7 +15,7 @@ use swm_tasks::request::TaskError;
 
 use super::history::History;
 use super::message::{Open, Reset};
-use super::noted::Noted;
+use super::observed_policy::ObservedPolicy;
 use super::planner::{Planner, Shown};
 use super::steer::Steer;
 use super::take::{Ending, Take};
@@ -198,7 +198,7 @@ impl Stage {
         let space = &self.world.spec().action;
         self.planner = Planner::of(inner.as_mut(), args, self.entry, &self.config, space, self.frame_skip)?;
         let starts = self.planner.as_ref().map(Planner::starts);
-        self.world.set_policy(Noted { inner, starts, last: Arc::clone(&self.acted) })?;
+        self.world.set_policy(ObservedPolicy { inner, starts, last: Arc::clone(&self.acted) })?;
         Ok(())
     }
 

@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use swm_core::Cancel;
 
-use super::called;
 use super::output::print_to_stderr;
+use super::program_name;
 
 /// How long the recordings of a command that does not stop by itself may take to end.
 const RECORDINGS_END: Duration = Duration::from_secs(1);
@@ -74,7 +74,7 @@ pub(super) const REPEAT: &str = "repeat the command";
 pub(super) fn say() {
     let mut advice = ADVICE.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(advice) = advice.take() {
-        print_to_stderr(&format!("interrupted: {}\n", called::told(&advice())));
+        print_to_stderr(&format!("interrupted: {}\n", program_name::with_name(&advice())));
     }
 }
 

@@ -10,7 +10,7 @@ use swm_tasks::request::cannot;
 
 use super::output::{counted, key_values, print, table};
 use super::{Failure, Output, usage, work};
-use crate::jobs::{Held, JobFolder, Progress, Status, Submission, engine};
+use crate::jobs::{JobFolder, Progress, QueueState, Status, Submission, engine};
 use crate::text_file::read_text;
 
 /// Show the progress of the jobs of `swm submit`.
@@ -64,9 +64,9 @@ impl Jobs {
         if let (true, [folder]) = (self.cancel, folders.as_slice()) {
             return cancel(folder, output);
         }
-        let mut held: Vec<Held> = Vec::new();
+        let mut held: Vec<QueueState> = Vec::new();
         loop {
-            if held.first().is_none_or(Held::is_old) {
+            if held.first().is_none_or(QueueState::is_old) {
                 held = folders.iter().map(|folder| ask(folder, |note| output.note(note))).collect();
             }
             let all: Vec<Status> = folders
@@ -147,8 +147,8 @@ fn cancel(folder: &JobFolder, output: &Output) -> Result<(), Failure> {
 }
 
 /// Asks the engines of a job, and notes the one that does not answer.
-pub(super) fn ask(folder: &JobFolder, note: impl FnOnce(String)) -> Held {
-    let (held, error) = Held::of(folder);
+pub(super) fn ask(folder: &JobFolder, note: impl FnOnce(String)) -> QueueState {
+    let (held, error) = QueueState::of(folder);
     if let Some(error) = error {
         note(format!("{}: {}", folder.dir.display(), Failure::from(error)));
     }

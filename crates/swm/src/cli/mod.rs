@@ -8,7 +8,6 @@ mod args;
 mod bench;
 mod board;
 mod bundle;
-mod called;
 mod checkpoints;
 mod collect;
 mod compare;
@@ -31,6 +30,7 @@ mod opening;
 mod output;
 mod plan;
 mod preview;
+mod program_name;
 mod quality;
 mod rates;
 mod receipt_text;
@@ -158,7 +158,7 @@ pub fn main(registry: &Registry) -> ExitCode {
 /// Runs a command line; the first argument is the program's name.
 pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let mut args = args.into_iter().peekable();
-    called::take(args.peek().map(OsString::as_os_str));
+    program_name::set(args.peek().map(OsString::as_os_str));
     #[cfg(feature = "mujoco")]
     if let Some(home) = swm_envs_mujoco::mujoco::assets::data_folder() {
         swm_tasks::zoo::add_folder(home.join("zoo"));
@@ -250,7 +250,7 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Man(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), called::name(), &mut script);
+            clap_complete::generate(shell, &mut Cli::command(), program_name::name(), &mut script);
             output::print(&String::from_utf8_lossy(&script))
         }
     }

@@ -12,7 +12,7 @@ use swm_data::DataError;
 use swm_files::WriterLock;
 use swm_tasks::request::TaskError;
 
-use super::called;
+use super::program_name;
 pub(super) use super::streams::{print, print_of_clap, print_to_stderr};
 pub(crate) use super::table::table;
 use super::words::Options;
@@ -175,7 +175,7 @@ impl fmt::Display for Failure {
             }
             cause = error.source();
         }
-        f.write_str(&called::told(&said))
+        f.write_str(&program_name::with_name(&said))
     }
 }
 
@@ -200,13 +200,13 @@ impl Output {
         print(&if self.json {
             serde_json::to_string_pretty(json)?
         } else {
-            called::told(&text()).into_owned()
+            program_name::with_name(&text()).into_owned()
         })
     }
 
     /// Prints a part of the result as soon as it is known; with `--json`, nothing.
     pub(super) fn line(&self, text: impl FnOnce() -> String) -> Result<(), Failure> {
-        if self.json { Ok(()) } else { print(&called::told(&text())) }
+        if self.json { Ok(()) } else { print(&program_name::with_name(&text())) }
     }
 
     /// Prints the result whose parts [`Output::line`] has printed: with `--json` alone.
@@ -218,7 +218,7 @@ impl Output {
     pub(crate) fn note(&self, text: impl fmt::Display) {
         if !self.quiet {
             let line = format!("{text}\n");
-            print_to_stderr(&called::told(&line));
+            print_to_stderr(&program_name::with_name(&line));
         }
     }
 

@@ -2,20 +2,20 @@
 
 use std::io::Write as _;
 
-use super::{Failure, called};
+use super::{Failure, program_name};
 
 /// Prints help, the version or what is wrong in a command line, each where clap says.
 pub(super) fn print_of_clap(error: &clap::Error) {
     // Clap's own way has styles.
-    if !called::is_renamed() {
+    if !program_name::is_renamed() {
         let _ = error.print();
         return;
     }
     let text = error.render().to_string();
     match error.use_stderr() {
-        true => print_to_stderr(&called::told(&text)),
+        true => print_to_stderr(&program_name::with_name(&text)),
         // A reader that is gone has no wish.
-        false => drop(print(&called::told(&text))),
+        false => drop(print(&program_name::with_name(&text))),
     }
 }
 

@@ -14,7 +14,7 @@ use swm_ui::{Commands, Server};
 
 use super::jobs::ask;
 use super::{Failure, Output, interrupt, usage, work};
-use crate::jobs::{Held, Status};
+use crate::jobs::{QueueState, Status};
 
 /// Steer and record environments, and look at datasets and results, on a page in the browser.
 #[derive(Args)]
@@ -90,7 +90,7 @@ impl Ui {
 
 /// What other commands do, for the page. It remembers what engines held of jobs, by folder, and a note where one did not answer.
 #[derive(Debug, Default)]
-struct Own(Mutex<BTreeMap<PathBuf, (Held, Option<String>)>>);
+struct Own(Mutex<BTreeMap<PathBuf, (QueueState, Option<String>)>>);
 
 impl Commands for Own {
     /// What `swm jobs DIR --json` prints, and its note.

@@ -3,9 +3,9 @@
 use swm_core::EpisodeSeed;
 
 use super::TableEnv;
-use crate::given::finite_values;
+use crate::inputs::finite_values;
 use crate::ogbench::columns::observation;
-use crate::ogbench::standing::{Goal, Observed, Standing};
+use crate::ogbench::sim_state::{Goal, Observed, SimState};
 use crate::ogbench::start;
 use crate::views::GoalImage;
 use swm_mujoco::MujocoError;
@@ -18,9 +18,9 @@ impl TableEnv {
         observed: Option<Observed>,
     ) -> Result<(), MujocoError> {
         let is_late = self.table.is_late();
-        self.standing = match observed {
-            Some(observed) => Standing::recorded(&mut self.sim, &self.table.robot, observed, is_late)?,
-            None => Standing::at_rest(&self.sim),
+        self.sim_state = match observed {
+            Some(observed) => SimState::recorded(&mut self.sim, &self.table.robot, observed, is_late)?,
+            None => SimState::at_rest(&self.sim),
         };
         let start = self.task_state.clone();
         let has_settled = recorded.is_none();
@@ -34,7 +34,7 @@ impl TableEnv {
         }
         self.sim.forward()?;
         self.apply_buttons(self.task_state.buttons)?;
-        let mut goal = Goal { standing: Standing::at_rest(&self.sim), ..Goal::default() };
+        let mut goal = Goal { sim_state: SimState::at_rest(&self.sim), ..Goal::default() };
         if has_settled {
             let stream = EpisodeSeed::new(self.task_state.seed as u64);
             for step in 0..2 {
@@ -42,7 +42,7 @@ impl TableEnv {
                 let values = finite_values(action.data.as_slice(), 5).ok();
                 let values = values.and_then(|values| values.first_chunk().copied()).unwrap_or_default();
                 self.table.robot.command(&mut self.sim, values);
-                goal.standing.advance(&mut self.sim)?;
+                goal.sim_state.advance(&mut self.sim)?;
             }
             self.apply_buttons(self.task_state.buttons)?;
         }
@@ -55,29 +55,29 @@ impl TableEnv {
 
     /// Returns the simulation to where the episode stands.
     pub(super) fn stand(&mut self) -> Result<(), MujocoError> {
-        let (standing, before) = (self.standing.clone(), self.task_state.before_buttons);
-        self.stand_at(&standing, before, self.task_state.buttons)
+        let (sim_state, before) = (self.sim_state.clone(), self.task_state.before_buttons);
+        self.stand_at(&sim_state, before, self.task_state.buttons)
     }
 
     /// Takes the simulation to a task_state: buttons stood `before` its last step, and stand as `buttons` after it.
     fn stand_at(
         &mut self,
-        standing: &Standing,
+        sim_state: &SimState,
         before: [u8; 2],
         buttons: [u8; 2],
     ) -> Result<(), MujocoError> {
         if let Some(furniture) = &self.table.furniture {
             furniture.show_states(self.sim.model_mut(), before, &self.lock_colors);
         }
-        standing.restore(&mut self.sim)?;
+        sim_state.restore(&mut self.sim)?;
         self.apply_buttons(buttons)?;
-        standing.finish(&mut self.sim, &self.table.robot, self.table.is_late())
+        sim_state.finish(&mut self.sim, &self.table.robot, self.table.is_late())
     }
 
     /// Renders the goal, and returns to where the episode is.
     pub(super) fn render_goal(&mut self, pixels: &mut [u8]) -> Result<(), MujocoError> {
         let goal = self.goal.clone();
-        self.stand_at(&goal.standing, goal.buttons, goal.buttons)?;
+        self.stand_at(&goal.sim_state, goal.buttons, goal.buttons)?;
         if let Some(images) = &mut self.images {
             images.render(&mut self.sim, pixels);
         }

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use swm_core::{EnvError, EnvSpec, Value};
 
 use super::TableEnv;
-use crate::given::{check_goal, needed, recall, recorded};
+use crate::inputs::{check_goal, needed, recall, recorded};
 use crate::ogbench::furniture::Which;
 use crate::ogbench::robot::Effector;
 use crate::ogbench::settings::Mode;
-use crate::ogbench::standing::Observed;
+use crate::ogbench::sim_state::Observed;
 use crate::ogbench::start::Chosen;
 use crate::ogbench::state::Pursued;
 

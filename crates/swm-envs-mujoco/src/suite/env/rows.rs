@@ -6,7 +6,7 @@ use swm_core::{Dtype, EnvError, Field, Value};
 use swm_fov::FovSpace;
 
 use super::SuiteEnv;
-use crate::given::{check_goal, needed, recorded};
+use crate::inputs::{check_goal, needed, recorded};
 use crate::suite::{Domain, Stage};
 use crate::views::Views;
 

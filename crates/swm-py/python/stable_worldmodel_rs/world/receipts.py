@@ -13,7 +13,7 @@ from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
 from ..track import Tracker, tracked
-from .given import compared_by_name, given_policy, networks_of
+from .candidates import compared_by_name, candidate_of, networks_of
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
 from .policies import NativePolicy, as_policy, explains_actions
@@ -156,7 +156,7 @@ def _evaluated(
     world: dict[str, Any],
 ) -> str | None:
     """The receipt as JSON; None for a part."""
-    given = given_policy(
+    given = candidate_of(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
     with Progress("Evaluating", enabled=progress, parts=True) as bar, given as (text, seed, foreign):
@@ -303,7 +303,7 @@ def verify(
         spread: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "oracle": oracle, "tick": bar.tick}
         if policy is None:
             return _verified(found, json.loads(_swm.verify_receipt(text, **spread)), [])
-        given = given_policy(
+        given = candidate_of(
             found["manifest"], policy, name=own, weights=weights, seed=0, num_envs=num_envs, threads=threads, world=world
         )
         with given as (name, _, foreign):

@@ -11,7 +11,7 @@ from .._arguments import home_path, request_text
 from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
-from .given import given_policy
+from .candidates import candidate_of
 from .ids import need
 from .manifests import AnyPath, Manifest, existing, read_manifest
 from .receipts import check_parts
@@ -108,7 +108,7 @@ def sweep(
     asked = factors.split(",") if isinstance(factors, str) else list(factors)
     check_parts(policy, out, weights, again, shard, join)
     need(found["env"])
-    given = given_policy(
+    given = candidate_of(
         found, policy, name=name, weights=weights, seed=policy_seed, num_envs=num_envs, threads=threads, world=world
     )
     with Progress("Sweeping", enabled=progress, parts=True) as bar, given as (text, seed, foreign):

@@ -8,7 +8,7 @@ use swm_core::Manifest;
 use super::{Change, Sweep, Values};
 use crate::error::{TaskError, cannot};
 use crate::evaluation::difference::hashes;
-use crate::evaluation::held::refusal;
+use crate::evaluation::existing_result::refusal;
 use crate::evaluation::run::Candidate;
 use crate::report_page::sweep_figure;
 use crate::text_file::{json_error, read_text, replace_text};
@@ -45,7 +45,7 @@ pub fn read_sweep(path: &Path) -> Result<Sweep, TaskError> {
 /// # Errors
 ///
 /// The folder holds another sweep, or a file that cannot be read.
-pub fn held_sweep(
+pub fn existing_sweep(
     dir: &Path,
     manifest: &Manifest,
     candidate: &Candidate,

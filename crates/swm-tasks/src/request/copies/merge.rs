@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Registry;
 use swm_data::adapt::fill_factors;
-use swm_data::tools::alike::check_recordings;
+use swm_data::tools::compatibility::check_recordings;
 use swm_data::tools::copy::{all, is_same};
 use swm_data::tools::part_folder::datasets_in;
 use swm_data::tools::parts::{arrange, beside_parts};

@@ -13,7 +13,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::{ImageSize, Metadata, Registry, WorldError};
 use swm_data::adapt::{Fit, Resized, Watched};
 use swm_data::format::StoredImages;
-use swm_data::tools::alike::rate_doubt;
+use swm_data::tools::compatibility::rate_doubt;
 use swm_data::tools::copy::{self, Piece, copy_in, is_same};
 use swm_data::{DataError, Dataset, LastRow, OpenOptions, RenderOptions, Rendered, WriteMode, WriteOptions};
 

@@ -11,8 +11,8 @@ use swm_core::{Manifest, Registry, ResetOptions};
 
 use super::{Evaluate, Evaluated};
 use crate::evaluation::{
-    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, fingerprints,
-    held_receipt, identity, refusal, roles, run_pairs, write_receipt,
+    Candidate, CellLedger, Division, Ledger, Receipt, Reference, Role, RunOptions, existing_receipt,
+    fingerprints, identity, refusal, roles, run_pairs, write_receipt,
 };
 use crate::request::entrant::{Entrant, inputs};
 use crate::request::policy::{model_image, note_elites, note_images, policy_args};
@@ -65,7 +65,7 @@ impl Evaluate {
             steps,
         );
         let held = match out {
-            Some(dir) if !self.again => held_receipt(dir, &asked, &mut wanted)?,
+            Some(dir) if !self.again => existing_receipt(dir, &asked, &mut wanted)?,
             _ => None,
         };
         if let (Some(_), Some(dir)) = (&held, out) {

@@ -15,7 +15,7 @@ use super::{
     TaskError, must_be_given, note_rewards_only, note_training_on,
 };
 use crate::evaluation::{
-    self, CellLedger, Change, Division, RunOptions, SweepRun, Values, changes, grid_points, held_sweep,
+    self, CellLedger, Change, Division, RunOptions, SweepRun, Values, changes, existing_sweep, grid_points,
     unknown_factor, write_sweep,
 };
 use crate::threads;
@@ -134,7 +134,7 @@ impl Sweep {
         // A result that is there already is read from a folder that nothing can be written to, too.
         let claim = whole.map(|dir| claim(&dir.join("sweep.json"))).transpose();
         if let (Some(dir), false) = (out, self.again)
-            && let Some(held) = held_sweep(dir, manifest, candidate, files, values, &changes)?
+            && let Some(held) = existing_sweep(dir, manifest, candidate, files, values, &changes)?
         {
             entrant.check_identified(dir, "a sweep")?;
             let done = Message::new(format!("{}: already done", dir.join("sweep.json").display()));

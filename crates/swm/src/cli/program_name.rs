@@ -1,5 +1,5 @@
-//! The name by which this program was called: `swm`, `swm-rs` of the Python package, or that of a plugin's command. Messages and help are
-//! written for `swm`; whoever has another command is told of that one.
+//! The name of this program: `swm`, `swm-rs` of the Python package, or that of a plugin's command. Messages and help are written
+//! for `swm`; another program prints them with its own name.
 
 use std::borrow::Cow;
 use std::ffi::OsStr;
@@ -16,7 +16,7 @@ const WRITTEN: &str = "swm";
 static NAME: OnceLock<String> = OnceLock::new();
 
 /// Takes the name from the first word of the command line. That of a process does not change.
-pub(super) fn take(first: Option<&OsStr>) {
+pub(super) fn set(first: Option<&OsStr>) {
     let name = first.and_then(|first| Path::new(first).file_name()).unwrap_or(OsStr::new(WRITTEN));
     let name = name.to_string_lossy();
     NAME.get_or_init(|| name.strip_suffix(std::env::consts::EXE_SUFFIX).unwrap_or(&name).to_owned());
@@ -32,8 +32,8 @@ pub(super) fn is_renamed() -> bool {
     name() != WRITTEN
 }
 
-/// A text for the user, with this program's name where it names a command of it.
-pub(super) fn told(text: &str) -> Cow<'_, str> {
+/// A text for the user, with this program's name in front of its commands.
+pub(super) fn with_name(text: &str) -> Cow<'_, str> {
     renamed(text, name())
 }
 
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn commands_are_told_by_the_name_of_the_program() {
+    fn commands_get_the_name_of_the_program() {
         for (text, told) in [
             ("unknown; `swm envs` lists them", "unknown; `my-env envs` lists them"),
             ("run: swm train --resume runs", "run: my-env train --resume runs"),

@@ -1,4 +1,4 @@
-"""Who acts on a manifest: a policy of the core by its name, or one in Python with its settings and the files it depends on."""
+"""Candidates for an evaluation on a manifest: a policy of the core by its name, or one in Python with its settings and files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NO_SETTINGS = frozenset({"self", "args", "kwargs", "device", "callbacks", "env"
 _DEPTH = 3
 
 
-class Given(NamedTuple):
+class Candidate(NamedTuple):
     """A policy as the core takes it."""
 
     name: str
@@ -42,7 +42,7 @@ class ByName(str):
 
 
 @contextmanager
-def given_policy(
+def candidate_of(
     manifest: Mapping[str, Any],
     policy: Any,
     *,
@@ -52,7 +52,7 @@ def given_policy(
     num_envs: int,
     threads: int | None,
     world: Mapping[str, Any],
-) -> Generator[Given, None, None]:
+) -> Generator[Candidate, None, None]:
     """The policy that is to act on ``manifest``; the World of one in Python is closed in the end.
 
     Raises:
@@ -69,7 +69,7 @@ def given_policy(
             raise TypeError(
                 f"{', '.join(given)}: for policies in Python; `{policy}` is one of the core, whose name, settings and files are recorded"
             )
-        yield Given(policy, seed, None)
+        yield Candidate(policy, seed, None)
         return
     policy = as_policy(policy)
     files = _files(weights)
@@ -79,7 +79,7 @@ def given_policy(
         live.set_policy(policy)
         acting = _Acting(live)
         foreign = (live._native(), acting.begin, acting.act, json.dumps(settings), files)  # pyright: ignore[reportPrivateUsage]
-        yield Given(name or default, seed, foreign)
+        yield Candidate(name or default, seed, foreign)
 
 
 class _Acting:

@@ -1,4 +1,4 @@
-//! Ways over the map, through stone if the player has a pickaxe.
+//! Cheapest paths over the map, through stone if the player has a pickaxe.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -1,4 +1,4 @@
-//! Files that pages speak of without making them: made once per run of the test, and copied to the pages' folders.
+//! Input files of pages that no block of the page makes: made once per run of the test, and copied to the pages' folders.
 
 use std::path::Path;
 use std::sync::Mutex;

@@ -1,4 +1,4 @@
-//! What engines hold of a job: its tasks, and the shards that they run.
+//! The state of a job in the queues of engines: its tasks, and the shards that they run.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -11,19 +11,19 @@ use crate::progress::shards_of;
 /// Engines are asked so often at most, while somebody watches.
 pub(crate) const ASK_EVERY: Duration = Duration::from_secs(30);
 
-/// The shards that engines hold of a job, and when the engines were asked.
+/// The shards of a job that are queued or run, and when the engines were queried.
 #[derive(Debug)]
-pub struct Held {
+pub struct QueueState {
     pub(crate) shards: BTreeMap<u64, Queued>,
     asked: Instant,
 }
 
-impl Held {
+impl QueueState {
     /// Asks the engines. With an error, that of an engine which does not answer, no shards: the files are shown alone.
     pub fn of(folder: &JobFolder) -> (Self, Option<JobError>) {
         let held = Submission::all(folder).and_then(|before| {
             let shards = folder.job.shards;
-            Ok(held_shards(&queued(folder, &before, None)?, &before, shards, shards))
+            Ok(queued_shards(&queued(folder, &before, None)?, &before, shards, shards))
         });
         let (shards, error) = match held {
             Ok(shards) => (shards, None),
@@ -58,7 +58,7 @@ pub(crate) fn queued(
 }
 
 /// The shards of queued tasks. What `entries` were when a task was submitted says which shards it runs.
-pub(crate) fn held_shards(
+pub(crate) fn queued_shards(
     tasks: &[Queued],
     before: &[Submission],
     entries: u64,

@@ -1,5 +1,5 @@
-//! Crates that are built apart: their dependencies take minutes, so that what means the whole workspace leaves them out,
-//! and each has a step of its own in `cargo xtask ci`.
+//! Crates that are built separately: their dependencies take minutes, so commands for the whole workspace leave them out, and
+//! each has a step of its own in `cargo xtask ci`.
 
 use std::path::PathBuf;
 
@@ -9,11 +9,11 @@ use crate::process;
 
 /// Their names. They are no default members of the workspace either, nor are `swm-baselines`, `swm-checkpoints`, `swm-nn` and
 /// `swm-weights`, whose tensors few need.
-pub(crate) const APART: &[&str] = &["swm-data-lance"];
+pub(crate) const SEPARATE: &[&str] = &["swm-data-lance"];
 
 /// Cargo's options for the workspace without them.
 pub(crate) fn all_others() -> Vec<&'static str> {
-    let excluded = APART.iter().flat_map(|name| ["--exclude", name]);
+    let excluded = SEPARATE.iter().flat_map(|name| ["--exclude", name]);
     std::iter::once("--workspace").chain(excluded).collect()
 }
 

@@ -8,7 +8,7 @@ use super::vector::{dot, softmax, softmax_back};
 use super::{attention_scale, rows_of_task, tensor_of};
 
 /// Queries, keys and values of all heads.
-pub(super) struct Few {
+pub(super) struct SmallAttention {
     qkv: [Rows; 3],
     sizes: Sizes,
 }
@@ -23,7 +23,7 @@ struct Sizes {
     causal: bool,
 }
 
-impl Few {
+impl SmallAttention {
     /// Of `[B, heads, N, E]` queries and `[B, heads, M, E]` keys and values.
     pub(super) fn new(qkv: [&FlexTensor; 3], causal: bool) -> Self {
         let qkv = qkv.map(Rows::of);

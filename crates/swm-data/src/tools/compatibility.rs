@@ -1,5 +1,5 @@
-//! Whether episodes can stand in one dataset: recorded in one environment, under the same settings, at one rate. A copy asks before it
-//! writes or replaces anything.
+//! Checks whether episodes fit into one dataset: recorded in one environment, under the same settings, at one rate. A copy runs these
+//! checks before it writes or replaces anything.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -68,7 +68,7 @@ impl fmt::Display for RateDoubt {
 impl From<RateDoubt> for DataError {
     fn from(doubt: RateDoubt) -> Self {
         let fix = match doubt.rate {
-            Some(rate) => format!("`fps` {} takes that of the timestamps", told(rate)),
+            Some(rate) => format!("`fps` {} takes that of the timestamps", rate_text(rate)),
             None => "`fps` decides".to_owned(),
         };
         DataError::request(&doubt.path, format!("{}; {fix}", doubt.reason))
@@ -84,7 +84,7 @@ pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<
         let (other, wanted) = *first.get_or_insert((source, rate));
         if (rate / wanted - 1.0).abs() > RATE_ROUNDING {
             let other = sources[other].path().display();
-            let reason = format!("it has {} rows per second, {other} {}", told(rate), told(wanted));
+            let reason = format!("it has {} rows per second, {other} {}", rate_text(rate), rate_text(wanted));
             return Some(RateDoubt { path: sources[source].path().to_owned(), reason, rate: None });
         }
         if run.is_some() && info.rows_per_second.is_none() {
@@ -98,10 +98,10 @@ pub fn rate_doubt(sources: &mut [Box<dyn Dataset>], pieces: &[Piece]) -> Option<
                 path: sources[source].path().to_owned(),
                 reason: format!(
                     "`fps` of meta/info.json is {}, the timestamps of episode {episode} are those of {} rows per second",
-                    told(rate),
-                    told(found)
+                    rate_text(rate),
+                    rate_text(found)
                 ),
-                rate: told(found).parse().ok().filter(|&rate| is_rate(rate)),
+                rate: rate_text(found).parse().ok().filter(|&rate| is_rate(rate)),
             });
         }
     }
@@ -143,7 +143,7 @@ pub fn other_rate(found: f64, said: f64, rows: usize) -> Option<f64> {
 
 /// A rate as people write it: whole where it is nearly so.
 #[must_use]
-pub fn told(rate: f64) -> String {
+pub fn rate_text(rate: f64) -> String {
     let whole = rate.round();
     match (rate / whole - 1.0).abs() <= RATE_TOLERANCE / 10.0 {
         true => whole.to_string(),
@@ -165,7 +165,7 @@ mod tests {
     fn rates_are_told_as_people_write_them() {
         assert_eq!(
             ["10", "29.9700", "inf"],
-            [10.000_02, 29.97, f64::INFINITY].map(told).each_ref().map(|t| &t[..])
+            [10.000_02, 29.97, f64::INFINITY].map(rate_text).each_ref().map(|t| &t[..])
         );
         assert!(is_rate(rate(11, 0.0, 1.0)) && !is_rate(rate(11, 1.0, 1.0)));
         assert_eq!((other_rate(10.09, 10.0, 1000), other_rate(10.2, 10.0, 1000)), (None, Some(10.2)));

@@ -1,4 +1,4 @@
-//! Where the simulation stands, as what is needed to stand there again with every bit, images included.
+//! The simulator state that is needed to restore a simulation bit for bit, images included.
 //!
 //! After a control step OGBench reads and renders what was computed before the last physics step. So the task_state is the state
 //! before that step, which is then repeated.
@@ -11,9 +11,9 @@ use super::robot::{Effector, Robot};
 use swm_mujoco::MujocoError;
 use swm_mujoco::{JointKind, Simulation};
 
-/// A state to stand at.
+/// A simulator state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Standing {
+pub(super) struct SimState {
     /// The state, and behind it what a recorded row has besides: see [`Observed`].
     state: Vec<f64>,
     moment: Moment,
@@ -48,13 +48,13 @@ impl Observed {
 /// What an episode should end like.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Goal {
-    pub(super) standing: Standing,
+    pub(super) sim_state: SimState,
     /// The states of the buttons.
     pub(super) buttons: [u8; 2],
     pub(super) observation: Vec<f64>,
 }
 
-impl Standing {
+impl SimState {
     /// The present state, from which everything has been computed.
     pub(super) fn at_rest(sim: &Simulation) -> Self {
         let mut state = Vec::new();
@@ -62,7 +62,7 @@ impl Standing {
         Self { state, moment: Moment::AtRest }
     }
 
-    /// The present state, of a recorded row, whose effector is where `observed` has it; else as [`Standing::at_rest`]. Where
+    /// The present state, of a recorded row, whose effector is where `observed` has it; else as [`SimState::at_rest`]. Where
     /// `is_late`, what is read belongs to the state before the last physics step, which is found by going back along the
     /// velocities: but for rounding, where everything was then.
     pub(super) fn recorded(
@@ -71,20 +71,20 @@ impl Standing {
         observed: Observed,
         is_late: bool,
     ) -> Result<Self, MujocoError> {
-        let mut standing = Self::at_rest(sim);
+        let mut sim_state = Self::at_rest(sim);
         if is_late {
-            look_back(sim, &standing.state)?;
+            look_back(sim, &sim_state.state)?;
         } else {
             sim.forward()?;
-            sim.set_state(&standing.state);
+            sim.set_state(&sim_state.state);
         }
         if pose::distance(robot.effector(sim).position, observed.effector.position) < Observed::NEAR {
             let Observed { effector: Effector { position, yaw }, contact } = observed;
-            standing.state.extend(position);
-            standing.state.extend([yaw, contact]);
-            standing.moment = Moment::Recorded;
+            sim_state.state.extend(position);
+            sim_state.state.extend([yaw, contact]);
+            sim_state.moment = Moment::Recorded;
         }
-        Ok(standing)
+        Ok(sim_state)
     }
 
     /// What a recorded row has besides the state, until the first step.
@@ -108,7 +108,7 @@ impl Standing {
         sim.advance(SUBSTEPS, &mut self.state)
     }
 
-    /// Stands there again.
+    /// Restores the state.
     pub(super) fn restore(&self, sim: &mut Simulation) -> Result<(), MujocoError> {
         match self.moment {
             Moment::BeforeStep => sim.replay_last(&self.state),
@@ -117,7 +117,7 @@ impl Standing {
     }
 
     /// Undoes what computing has changed of the present state: where its next solution begins. `is_late`: see
-    /// [`Standing::recorded`].
+    /// [`SimState::recorded`].
     pub(super) fn finish(
         &self,
         sim: &mut Simulation,

@@ -1,4 +1,4 @@
-//! What environments are given and check: actions, and starts and goals from recorded rows.
+//! Inputs of environments and their checks: actions, and starts and goals from recorded rows.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Results that a folder holds already: the same evaluation is not run twice, another one does not replace it.
+//! Existing results of a folder: the same evaluation is skipped, another one is an error.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use crate::request::{Fix, Message, TaskError};
 /// # Errors
 ///
 /// The folder holds the result of another evaluation, or a receipt that cannot be read.
-pub fn held_receipt(
+pub fn existing_receipt(
     dir: &Path,
     asked: &Receipt,
     roles: &mut Vec<(Role, Candidate)>,

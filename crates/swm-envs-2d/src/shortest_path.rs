@@ -1,4 +1,4 @@
-//! Shortest ways through a maze for a disc: straight lines over the corners of walls, which are kept at a distance.
+//! Shortest paths through a maze for a disc: straight lines over the corners of walls, which are kept at a distance.
 
 /// A rectangle along the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -7,12 +7,12 @@ pub(crate) struct Rectangle {
     pub(crate) max: [f64; 2],
 }
 
-/// Ways whose lengths differ by less than this are equally long.
+/// Paths whose lengths differ by less than this are equally long.
 const SAME_LENGTH: f64 = 0.01;
 
-/// All ways to one goal.
+/// All shortest paths to one goal.
 #[derive(Clone, Debug)]
-pub(crate) struct Ways {
+pub(crate) struct ShortestPaths {
     /// Where the disc's center cannot be.
     pub(crate) blocked: Vec<Rectangle>,
     /// The goal first, then corners, each with its distance from the goal.
@@ -37,35 +37,35 @@ pub(crate) struct Leg {
     pub(crate) length: f64,
 }
 
-impl Ways {
-    /// Ways to `goal` of a disc of this radius among walls. `corners` are those that ways bend around, each with the direction
-    /// along both axes that leads away from its wall; `margin` is the room that ways leave beside the disc.
+impl ShortestPaths {
+    /// Paths to `goal` of a disc of this radius among walls. `corners` are those that paths bend around, each with the direction
+    /// along both axes that leads away from its wall; `margin` is the room that paths leave beside the disc.
     pub(crate) fn new(
         walls: &[Rectangle],
         corners: impl Iterator<Item = ([f64; 2], [f64; 2])>,
         [radius, margin]: [f64; 2],
         goal: [f64; 2],
-    ) -> Ways {
+    ) -> ShortestPaths {
         let grow = radius + margin;
         let blocked = walls
             .iter()
             .map(|wall| Rectangle { min: wall.min.map(|c| c - grow), max: wall.max.map(|c| c + grow) });
-        let mut ways = Ways { blocked: blocked.collect(), nodes: Vec::new() };
-        ways.nodes.push(Node { place: ways.outside(goal), rest: 0.0 });
+        let mut paths = ShortestPaths { blocked: blocked.collect(), nodes: Vec::new() };
+        paths.nodes.push(Node { place: paths.outside(goal), rest: 0.0 });
         // A little further out than lines of sight are tested, so that walls do not hide their own corners.
         let out = grow + margin / 5.0;
         let corners = corners.map(|(corner, away)| Node {
             place: [0, 1].map(|axis| corner[axis] + out * away[axis]),
             rest: f64::INFINITY,
         });
-        ways.nodes.extend(corners);
-        ways.grow();
-        ways
+        paths.nodes.extend(corners);
+        paths.grow();
+        paths
     }
 
     /// Dijkstra's algorithm from the goal; lines of sight are tested only where they could shorten a way.
     fn grow(&mut self) {
-        let Ways { blocked, nodes } = self;
+        let ShortestPaths { blocked, nodes } = self;
         let mut open: Vec<usize> = (0..nodes.len()).collect();
         loop {
             let nearest =
@@ -97,7 +97,7 @@ impl Ways {
         let mut best: Option<Leg> = None;
         for node in &self.nodes {
             let found = leg(node);
-            // Of ways that are equally long, the one with the longer first leg: else a corner hides the one behind it.
+            // Of paths that are equally long, the one with the longer first leg: else a corner hides the one behind it.
             let better = best.is_none_or(|best| {
                 found.length < best.length - SAME_LENGTH
                     || (found.length < best.length + SAME_LENGTH && found.rest < best.rest)

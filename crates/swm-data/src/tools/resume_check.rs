@@ -1,4 +1,4 @@
-//! Whether a dataset is the beginning of a copy, so that the copy can be continued.
+//! Checks whether a dataset is the beginning of a copy, so that the copy can resume.
 //!
 //! Lengths are compared of all episodes, values of some rows of some episodes: a look at all of them would cost as much as
 //! the copy.
@@ -25,7 +25,7 @@ const IMAGE_PROBES: usize = 3;
 ///
 /// Compared are the columns; of all episodes the lengths; of up to 16 episodes the first, middle and last row; and of up to 3 of them
 /// the images of the first and last row, where the target keeps images without loss.
-pub(super) fn held(
+pub(super) fn copied_pieces(
     registry: &Registry,
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],

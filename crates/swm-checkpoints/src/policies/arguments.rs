@@ -16,7 +16,7 @@ use super::foreign::{FAMILIES, Foreign};
 use super::table::OF_MODELS;
 
 /// Arguments, as far as all policies of trained models share them.
-pub(super) struct Given {
+pub(super) struct RunArguments {
     pub(super) run: PathBuf,
     pub(super) which: Which,
     pub(super) device: Device,
@@ -29,7 +29,7 @@ pub(super) struct Given {
     pub(super) rest: Map<String, Json>,
 }
 
-impl Given {
+impl RunArguments {
     pub(super) fn of(args: &PolicyArgs) -> Result<Self, PolicyError> {
         let [run] = &args.positional[..] else {
             return Err(args.wrong(format!("name the folder of one training run, as in `{}:RUN`", args.name)));

@@ -1,4 +1,4 @@
-//! A policy that is watched: what it did last, and where its plans begin.
+//! A policy whose last action and start of planning are observed.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -7,13 +7,13 @@ use swm_core::{Actions, Column, Field, Policy, PolicyError, View};
 use super::planner::Starts;
 
 /// A policy whose last action is known, and where its plans begin.
-pub(super) struct Noted {
+pub(super) struct ObservedPolicy {
     pub inner: Box<dyn Policy>,
     pub starts: Option<Starts>,
     pub last: Arc<Mutex<Option<Column>>>,
 }
 
-impl Policy for Noted {
+impl Policy for ObservedPolicy {
     fn describe(&self) -> String {
         self.inner.describe()
     }

@@ -1,19 +1,19 @@
-//! Whole numbers among arguments: one that does not fit is refused with the argument's name and its bounds.
+//! Integer arguments: one that does not fit is refused with the argument's name and its bounds.
 
 use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 
 use crate::errors::SwmError;
 
-/// Whole numbers of a type, or several of them.
-trait Whole: Sized {
+/// Integers of a type, or several of them.
+trait Integer: Sized {
     /// Those of the argument `name`.
     fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self>;
 }
 
-macro_rules! whole {
+macro_rules! integers {
     ($($type:ty)*) => {$(
-        impl Whole for $type {
+        impl Integer for $type {
             fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
                 value.extract().map_err(|error: PyErr| match error.is_instance_of::<PyOverflowError>(value.py()) {
                     true => SwmError::new_err(format!(
@@ -28,15 +28,15 @@ macro_rules! whole {
     )*};
 }
 
-whole!(u32 u64 usize);
+integers!(u32 u64 usize);
 
-impl<T: Whole> Whole for Option<T> {
+impl<T: Integer> Integer for Option<T> {
     fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
         if value.is_none() { Ok(None) } else { T::read(name, value).map(Some) }
     }
 }
 
-impl<T: Whole> Whole for Vec<T> {
+impl<T: Integer> Integer for Vec<T> {
     fn read(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Self> {
         value.try_iter()?.map(|one| T::read(name, &one?)).collect()
     }
@@ -47,7 +47,7 @@ macro_rules! arguments {
     ($($name:ident: $type:ty)*) => {$(
         /// Reads the argument of this name.
         pub(crate) fn $name(value: &Bound<'_, PyAny>) -> PyResult<$type> {
-            Whole::read(stringify!($name), value)
+            Integer::read(stringify!($name), value)
         }
     )*};
 }
