@@ -52,7 +52,7 @@ pub mod world;
 pub use batch::{Batch, Column, Dtype, Field, FieldKind, Row, RowsMut, Schema, Slice, SliceMut, Value};
 pub use dataset::{DataError, Dataset, DatasetInfo, EpisodeSink, Metadata, RecordingPart, Steps};
 pub use env::{
-    Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, Place, ResetOptions,
+    Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Keypoint, Outcome, ResetOptions,
 };
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
 pub use evaluate::{EvalOptions, Evaluation, Manifest};

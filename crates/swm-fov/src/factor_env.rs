@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use swm_core::env::{Episode, PIXELS, Place};
+use swm_core::env::{Episode, Keypoint, PIXELS};
 use swm_core::{
     Env, EnvConfig, EnvError, EnvSpec, EnvState, EpisodeSeed, Outcome, ResetOptions, RowsMut, Slice,
     SlotView, Value,
@@ -225,7 +225,7 @@ impl<S: Scene> Env for FactorEnv<S> {
         self.scene.task_cost(&self.state)
     }
 
-    fn places(&self) -> Vec<Place> {
-        self.scene.places(&self.state)
+    fn keypoints(&self) -> Vec<Keypoint> {
+        self.scene.keypoints(&self.state)
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use swm_core::env::{Episode, ImageSize, Place};
+use swm_core::env::{Episode, ImageSize, Keypoint};
 use swm_core::{BatchError, EnvConfig, EnvError, EnvSpec, Outcome, RowsMut, Slice};
 
 use crate::assignment::Fov;
@@ -129,8 +129,8 @@ pub trait Scene: Send + Sync + Sized + 'static {
         None
     }
 
-    /// As [`swm_core::Env::places`].
-    fn places(&self, _state: &Self::State) -> Vec<Place> {
+    /// As [`swm_core::Env::keypoints`].
+    fn keypoints(&self, _state: &Self::State) -> Vec<Keypoint> {
         Vec::new()
     }
 }

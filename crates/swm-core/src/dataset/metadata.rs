@@ -152,7 +152,7 @@ impl Metadata {
             source: None,
             part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
-            made_from: run.spec.made_from.clone(),
+            made_from: run.spec.asset_hashes.clone(),
         }
     }
 }

@@ -94,9 +94,9 @@ pub trait Env: Send + Sync {
         None
     }
 
-    /// Where the things that move are in the image, so that their paths can be shown over it. Always the same
-    /// things in the same order; none if the environment does not say.
-    fn places(&self) -> Vec<Place> {
+    /// Image coordinates of moving objects, so that their paths can be shown over the image. Always the same objects in the same
+    /// order. Default: none.
+    fn keypoints(&self) -> Vec<Keypoint> {
         Vec::new()
     }
 }
@@ -114,10 +114,10 @@ pub fn refuse_look(spec: &EnvSpec, look: &BTreeMap<String, Value>) -> Result<(),
     Err(EnvError::Reset { env: spec.id.clone(), reason })
 }
 
-/// Where something is in the image.
+/// An object's position in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
-    /// What it is: `agent`.
+pub struct Keypoint {
+    /// The object: `agent`.
     pub name: &'static str,
     /// Fractions of the image's width and height, from its top left corner.
     pub at: [f64; 2],
@@ -190,8 +190,8 @@ pub struct EnvSpec {
     /// Step columns that a goal takes besides. With them the goal's image is that of the recorded step.
     pub goal_extras: &'static [&'static str],
     /// SHA-256 of the libraries and files, besides the program, that it was made from, by name. Recordings and receipts keep
-    /// them.
-    pub made_from: BTreeMap<String, String>,
+    /// them as `made_from`.
+    pub asset_hashes: BTreeMap<String, String>,
 }
 
 impl EnvSpec {
@@ -208,7 +208,7 @@ impl EnvSpec {
             goal_columns: &[],
             start_extras: &[],
             goal_extras: &[],
-            made_from: BTreeMap::new(),
+            asset_hashes: BTreeMap::new(),
         }
     }
 
@@ -256,8 +256,8 @@ impl EnvSpec {
 
     /// SHA-256 of the libraries and files that it was made from, by name.
     #[must_use]
-    pub fn made_from(mut self, hashes: BTreeMap<String, String>) -> Self {
-        self.made_from = hashes;
+    pub fn asset_hashes(mut self, hashes: BTreeMap<String, String>) -> Self {
+        self.asset_hashes = hashes;
         self
     }
 

@@ -13,7 +13,7 @@ mod split_recorder;
 use std::sync::Arc;
 
 use crate::batch::{Batch, Column, Field, Schema, Slice};
-use crate::env::{EnvSpec, Place, ResetOptions, VARIATION_PREFIX};
+use crate::env::{EnvSpec, Keypoint, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, PolicyError, WorldError};
 use crate::policy::{Policy, View};
 use crate::registry::{EnvEntry, PolicyContext};
@@ -161,12 +161,12 @@ impl World {
         self.slots[slot].progress.as_ref().map(Progress::summary)
     }
 
-    /// Where the things that move are in a slot's image: see [`Env::places`](crate::Env::places).
+    /// Image coordinates of moving objects in a slot: see [`Env::keypoints`](crate::Env::keypoints).
     ///
     /// # Panics
     /// If there is no such slot.
-    pub fn places(&self, slot: usize) -> Vec<Place> {
-        self.slots[slot].env.places()
+    pub fn keypoints(&self, slot: usize) -> Vec<Keypoint> {
+        self.slots[slot].env.keypoints()
     }
 
     /// How far a slot's task is from done: see [`Env::task_cost`](crate::Env::task_cost).

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Outcome, Place, RowsMut, Slice, Space, Value};
+use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Keypoint, Outcome, RowsMut, Slice, Space, Value};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 use swm_render::{Geometry, Renderer};
 
@@ -161,9 +161,9 @@ impl<T: Task> Scene for ClassicControl<T> {
         Some(self.task.cost(&moving.state))
     }
 
-    fn places(&self, moving: &Self::State) -> Vec<Place> {
+    fn keypoints(&self, moving: &Self::State) -> Vec<Keypoint> {
         let (name, [x, y]) = self.task.place(&moving.state);
         let [height, width] = T::SURFACE.map(|side| side as f64);
-        vec![Place { name, at: [x / width, 1.0 - y / height] }]
+        vec![Keypoint { name, at: [x / width, 1.0 - y / height] }]
     }
 }

@@ -1,6 +1,6 @@
 //! `swm/CraftaxClassicSymbolic-v1` and `swm/CraftaxClassicPixels-v1`: reset, step, observation, images.
 
-use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Outcome, Place, RowsMut, Slice, Space};
+use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Keypoint, Outcome, RowsMut, Slice, Space};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
 use super::factors::{factors, params};
@@ -123,8 +123,8 @@ impl<const IS_SYMBOLIC: bool> Scene for CraftaxClassic<IS_SYMBOLIC> {
         Some(missing + 0.1 * f64::from(9 - state.vitals.health))
     }
 
-    fn places(&self, _: &State) -> Vec<Place> {
+    fn keypoints(&self, _: &State) -> Vec<Keypoint> {
         // The view moves with the player.
-        vec![Place { name: "agent", at: rendering::PLAYER_AT }]
+        vec![Keypoint { name: "agent", at: rendering::PLAYER_AT }]
     }
 }

@@ -1,6 +1,6 @@
 //! `swm/Piecewise-v0`: reset, step, observation, images.
 
-use swm_core::{EnvSpec, Episode, ImageSize, Outcome, Place, RowsMut, Slice};
+use swm_core::{EnvSpec, Episode, ImageSize, Keypoint, Outcome, RowsMut, Slice};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
 use super::factors::factors;
@@ -101,8 +101,8 @@ impl Scene for Piecewise {
         Some(to_target(state))
     }
 
-    fn places(&self, state: &Dots) -> Vec<Place> {
+    fn keypoints(&self, state: &Dots) -> Vec<Keypoint> {
         let at = state.agent.map(|c| (f64::from(c) + 0.5) / IMAGE_PX as f64);
-        vec![Place { name: "agent", at }]
+        vec![Keypoint { name: "agent", at }]
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Outcome, Place, RowsMut, Slice, Space, Value};
+use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Keypoint, Outcome, RowsMut, Slice, Space, Value};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
 use super::factors::{disc, factors, goal, layout, start};
@@ -206,7 +206,7 @@ impl Scene for PointMaze {
         Some(leg.length - coasting.min(reach))
     }
 
-    fn places(&self, moving: &Moving) -> Vec<Place> {
-        vec![Place { name: "agent", at: in_image(self.layout, moving.position) }]
+    fn keypoints(&self, moving: &Moving) -> Vec<Keypoint> {
+        vec![Keypoint { name: "agent", at: in_image(self.layout, moving.position) }]
     }
 }

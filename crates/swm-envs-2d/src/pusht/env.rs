@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use swm_core::{
     BatchError, Dtype, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize,
-    Outcome, Place, RowsMut, Slice, Space, Value,
+    Keypoint, Outcome, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov, Scene, SceneError};
 
@@ -330,8 +330,8 @@ impl<E: Engine, const IS_DISCRETE: bool> Scene for PushT<E, IS_DISCRETE> {
         Some(goal::task_cost(&self.sim, &moving.goal))
     }
 
-    fn places(&self, _: &Self::State) -> Vec<Place> {
-        let at = |name, [x, y]: [f64; 2]| Place { name, at: [x / WORLD_SIDE, y / WORLD_SIDE] };
+    fn keypoints(&self, _: &Self::State) -> Vec<Keypoint> {
+        let at = |name, [x, y]: [f64; 2]| Keypoint { name, at: [x / WORLD_SIDE, y / WORLD_SIDE] };
         vec![
             at("agent", self.sim.position(BodyId::Agent)),
             at("block", self.sim.center_of_gravity(BodyId::Block)),

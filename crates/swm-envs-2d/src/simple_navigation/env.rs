@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Outcome, Place, RowsMut, Slice, Space, Value};
+use swm_core::{Dtype, EnvSpec, Episode, Field, ImageSize, Keypoint, Outcome, RowsMut, Slice, Space, Value};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
 use super::factors::{factors, maze};
@@ -240,8 +240,8 @@ impl Scene for SimpleNavigation {
         Some(actions.map_or((4 * SIDE * SIDE) as f64, f64::from))
     }
 
-    fn places(&self, walk: &Walk) -> Vec<Place> {
+    fn keypoints(&self, walk: &Walk) -> Vec<Keypoint> {
         let at = walk.agent.cell.map(|c| (c as f64 + 0.5) / SIDE as f64);
-        vec![Place { name: "agent", at }]
+        vec![Keypoint { name: "agent", at }]
     }
 }

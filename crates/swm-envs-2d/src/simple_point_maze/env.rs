@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use swm_core::{EnvSpec, Episode, ImageSize, Outcome, Place, RowsMut, Slice};
+use swm_core::{EnvSpec, Episode, ImageSize, Keypoint, Outcome, RowsMut, Slice};
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
 use super::factors::{factors, sample};
@@ -119,8 +119,8 @@ impl Scene for SimplePointMaze {
         Some(if length.is_finite() { length } else { distance(agent, goal) + f64::from(4.0 * SIDE) })
     }
 
-    fn places(&self, state: &Dots) -> Vec<Place> {
+    fn keypoints(&self, state: &Dots) -> Vec<Keypoint> {
         let [x, y] = state.agent.map(|c| f64::from(c / SIDE));
-        vec![Place { name: "agent", at: [x, 1.0 - y] }]
+        vec![Keypoint { name: "agent", at: [x, 1.0 - y] }]
     }
 }

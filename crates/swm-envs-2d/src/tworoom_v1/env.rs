@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    Dtype, EnvError, EnvSpec, Episode, Field, ImageSize, Outcome, Place, RowsMut, Slice, Space, Value,
+    Dtype, EnvError, EnvSpec, Episode, Field, ImageSize, Keypoint, Outcome, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, Scene, SceneError};
 
@@ -242,8 +242,8 @@ impl Scene for TwoRoom {
         Some(task_cost(&self.sim, moving.goal))
     }
 
-    fn places(&self, _: &Moving) -> Vec<Place> {
+    fn keypoints(&self, _: &Moving) -> Vec<Keypoint> {
         let Vec2 { x, y } = self.sim.position();
-        vec![Place { name: "agent", at: [x, y].map(|px| px / IMAGE_PX) }]
+        vec![Keypoint { name: "agent", at: [x, y].map(|px| px / IMAGE_PX) }]
     }
 }

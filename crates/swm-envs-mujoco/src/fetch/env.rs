@@ -91,7 +91,7 @@ impl FetchEnv {
             .start_columns(start_columns(task))
             .goal_columns(&["achieved_goal", "qpos"])
             .start_extras(&["proprio"])
-            .made_from(assets::made_from(assets::FETCH));
+            .asset_hashes(assets::asset_hashes(assets::FETCH));
         let mut sim = Simulation::new(Arc::clone(&model))?;
         sim.reset();
         sim.forward()?;

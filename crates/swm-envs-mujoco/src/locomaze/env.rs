@@ -93,7 +93,7 @@ impl MazeEnv {
             .start_columns(START_COLUMNS)
             .goal_columns(&["qpos"])
             .start_extras(&["prev_qpos", "prev_qvel"])
-            .made_from(assets::made_from(body.files()));
+            .asset_hashes(assets::asset_hashes(body.files()));
         let target = models.light().id(Object::Geom, TARGET)?;
         let task_state = TaskState::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());

@@ -81,7 +81,7 @@ impl MetaWorldEnv {
             .start_columns(START)
             .goal_columns(&["achieved_goal", "qpos"])
             .start_extras(START_EXTRAS)
-            .made_from(assets::made_from(assets::METAWORLD));
+            .asset_hashes(assets::asset_hashes(assets::METAWORLD));
         let sim = Simulation::new(Arc::clone(&model))?;
         let task_state = TaskState {
             steps: 0,

@@ -112,7 +112,7 @@ impl TableEnv {
             .start_columns(if is_scene { rows::SCENE_START } else { rows::START })
             .goal_columns(if is_scene { &["qpos", "button_states"] } else { &["qpos"] })
             .start_extras(if is_scene { rows::SCENE_START_EXTRAS } else { rows::START_EXTRAS })
-            .made_from(assets::made_from(assets::MANIPULATION));
+            .asset_hashes(assets::asset_hashes(assets::MANIPULATION));
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
         let fov = space.defaults();
         let mut env = Self {

@@ -101,7 +101,7 @@ impl SuiteEnv {
                 .start_columns(domain.start_columns)
                 .goal_columns(entry.goal_columns)
                 .start_extras(&["observation"])
-                .made_from(assets::made_from(assets::SUITE));
+                .asset_hashes(assets::asset_hashes(assets::SUITE));
         let image = views.map(|views| Image::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
             spec,

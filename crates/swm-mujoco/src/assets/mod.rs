@@ -21,7 +21,9 @@ use std::sync::{PoisonError, RwLock};
 
 use self::published::LIBRARY_SHA256;
 pub(crate) use self::published::library_sha256;
-pub use self::published::{FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, METAWORLD, SUITE, made_from};
+pub use self::published::{
+    FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, METAWORLD, SUITE, asset_hashes,
+};
 use crate::error::MujocoError;
 
 /// The pinned version of MuJoCo: trajectories differ between versions.

@@ -121,8 +121,8 @@ pub(crate) fn library_sha256(path: &Path, expected: Option<&str>) -> Result<Stri
     }
 }
 
-/// What an environment on these files is made from, for its record: the SHA-256 of the library and of the files.
-pub fn made_from(files: FileSet) -> BTreeMap<String, String> {
+/// The SHA-256 of the library and of the files that an environment is made from, for its record.
+pub fn asset_hashes(files: FileSet) -> BTreeMap<String, String> {
     let library = super::loaded_sha256().map(|sha256| (format!("MuJoCo {}", super::MUJOCO_VERSION), sha256));
     library.into_iter().chain([(files.name.to_owned(), files.sha256())]).collect()
 }

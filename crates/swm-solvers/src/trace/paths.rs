@@ -2,7 +2,7 @@
 
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
-use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Place, PolicyArgs};
+use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Keypoint, PolicyArgs};
 
 use crate::context::ActionMap;
 
@@ -40,14 +40,14 @@ impl PlanPaths {
         self.action.len()
     }
 
-    /// Where objects are, at `start` and after every action of `plan`, `[H, D]`, as far as the planner's roll-outs went.
+    /// Keypoints at `start` and after every action of `plan`, `[H, D]`, as far as the planner's roll-outs went.
     ///
     /// # Errors
     ///
     /// The state is of another environment, or the simulation fails.
-    pub fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
+    pub fn keypoints(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Keypoint>>, BoxError> {
         self.env.restore(start)?;
-        let mut all = vec![self.env.places()];
+        let mut all = vec![self.env.keypoints()];
         for values in plan.chunks_exact(self.actions.dim()) {
             self.actions.write(values, &mut self.action.as_slice_mut());
             if !self.action.as_slice().is_finite() {
@@ -58,7 +58,7 @@ impl PlanPaths {
                 Err(EnvError::Diverged { .. }) => break,
                 Err(error) => return Err(error.into()),
             };
-            all.push(self.env.places());
+            all.push(self.env.keypoints());
             // An end without success, such as a fall, stays an end.
             if outcome.terminated && (self.stops_at_success || outcome.success != Some(true)) {
                 break;

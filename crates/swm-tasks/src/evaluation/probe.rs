@@ -83,7 +83,7 @@ pub fn fingerprints(
         physics: sha256(rows.as_bytes()),
         images: manifest.image.map(|_| sha256(&images)),
         noise: sha256(&noise_seed.value().to_le_bytes()),
-        made_from: spec.made_from,
+        made_from: spec.asset_hashes,
     })
 }
 

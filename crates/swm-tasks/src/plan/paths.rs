@@ -2,7 +2,7 @@
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
-use swm_core::Place;
+use swm_core::Keypoint;
 use swm_media::png;
 use swm_solvers::{PlanPaths, TracedPlan};
 
@@ -30,7 +30,7 @@ pub(super) fn render(
     simulator: &mut PlanPaths,
 ) -> Result<Option<String>, TaskError> {
     let (Some(image), Some([height, width])) = (&start.image, size) else { return Ok(None) };
-    let expected = simulator.places(&start.state, &plan.actions)?;
+    let expected = simulator.keypoints(&start.state, &plan.actions)?;
     let Some(objects) = expected.first().filter(|objects| !objects.is_empty()).cloned() else {
         return Ok(None);
     };
@@ -54,7 +54,7 @@ pub(super) fn render(
     image.hash(&mut hasher);
     let id = format!("start-{:016x}", hasher.finish());
     grid.svg.define_image(&id, size, &png::encode(height, width, image)?);
-    let mut render = |index: usize, title: &str, paths: &[Vec<Vec<Place>>], style: &str| {
+    let mut render = |index: usize, title: &str, paths: &[Vec<Vec<Keypoint>>], style: &str| {
         let svg = grid.cell(index);
         svg.text([AT[0], AT[1] - 12.0], Anchor::Start, "strong", title);
         svg.again(&id, AT);
@@ -68,7 +68,7 @@ pub(super) fn render(
     for (column, &index) in shown.iter().enumerate() {
         // The cheapest last, so that they lie on top.
         let elites = plan.iterations[index].elites.iter().rev();
-        let paths = elites.map(|elite| simulator.places(&start.state, &elite.actions));
+        let paths = elites.map(|elite| simulator.keypoints(&start.state, &elite.actions));
         let title = format!("iteration {} of {}", index + 1, plan.iterations.len());
         render(
             column,
@@ -85,16 +85,16 @@ fn stroke(color: &str, style: &str) -> String {
     format!("stroke=\"{color}\" {style}")
 }
 
-fn inside(place: &Place, size: [f64; 2]) -> [f64; 2] {
+fn inside(keypoint: &Keypoint, size: [f64; 2]) -> [f64; 2] {
     // What leaves the image stays at its edge.
-    let [x, y] = place.at.map(|part| part.clamp(0.0, 1.0));
+    let [x, y] = keypoint.at.map(|part| part.clamp(0.0, 1.0));
     [AT[0] + x * size[0], AT[1] + y * size[1]]
 }
 
-fn lines(svg: &mut Svg, path: &[Vec<Place>], size: [f64; 2], style: &str) {
+fn lines(svg: &mut Svg, path: &[Vec<Keypoint>], size: [f64; 2], style: &str) {
     let objects = path.first().map_or(0, Vec::len);
     for (object, color) in (0..objects).zip(COLORS.iter().cycle()) {
-        let points = path.iter().map(|places| inside(&places[object], size));
+        let points = path.iter().map(|keypoints| inside(&keypoints[object], size));
         svg.path(points, "", &stroke(color, style));
     }
 }

@@ -122,8 +122,8 @@ impl Planner {
         let cost = plan.result.as_ref().and_then(|result| result.cost);
         let expected = self.path("plan", cost, state, &plan.actions);
         let true_cost = expected.as_ref().and_then(|path| path.true_cost);
-        let mut objects = self.paths.places(state, &[]).unwrap_or_default();
-        let objects = objects.pop().unwrap_or_default().into_iter().map(|place| place.name.to_string());
+        let mut objects = self.paths.keypoints(state, &[]).unwrap_or_default();
+        let objects = objects.pop().unwrap_or_default().into_iter().map(|keypoint| keypoint.name.to_string());
         let first = plan.iterations.first().map_or(&[][..], |iteration| &iteration.elites);
         let last = plan.iterations.last().map_or(&[][..], |iteration| &iteration.elites);
         let plans = candidates.iter().map(|(cost, actions)| ("candidate", *cost, actions));
@@ -158,9 +158,9 @@ impl Planner {
         state: &EnvState,
         actions: &[f32],
     ) -> Option<Path> {
-        let places = self.paths.places(state, actions).ok()?;
-        let count = places.iter().map(Vec::len).min()?;
-        let points = |object: usize| places.iter().map(|places| places[object].at).collect();
+        let keypoints = self.paths.keypoints(state, actions).ok()?;
+        let count = keypoints.iter().map(Vec::len).min()?;
+        let points = |object: usize| keypoints.iter().map(|keypoints| keypoints[object].at).collect();
         let objects = (0..count).map(points).collect();
         Some(Path {
             of,

@@ -262,7 +262,7 @@ impl Stage {
 
     /// Where the agent is, as fractions of the image's width and height.
     pub(super) fn agent(&self) -> Option<[f64; 2]> {
-        self.world.places(0).first().map(|place| place.at)
+        self.world.keypoints(0).first().map(|keypoint| keypoint.at)
     }
 
     fn action_by_hand(&self) -> Result<Column, TaskError> {

@@ -11,7 +11,7 @@ use swm_tasks::request::TaskError;
 pub(super) enum Steer {
     /// Actions are positions: the pointer's own, in the bounds of the action.
     Position { low: [f64; 2], high: [f64; 2] },
-    /// Actions are displacements or velocities of the first place.
+    /// Actions are displacements or velocities of the first keypoint.
     Follow {
         /// The action per fraction of the image, `[action, image]`.
         action_from_image: [[f64; 2]; 2],
@@ -26,7 +26,7 @@ const GAIN_WITH_INERTIA: f64 = 0.35;
 const STARTS: u64 = 4;
 
 impl Steer {
-    /// What moves the first place of the environment's image; `None`: nothing does, or its actions are others.
+    /// What moves the first keypoint; `None`: nothing does, or its actions are others.
     ///
     /// # Errors
     ///
@@ -45,7 +45,7 @@ impl Steer {
         let options = ResetOptions::default();
         for seed in 0..STARTS {
             env.reset(&Episode::new(EpisodeSeed::new(seed), &options))?;
-            if env.places().is_empty() {
+            if env.keypoints().is_empty() {
                 return Ok(None);
             }
             if low.iter().all(|&low| low >= 0.0) {
@@ -56,12 +56,12 @@ impl Steer {
             // Two steps: the action, and none.
             let mut moved = |action: [f64; 2]| -> Result<[[f64; 2]; 2], TaskError> {
                 env.restore(&start)?;
-                let from = env.places()[0].at;
+                let from = env.keypoints()[0].at;
                 let mut moved = [[0.0; 2]; 2];
                 for (moved, action) in moved.iter_mut().zip([action, [0.0; 2]]) {
                     let action = Value::vector(&action).cast("action", *dtype, shape)?;
                     env.step(action.data.as_slice())?;
-                    let at = env.places()[0].at;
+                    let at = env.keypoints()[0].at;
                     *moved = [at[0] - from[0], at[1] - from[1]];
                 }
                 Ok(moved)
