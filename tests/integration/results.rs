@@ -160,9 +160,9 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
 /// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, a hash of tables over help texts, and a
 /// setting of iCEM under its former name.
 #[test]
-fn old_receipts_verify_and_old_flags_work() {
+fn receipts_of_version_1_verify() {
     let old = concat!(env!("CARGO_MANIFEST_DIR"), "/integration/receipt-v1.json");
-    let result = swm_json(&["verify-result", old, "--ceiling", "--quiet"]);
+    let result = swm_json(&["verify-result", old, "--oracle", "--quiet"]);
     assert_eq!((&result["equal"], &result["differences"]), (&true.into(), &Json::Object(Default::default())));
     assert!(result["notes"][0].as_str().unwrap().contains("version 1"), "{result}");
     // Everything but that hash is compared, the reference policies included.
@@ -188,8 +188,8 @@ fn old_receipts_verify_and_old_flags_work() {
 
     let task = folder.path("task.json");
     std::fs::write(&task, receipt["manifest"].to_string()).unwrap();
-    let args = ["eval", "--manifest", &task, "--policy", "random", "--ceiling", QUICK, "--quiet"];
-    let written = swm_json(&[&args[..], &["--beside", "do_nothing,ceiling"]].concat());
+    let args = ["eval", "--manifest", &task, "--policy", "random", "--oracle", QUICK, "--quiet"];
+    let written = swm_json(&[&args[..], &["--reference", "no-op,oracle"]].concat());
     let references = written["references"].as_array().unwrap().iter();
     assert_eq!(
         references.map(|known| known["role"].as_str().unwrap()).collect::<Vec<_>>(),

@@ -43,10 +43,10 @@ pub(super) struct Eval {
     #[arg(long, default_value_t = DEFAULT.policy_seed, requires = "manifest", value_name = "SEED")]
     policy_seed: u64,
     /// With --manifest: reference policies to evaluate on the same pairs, separated by commas.
-    #[arg(long, alias = "beside", value_parser = references(), default_value = "all", requires = "manifest", value_delimiter = ',')]
+    #[arg(long, value_parser = references(), default_value = "all", requires = "manifest", value_delimiter = ',')]
     reference: Vec<String>,
     /// With --manifest: the planner to use as the oracle. Default: the policy's own planner on the true dynamics, or `cem`.
-    #[arg(long, alias = "ceiling", requires = "manifest", value_name = "POLICY")]
+    #[arg(long, requires = "manifest", value_name = "POLICY")]
     oracle: Option<String>,
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
     #[arg(long)]
@@ -81,10 +81,10 @@ pub(super) struct Eval {
     #[command(flatten)]
     part: PartArgs,
     /// With --out: episodes to record as videos.
-    #[arg(long, alias = "films", default_value_t = DEFAULT.videos)]
+    #[arg(long, default_value_t = DEFAULT.videos)]
     videos: u64,
     /// With --out: kind of video. Default: mp4 where this build can make it.
-    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    #[arg(long, value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
     /// Image size. Default: that of the policy's model; else 128x128 with --out, or none.
     #[arg(long)]
@@ -95,8 +95,8 @@ pub(super) struct Eval {
 fn references() -> PossibleValuesParser {
     [
         PossibleValue::new("random").help("Actions sampled uniformly"),
-        PossibleValue::new("no-op").help("Zeros").aliases(["no_op", "noop", "nop", "do_nothing"]),
-        PossibleValue::new("oracle").help("The same planner on the true dynamics").alias("ceiling"),
+        PossibleValue::new("no-op").help("Zeros").aliases(["no_op", "noop", "nop"]),
+        PossibleValue::new("oracle").help("The same planner on the true dynamics"),
         PossibleValue::new("all").help("All of them"),
         PossibleValue::new("none").help("None of them"),
     ]

@@ -67,7 +67,7 @@ pub(super) struct Plan {
     #[arg(long, default_value_t = DEFAULT.drawn)]
     drawn: usize,
     /// With --trace: kind of video. Default: mp4 where this build can make it.
-    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    #[arg(long, value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
     /// With --trace: image size, or `none`. Default: that of the policy's model, else 224x224.
     #[arg(long)]

@@ -30,10 +30,10 @@ pub(super) struct ReportCommand {
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
     /// Videos of successes, and as many of failures, per result.
-    #[arg(long, alias = "films", default_value_t = PageOptions::default().videos)]
+    #[arg(long, default_value_t = PageOptions::default().videos)]
     videos: usize,
     /// Kind of video. Default: mp4 where this build can make it.
-    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    #[arg(long, value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
     /// Plans shown of the first success and the first failure of a planner.
     #[arg(long, default_value_t = PageOptions::default().plans)]

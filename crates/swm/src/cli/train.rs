@@ -54,7 +54,7 @@ pub(super) struct Train {
     #[arg(long, conflicts_with_all = ["dataset", "out", "resume"])]
     list: bool,
     /// The dataset that a baseline learns from, or tdmpc2 instead of an environment; with --resume only if it has moved.
-    #[arg(long, alias = "data", value_name = "FILE")]
+    #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
     /// The run's folder.
     #[arg(long, short, value_name = "RUN")]

@@ -33,7 +33,7 @@ pub(super) struct VerifyResult {
     #[command(flatten)]
     threads: ThreadsArg,
     /// Run the oracle again, too: it can take as long as the policy itself.
-    #[arg(long, alias = "ceiling")]
+    #[arg(long)]
     oracle: bool,
 }
 

@@ -203,8 +203,8 @@ impl Evaluate {
         for name in &self.reference {
             match name.replace('_', "-").as_str() {
                 "random" => found.push(Role::Random),
-                "no-op" | "noop" | "nop" | "do-nothing" => found.push(Role::NoOp),
-                "oracle" | "ceiling" => found.push(Role::Oracle),
+                "no-op" | "noop" | "nop" => found.push(Role::NoOp),
+                "oracle" => found.push(Role::Oracle),
                 "all" => found.extend(ROLES),
                 "none" if self.reference.len() == 1 => {}
                 "none" => {
