@@ -1,11 +1,11 @@
 //! stable-worldmodel: environments, factors of variation, datasets, planning and evaluation for world-model
 //! research.
 //!
-//! This crate joins the others: it re-exports them, merges their tables into one [`registry`], and holds the
-//! command `swm` (feature `cli`). Depend on the single crates where that is enough.
+//! This crate joins the others: it re-exports them as modules, and the most used names of [`core`](swm_core) at the top. It merges
+//! their tables into one [`registry`] and has the command `swm` (feature `cli`). Depend on the single crates where that is enough.
 //!
 //! ```
-//! use swm::core::{Rollout, World, WorldOptions, policies};
+//! use swm::{Rollout, World, WorldOptions, policies};
 //!
 //! let registry = swm::registry();
 //! let mut world = World::new(registry.env("swm/PushT-v1")?, WorldOptions::new(2))?;
@@ -29,6 +29,10 @@ pub use swm_baselines as baselines;
 #[cfg(feature = "baselines")]
 pub use swm_checkpoints as checkpoints;
 pub use swm_core as core;
+pub use swm_core::{
+    Actions, BoxError, Env, EvalOptions, Evaluation, ImageSize, Policy, Recorder, Registry, ResetOptions,
+    Rollout, View, World, WorldOptions, policies,
+};
 pub use swm_data_foreign as data_foreign;
 #[cfg(feature = "lance")]
 pub use swm_data_lance as data_lance;
@@ -53,7 +57,6 @@ pub use swm_tasks::{board, bundle, distractors, evaluation, plan, replay, report
 #[cfg(feature = "ui")]
 pub use swm_ui as ui;
 
-use swm_core::Registry;
 #[cfg(feature = "cli")]
 use swm_tasks::text_file;
 
