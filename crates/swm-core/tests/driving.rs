@@ -155,23 +155,25 @@ impl Policy for Foreign {
 }
 
 #[test]
-fn foreign_errors_stay_whole_and_replaced_tables_are_handed_back() {
+fn foreign_errors_stay_whole_and_tables_are_returned_at_their_addresses() {
     let mut world = world(2, 1);
-    assert!(world.set_policy(policies::random()).unwrap().is_none());
+    assert!(world.exchange_policy(policies::random()).unwrap().is_none());
     world.reset(1, &ResetOptions::default()).unwrap();
     let (address, schema) =
         (world.infos().get::<f64>("state").unwrap().as_ptr(), world.infos().schema().clone());
     let threads = Arc::default();
-    let replaced = world.set_policy(Foreign(Arc::clone(&threads))).unwrap();
+    let replaced = world.exchange_policy(Foreign(Arc::clone(&threads))).unwrap();
     let replaced = replaced.expect("the infos have one more column");
     assert_eq!((replaced.get::<f64>("state").unwrap().as_ptr(), replaced.schema()), (address, &schema));
-    assert!(world.set_policy(Foreign(Arc::clone(&threads))).unwrap().is_none());
+    assert!(world.exchange_policy(Foreign(Arc::clone(&threads))).unwrap().is_none());
     for error in [world.step().unwrap_err(), world.evaluate(&Rollout::new(0..3)).unwrap_err()] {
         let foreign = error.foreign().and_then(|error| error.downcast_ref::<Away>());
         assert_eq!(foreign.map(|away| away.0), Some(7));
     }
     assert_eq!(*threads.lock().unwrap(), [thread::current().id(); 2], "one thread is the caller's");
     assert!(WorldError::NoPolicy.foreign().is_none());
+    let address = world.infos().get::<f64>("state").unwrap().as_ptr();
+    assert_eq!(world.into_infos().get::<f64>("state").unwrap().as_ptr(), address);
 }
 
 #[test]

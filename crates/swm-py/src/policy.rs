@@ -6,8 +6,7 @@ use std::time::Instant;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use swm::core::{
-    Actions, Cancel, Column, Dtype, Field, Policy, PolicyError, Recorder, Rollout, Run, View, World,
-    WorldError,
+    Actions, Cancel, Column, Policy, PolicyError, Recorder, Rollout, Run, View, World, WorldError,
 };
 
 use crate::errors::OrRaise as _;
@@ -15,23 +14,6 @@ use crate::infos;
 use crate::interrupt::{PERIOD, interruptible_with};
 use crate::mirror::Mirror;
 use crate::world::Shared;
-
-/// A policy for a World that is about to be closed: its field makes the World hand out its infos.
-pub(crate) struct Farewell;
-
-impl Policy for Farewell {
-    fn describe(&self) -> String {
-        "closed".to_owned()
-    }
-
-    fn fields(&self) -> Vec<Field> {
-        vec![Field::step("closed", Dtype::Bool, &[])]
-    }
-
-    fn act(&mut self, _view: &View<'_>, _actions: &mut Actions<'_>) -> Result<(), PolicyError> {
-        Ok(())
-    }
-}
 
 /// Stands for a Python policy, so that records name it. Its actions come from [`drive`].
 pub(crate) struct Foreign(pub(crate) String);

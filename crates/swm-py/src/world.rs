@@ -16,7 +16,7 @@ use crate::infos;
 use crate::integers;
 use crate::memory::views::{self, Table};
 use crate::mirror::{Mirror, SavedRow};
-use crate::policy::{Farewell, Foreign};
+use crate::policy::Foreign;
 
 /// Every environment, policy, solver and format of the package.
 pub(crate) fn registry() -> &'static Registry {
@@ -329,7 +329,7 @@ impl PyWorld {
                 Some(text) => registry().policy(text, &*world).or_raise()?,
                 None => Box::new(Foreign(foreign.unwrap_or_else(|| "policy".to_owned()))),
             };
-            let replaced = world.set_policy(policy).or_raise()?;
+            let replaced = world.exchange_policy(policy).or_raise()?;
             Ok::<_, PyErr>((replaced, world.policy_description().unwrap_or_default()))
         })?;
         replaced.map_or(Ok(()), |infos| self.retire(py, infos))?;
@@ -382,14 +382,10 @@ impl PyWorld {
     /// Frees the environments. Arrays that were taken stay valid.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let mut core = self.shared.lock()?;
-        let Some(mut world) = core.world.take() else { return Ok(()) };
+        let Some(world) = core.world.take() else { return Ok(()) };
         drop(core);
-        // The infos are handed out where they are replaced, and a policy with a field of its own replaces them.
-        if let Some(infos) = world.set_policy(Farewell).or_raise()? {
-            self.retire(py, infos)?;
-        }
-        py.detach(|| drop(world));
-        Ok(())
+        let infos = py.detach(|| world.into_infos());
+        self.retire(py, infos)
     }
 
     /// Whether `close` was called.

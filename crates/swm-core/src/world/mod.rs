@@ -180,13 +180,20 @@ impl World {
     /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
     /// the infos.
     ///
-    /// Where the fields change, the infos become another table. The replaced one is handed back: whoever holds addresses
-    /// of its columns keeps it for as long.
-    ///
     /// # Errors
     ///
     /// [`PolicyError::Unsupported`]: one of its fields has the name of another. The policy that was attached before stays.
-    pub fn set_policy(&mut self, policy: impl Policy + 'static) -> Result<Option<Batch>, WorldError> {
+    pub fn set_policy(&mut self, policy: impl Policy + 'static) -> Result<(), WorldError> {
+        self.exchange_policy(policy).map(drop)
+    }
+
+    /// As [`World::set_policy`]; returns the table of infos that another one replaced, which happens where the fields change.
+    /// For bindings that hold addresses of its columns.
+    ///
+    /// # Errors
+    ///
+    /// As of [`World::set_policy`].
+    pub fn exchange_policy(&mut self, policy: impl Policy + 'static) -> Result<Option<Batch>, WorldError> {
         let replaced = self.make_room(policy.fields()).map_err(|error| {
             let (policy, reason) = (policy.describe(), error.to_string());
             PolicyError::Unsupported { policy, reason }
@@ -195,7 +202,12 @@ impl World {
         Ok(replaced)
     }
 
-    /// Replaces the last policy's fields of the infos by `fields`; all others keep their values. Gives the replaced table.
+    /// Frees the environments and returns the infos. For bindings that hold addresses of their columns.
+    pub fn into_infos(self) -> Batch {
+        self.infos
+    }
+
+    /// Replaces the last policy's fields of the infos by `fields`; all others keep their values. Returns the replaced table.
     fn make_room(&mut self, fields: Vec<Field>) -> Result<Option<Batch>, BatchError> {
         let kept = self.fields.of_policy();
         let old = self.infos.schema().fields();
