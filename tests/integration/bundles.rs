@@ -56,6 +56,6 @@ fn a_board_compares_bundles_and_runs_them_again() {
     let json = swm_json(&["board", &bundles[0], "--out", &board]);
     assert_eq!(json["reported"][0]["reported"], 50.0);
     let message = swm_fails(2, &["board", &folder.path("random"), "--out", &board]);
-    assert!(message.contains("it is a result; `swm bundle "), "{message}");
+    assert!(message.contains("it is a result; `swm bundle` makes"), "{message}");
     assert!(swm_fails(2, &["board", &bundles[0], "--oracle", "--out", &board]).contains("--rerun"));
 }

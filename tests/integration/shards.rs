@@ -40,7 +40,7 @@ fn merge_refuses_what_is_not_the_whole() {
     let merged = folder.path("merged.h5");
     let message = swm_fails(2, &["merge", &first, &third, "--out", &merged]);
     assert!(message.contains("part 2/3 (episodes 2 to 3) is missing"), "{message}");
-    assert!(message.contains("--total 7 --shard 2/3 --mode append"), "{message}");
+    assert!(message.contains("total=7, shard=2/3, mode=append"), "{message}");
     assert!(!std::path::Path::new(&merged).exists());
     swm_ok(&["merge", &first, &third, "--partial", "--out", &folder.path("some.h5"), "--quiet"]);
     let message = swm_fails(2, &["merge", &first, &first, &third, "--out", &merged]);

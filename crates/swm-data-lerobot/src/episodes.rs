@@ -64,9 +64,8 @@ pub(super) fn read_all(folder: &Path, manifest: &Manifest, counted: usize) -> Re
     match counted > entries.len() {
         true => Err(missing(format!(
             "`meta/episodes` lists {} of the {counted} episodes that `{INFO}` counts, as after an incomplete copy; copy `meta/episodes` \
-             again, or list them again from their tables and videos: swm verify {} --fix",
-            entries.len(),
-            folder.display()
+             again, or list them again from their tables and videos by `swm verify` with `fix`",
+            entries.len()
         ))),
         false => Ok(entries),
     }

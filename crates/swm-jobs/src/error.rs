@@ -83,7 +83,7 @@ pub enum JobError {
     Queue(Box<Self>),
     /// The shards are submitted, and their join is not.
     #[error(
-        "the shards are submitted as job {id}, but not their join: {reason}; when they are done: swm submit --job {}", .dir.display()
+        "the shards are submitted as job {id}, but not their join: {reason}; when they are done, submit the job {} again", .dir.display()
     )]
     JoinNotSubmitted {
         /// The engine's name for the shards.

@@ -113,9 +113,9 @@ impl JobFolder {
         }
         let dir = self.dir.display();
         let mut why = String::new();
-        if let Some(first) = progress.failed.first() {
+        if let Some(&first) = progress.failed.first() {
             let failed = ranges(&progress.failed);
-            why = format!(" (failed: {failed}; `swm jobs --logs {dir} {first}` shows why)");
+            why = format!(" (failed: {failed}; {} shows why)", self.log(first).display());
         }
         if let Some(&first) = progress.lost.first() {
             let (lost, part) = (ranges(&progress.lost), self.written(first));

@@ -217,7 +217,7 @@ impl Input {
         let wrong = |reason: String| OnnxError::Input { name: self.name.clone(), reason };
         let index = row.schema().index(&self.name).ok_or_else(|| {
             wrong(
-                "the environment has no such field; images need --image-size, or a manifest with one"
+                "the environment has no such field; images need `image_size`, or a manifest with one"
                     .to_owned(),
             )
         })?;
@@ -229,7 +229,7 @@ impl Input {
                 "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment{}",
                 match shape.len() {
                     3 =>
-                        ", or let --image-size (of `swm manifest make`, where there is a manifest) render images in its size",
+                        ", or let `image_size` (of the manifest, where there is one) render images in its size",
                     _ => "",
                 }
             )));

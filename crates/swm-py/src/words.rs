@@ -111,8 +111,9 @@ const WORDS: &[(&str, &str)] = &[
     ("`swm fovs ENV` lists", "`variation_space` of the environment lists"),
     ("`swm convert --help` lists", "`swm.data.list_formats()` lists"),
     ("`swm manifest make`", "`swm.make_manifest`"),
-    ("`swm bundle RESULT --out FOLDER`", "`swm.bundle(result, out)`"),
+    ("`swm bundle`", "`swm.bundle`"),
     ("`swm merge`", "`swm.data.merge`"),
+    ("`swm verify`", "`swm.data.verify`"),
     ("this program was built without the feature", "this package is built without the feature"),
 ];
 

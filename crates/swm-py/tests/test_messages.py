@@ -72,7 +72,7 @@ def test_a_run_that_is_not_there_is_said_or_what_the_build_lacks() -> None:
         world().set_policy("mpc:runs/lewm")
     said = str(caught.value)
     if _swm.HAS_TRAINING:
-        assert "run runs/lewm: there is no such folder; `swm-rs train … --out DIR` makes a run" in said
+        assert "run runs/lewm: there is no such folder; `swm-rs train` makes a run" in said
     else:
         assert "which every wheel has; install one" in said
         assert "`cargo xtask wheel`" in said and "cargo install" not in said

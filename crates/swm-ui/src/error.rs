@@ -20,7 +20,7 @@ pub enum UiError {
         source: std::io::Error,
     },
     /// The folder for recordings.
-    #[error("cannot record into {path}: {source}; name a folder that you may write to by --save", path = path.display())]
+    #[error("cannot record into {path}: {source}; give a folder that you may write to as `save`", path = path.display())]
     Save {
         /// The folder.
         path: PathBuf,
@@ -42,7 +42,7 @@ pub enum UiError {
         origin: String,
     },
     /// The port.
-    #[error("cannot listen on {address}: {source}; choose another --port, or 0 for a free one")]
+    #[error("cannot listen on {address}: {source}; choose another `port`, or 0 for a free one")]
     Listen {
         /// Address and port.
         address: String,

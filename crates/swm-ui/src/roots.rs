@@ -225,7 +225,7 @@ impl Roots {
     pub(crate) fn writable(&self, name: &str) -> Result<PathBuf, Refusal> {
         let Some(save) = &self.save else {
             return Err(Refusal::forbidden(
-                "nothing is written: start `swm ui --save FOLDER` to record into that folder",
+                "nothing is written: start `swm ui` with a folder for recordings, `save`",
             ));
         };
         let is_plain = !name.is_empty()

@@ -20,6 +20,20 @@ pub(super) fn code_only(source: &str) -> String {
     out
 }
 
+/// The source with every character outside of string literals, comments included, replaced by a blank; lines stay.
+pub(super) fn literals_only(source: &str) -> String {
+    let chars: Vec<char> = source.chars().collect();
+    let mut out = String::with_capacity(source.len());
+    let mut at = 0;
+    while at < chars.len() {
+        let end = hidden_end(&chars, at).max(at + 1);
+        let is_literal = matches!(chars[at], '"' | 'r') && end > at + 1;
+        out.extend(chars[at..end].iter().map(|&c| if c == '\n' || is_literal { c } else { ' ' }));
+        at = end;
+    }
+    out
+}
+
 /// Where the comment or literal that begins at `at` ends; `at` itself where none begins.
 fn hidden_end(chars: &[char], at: usize) -> usize {
     let rest = &chars[at..];
@@ -83,7 +97,7 @@ fn raw_string_len(rest: &[char]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::code_only;
+    use super::{code_only, literals_only};
 
     /// Blanks are squeezed so that the expectation is readable.
     #[track_caller]
@@ -111,6 +125,13 @@ mod tests {
     fn lifetimes_and_raw_identifiers_are_code() {
         check("fn f<'a>(x: &'a str) -> r#type { }", "fn f<'a>(x: &'a str) -> r#type { }");
         check("('x', '\\'', '\"', b'u') z", "( , , , b ) z");
+    }
+
+    #[test]
+    fn literals_stay_alone() {
+        let found = literals_only("f(\"a\", 'b', r#\"c \" d\"#) // \"e\"\n/* \"f\" */ r#type \"g\n \\\"h\"");
+        assert_eq!(found.lines().count(), 3);
+        assert_eq!(found.split_whitespace().collect::<Vec<_>>().join(" "), r##""a" r#"c " d"# "g \"h""##);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! A rule is an ordinary function from plain data to what offends it, and one line in the table; formatting is rustfmt's
 //! and lints are clippy's.
 
+mod flags;
 mod layers;
 mod links;
 mod manifests;
@@ -63,6 +64,7 @@ const RULES: &[Rule] = &[
     Rule { name: "unsafe", level: Error, about: "`unsafe` stands only where it is allowed", check: |tree| sources::misplaced_unsafe(&tree.files) },
     Rule { name: "words", level: Error, about: "no unfinished, ignored or silenced code", check: |tree| sources::forbidden_words(&tree.files) },
     Rule { name: "vocabulary", level: Error, about: "the words of the field, not those that they replaced", check: |tree| words::replaced(&tree.files) },
+    Rule { name: "flags", level: Error, about: "libraries name settings, never flags of the command", check: |tree| flags::named(&tree.files) },
     Rule { name: "module-docs", level: Error, about: "each source file begins with `//!` documentation", check: |tree| sources::missing_module_docs(&tree.files) },
     Rule { name: "length", level: Error, about: "no source file is over 600 lines", check: |tree| sources::longer_than(&tree.files, 600) },
     Rule { name: "long", level: Note, about: "source files over 400 lines", check: |tree| sources::longer_than(&tree.files, 400) },

@@ -69,10 +69,10 @@ impl RunFolder {
                 Err(run.io("read", &config, source))
             }
             _ if path.exists() => {
-                Err(run.wrong("it holds no config.json; `swm train … --out DIR` makes a run"))
+                Err(run.wrong("it holds no config.json; `swm train` makes a run"))
             }
             _ => Err(run.wrong(
-                "there is no such folder; `swm train … --out DIR` makes a run, and a relative path counts from the current folder",
+                "there is no such folder; `swm train` makes a run, and a relative path counts from the current folder",
             )),
         }
     }

@@ -34,9 +34,8 @@ pub(crate) fn refuse_foreign(run: &RunFolder) -> Result<(), BaselineError> {
     if !is_foreign(run.path()) {
         return Ok(());
     }
-    let (shown, fix) = (run.path().display(), "import it first: `swm import");
-    Err(run
-        .wrong(format!("it is a checkpoint of others, not a run of this program; {fix} {shown} --out RUN`")))
+    let reason = "it is a checkpoint of others, not a run of this program; import it first (`swm import`), and use the run";
+    Err(run.wrong(reason))
 }
 
 fn read(config: &Path) -> Option<Vec<u8>> {

@@ -198,6 +198,6 @@ impl Words for Settings {
     }
 
     fn list(&self, _list: &List) -> String {
-        "`swm --help`".to_owned()
+        "the documentation".to_owned()
     }
 }

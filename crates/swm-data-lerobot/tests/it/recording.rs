@@ -135,7 +135,7 @@ fn episodes_that_the_list_lost_are_found_again_and_never_removed() {
 
     lose();
     let said = open(&path).err().unwrap().to_string();
-    assert!(said.contains("lists 0 of the 3 episodes") && said.contains("--fix"), "{said}");
+    assert!(said.contains("lists 0 of the 3 episodes") && said.contains("`swm verify` with `fix`"), "{said}");
     let continued = create(&path, WriteMode::Append, None).err().unwrap().to_string();
     assert!(continued.contains("lists 0 of the 3 episodes"), "{continued}");
     assert_eq!(

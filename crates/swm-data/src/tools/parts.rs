@@ -49,7 +49,7 @@ fn recording(metadata: &Metadata) -> Metadata {
 /// # Errors
 ///
 /// [`DataError::Request`]: the parts are of several recordings or divisions, one comes twice, one is missing or incomplete.
-/// The message names them, and the command that records one.
+/// The message names them, and the settings that record one.
 pub fn arrange(datasets: Vec<Box<dyn Dataset>>) -> Result<Vec<Box<dyn Dataset>>, DataError> {
     let held = held(&datasets)?;
     let Some(Held { part, metadata, dataset }) = held.values().next() else { return Ok(datasets) };
@@ -60,9 +60,9 @@ pub fn arrange(datasets: Vec<Box<dyn Dataset>>) -> Result<Vec<Box<dyn Dataset>>,
         let more = problems.len().saturating_sub(MAX_LISTED);
         let listed: Vec<String> = listed.chain((more > 0).then(|| format!("{more} more"))).collect();
         let reason = format!(
-            "its recording of {total} episodes in {of} parts is incomplete: {}. The command of the other parts, with the shard \
-             changed, records a part or the rest of it: swm collect {} … --seed {} --total {total} --shard {shard}/{of} --mode \
-             append; --partial merges without these episodes",
+            "its recording of {total} episodes in {of} parts is incomplete: {}. What recorded the other parts, with the shard \
+             changed, records a part or the rest of it: env={}, seed={}, total={total}, shard={shard}/{of}, mode=append; `partial` \
+             merges without these episodes",
             listed.join(", "),
             metadata.env,
             metadata.seed,

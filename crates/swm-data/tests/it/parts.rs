@@ -51,7 +51,7 @@ fn incomplete_and_foreign_parts_are_refused() {
             "part 2/4 (episodes 2 to 3) is missing",
             "part 3/4 (part3) holds 1 of its 2 episodes",
             "part 4/4 (episodes 6 to 7) is missing",
-            "swm collect swm/Test-v1 … --seed 7 --total 8 --shard 2/4 --mode append",
+            "env=swm/Test-v1, seed=7, total=8, shard=2/4, mode=append; `partial` merges without these",
         ],
     );
     refused(vec![part(1, 2, 8, 5), part(2, 2, 8, 4)], &["part 1/2 (part1) holds 5 of its 4 episodes"]);

@@ -38,7 +38,7 @@ impl Address {
                 RemoteErrorKind::Address,
                 plain,
                 "its query holds credentials, and runs record the paths of their datasets",
-                "fetch it first: swm fetch 'ADDRESS' --out FILE",
+                "fetch it first (`swm fetch`), and use the file",
             )),
             _ => Ok(found),
         }

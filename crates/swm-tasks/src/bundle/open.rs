@@ -44,8 +44,8 @@ impl Bundle {
         }
         if !path.is_file() {
             let advice = match folder.join(RECEIPT).is_file() {
-                true => format!("it is a result; `swm bundle {shown} --out FOLDER` makes a bundle of it"),
-                false => "`swm bundle RESULT --out FOLDER` makes one".to_owned(),
+                true => "it is a result; `swm bundle` makes a bundle of it",
+                false => "`swm bundle` makes one of a result",
             };
             return Err(format!("{shown} is no bundle: it has no {INFO}; {advice}").into());
         }

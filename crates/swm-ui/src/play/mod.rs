@@ -34,7 +34,7 @@ const MESSAGES_WAITING: usize = 2;
 /// Opens a live environment, if there is room for one more.
 pub(crate) async fn connect(State(app): State<Arc<App>>, upgrade: WebSocketUpgrade) -> Response {
     let Some(seat) = app.seat() else {
-        let reason = "as many environments are open as `swm ui --max-sessions` allows; close another page";
+        let reason = "as many environments are open as `max_sessions` of `swm ui` allows; close another page";
         return Refusal::new(StatusCode::SERVICE_UNAVAILABLE, reason).into_response();
     };
     let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);

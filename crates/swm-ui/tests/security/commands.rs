@@ -84,7 +84,7 @@ fn manifests_are_written_by_this_page_alone_and_into_the_named_folder() {
 
     let (server, cookie) = Running::entered(options(None));
     let own = format!("Origin: http://{}", server.host());
-    assert!(server.request("POST", "/api/manifest", &[own, cookie], &good).contains("--save"));
+    assert!(server.request("POST", "/api/manifest", &[own, cookie], &good).contains("`save`"));
 }
 
 #[test]

@@ -220,7 +220,7 @@ fn only_the_folder_for_recordings_is_written_to() {
         answer_to(server, cookie, &format!(r#"{{"type":"record","file":"{file}","format":null,"image":32}}"#))
     };
     let (server, cookie) = Running::entered(Options::new(registry()));
-    assert!(record(&server, &cookie, "a.h5").contains("--save"));
+    assert!(record(&server, &cookie, "a.h5").contains("`save`"));
     drop(server);
     let mut options = Options::new(registry());
     options.save = Some(save.clone());

@@ -286,7 +286,7 @@ fn a_checkpoint_can_be_used_without_a_run() {
         .unwrap()
         .to_string();
     assert!(
-        found.contains("a checkpoint of others, not a run of this program; import it first: `swm import"),
+        found.contains("a checkpoint of others, not a run of this program; import it first (`swm import`)"),
         "{found}"
     );
 }

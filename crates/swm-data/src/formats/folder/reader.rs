@@ -216,8 +216,8 @@ impl Shared {
 fn without_index(path: &Path, episodes: usize) -> DataError {
     let reason = format!(
         "`{INDEX}` is missing, which holds the lengths and checksums of the episodes, as after an incomplete copy; copy that file again, \
-         or make it anew for the {episodes} episodes of `{EP_LEN}.npz`, with checksums of the files as they are now: swm verify {} --fix",
-        path.display()
+         or make it anew for the {episodes} episodes of `{EP_LEN}.npz`, with checksums of the files as they are now, by `swm verify` with \
+         `fix`"
     );
     DataError::damaged(path, reason)
 }

@@ -298,7 +298,7 @@ fn a_board_sorts_bundles_by_task_and_runs_them_again() {
             "oracle=true: runs again what is not",
         ),
         (json!({ "bundles": [first, first], "out": at("x") }), "are one bundle; give it once"),
-        (json!({ "bundles": [at("random")], "out": at("x") }), "it is a result; `swm bundle "),
+        (json!({ "bundles": [at("random")], "out": at("x") }), "it is a result; `swm bundle` makes"),
     ] {
         let said = board(&given).unwrap_err().to_string();
         assert!(said.contains(told), "{said}");
