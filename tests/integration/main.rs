@@ -31,6 +31,7 @@ mod no_locks;
 mod other_programs;
 mod planning;
 mod preload;
+mod python_defaults;
 mod quality;
 mod replayable;
 mod reports;

@@ -16,6 +16,7 @@ use super::files::env_of;
 use super::hash::file_hash;
 use crate::distractors;
 use crate::error::TaskError;
+use crate::request::NUM_ENVS;
 
 /// A policy, and the seed of its noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -131,7 +132,7 @@ pub struct RunOptions {
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { num_envs: 16, threads: None, cancel: None, pairs: None }
+        Self { num_envs: NUM_ENVS, threads: None, cancel: None, pairs: None }
     }
 }
 

@@ -7,7 +7,7 @@ use swm_core::Registry;
 
 use super::report::apart;
 use super::source::claim;
-use super::{Fix, Message, Report, Request, Stage, TaskError, create_parent, must_be_given, wrong};
+use super::{Fix, Message, NUM_ENVS, Report, Request, Stage, TaskError, create_parent, must_be_given, wrong};
 use crate::board::{Board, holds_board, write_board};
 use crate::bundle::Bundle;
 use crate::evaluation::{Role, RunOptions, Verification, verify};
@@ -20,13 +20,13 @@ swm_core::settings! {
         /// The folder to write: `index.html` and `board.json`.
         out: PathBuf = PathBuf::new() => "must be given",
         /// What the page is called.
-        title: String = "Results".to_owned(),
+        title: String = "Results".to_owned() => "Results",
         /// Run every bundle again, beside comparing the hashes of its files.
         rerun: bool = false,
         /// With `rerun`: the oracles, too.
         oracle: bool = false,
         /// With `rerun`: environments stepped in parallel; results do not depend on it.
-        num_envs: usize = 16,
+        num_envs: usize = NUM_ENVS => "8",
         /// With `rerun`: threads.
         threads: Option<usize> = None => "one per core",
     }

@@ -78,7 +78,7 @@ pub(super) struct Collect {
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
-    /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in lossy formats. Default: 95 in `folder`, 85 in `video` and `lerobot`.
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// Without a terminal: say every so many seconds which episode was written; 0: after every one.

@@ -29,14 +29,14 @@ pub(super) struct TargetArgs {
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
-    /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in lossy formats. Default: 95 in `folder`, 85 in `video` and `lerobot`.
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// Frames between key frames of a video; larger values give smaller files and slower random access. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
     /// Rows per second that the copy says: in its record, its time stamps, its videos. Default: as many as in the environment's time,
-    /// in `lerobot` rounded to a whole number; videos of `video` play 25 frames per second. Needed where sources have different rates, or timestamps of another rate than
+    /// in `lerobot` rounded to a whole number. Videos of `video` play 25 frames per second. Needed where sources have different rates, or timestamps of another rate than
     /// their dataset says.
     #[arg(long, value_name = "RATE", value_parser = rate)]
     fps: Option<f64>,

@@ -13,6 +13,8 @@ mod collect;
 mod compare;
 mod conflicts;
 mod convert;
+#[cfg(test)]
+mod default_tests;
 mod doctor;
 mod envs;
 mod eval;

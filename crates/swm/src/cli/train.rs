@@ -59,7 +59,7 @@ pub(super) struct Train {
     /// The run's folder.
     #[arg(long, short, value_name = "RUN")]
     out: Option<PathBuf>,
-    /// Preset, such as paper or small; `--list` names them. Default: the first of them.
+    /// Preset, such as paper or small; `--list` names them. Default: the first of the baseline or agent.
     #[arg(long, conflicts_with = "resume")]
     preset: Option<String>,
     /// A setting of the baseline or agent, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
@@ -80,7 +80,7 @@ pub(super) struct Train {
     #[arg(long, value_name = "RUN", conflicts_with = "baseline")]
     #[expect(clippy::option_option, reason = "clap: not given, given alone, or with a folder")]
     resume: Option<Option<PathBuf>>,
-    /// Epochs over the clips, in each phase. Default: 10.
+    /// Epochs over the clips, in each phase. Default: 10, or the run's.
     #[arg(long, conflicts_with = "steps")]
     epochs: Option<u64>,
     /// Optimizer steps, in each phase; of an agent, steps of the environment.
@@ -104,13 +104,13 @@ pub(super) struct Train {
     /// Fraction of episodes that is held out from both, for `swm manifest make --held-out` of the same share.
     #[arg(long, default_value_t = DEFAULT.held_out, conflicts_with = "resume", value_name = "SHARE")]
     held_out: f64,
-    /// Steps between logged metrics. Default: 20.
+    /// Steps between logged metrics. Default: 20, of an agent 500; or the run's.
     #[arg(long, value_name = "STEPS")]
     log_every: Option<u64>,
-    /// Steps between validations and checkpoints. Default: an epoch.
+    /// Steps between validations and checkpoints. Default: an epoch, or the run's.
     #[arg(long, value_name = "STEPS")]
     checkpoint_every: Option<u64>,
-    /// Checkpoints to keep in addition to the best. Default: 3.
+    /// Checkpoints to keep in addition to the best. Default: 3, or the run's.
     #[arg(long)]
     keep: Option<usize>,
     /// Batches from which batch-norm statistics are estimated anew before each validation and checkpoint, without dropout.
@@ -168,10 +168,10 @@ struct OnlineArgs {
     /// Steps after which an episode is truncated. Default: 500.
     #[arg(long, value_name = "STEPS", requires = "env")]
     max_steps: Option<u64>,
-    /// Steps between evaluations, each with a checkpoint. Default: 5000.
+    /// Steps between evaluations, each with a checkpoint. Default: 5000, or the run's.
     #[arg(long, value_name = "STEPS")]
     eval_every: Option<u64>,
-    /// Episodes of an evaluation. Default: 5.
+    /// Episodes of an evaluation. Default: 5, or the run's.
     #[arg(long, value_name = "EPISODES")]
     eval_episodes: Option<u64>,
 }

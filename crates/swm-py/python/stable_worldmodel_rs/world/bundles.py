@@ -58,7 +58,7 @@ def board(
     title: str = "Results",
     rerun: bool = False,
     oracle: bool = False,
-    num_envs: int = 16,
+    num_envs: int = 8,
     threads: int | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
