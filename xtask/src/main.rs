@@ -79,7 +79,7 @@ enum Command {
     Check(ci::Args),
     /// What the CI machine runs for each change, in 45 minutes on two cores; prints a table
     Ci(ci::Args),
-    /// Every check, with a rehearsed release and each crate alone, in three hours
+    /// Every check, with a rehearsed release and each crate alone, in 3 hours
     Nightly(ci::Args),
     /// Load what `swm export` writes with the reference, and compare outputs
     Exports(exports::Args),
