@@ -79,7 +79,7 @@ fn differences(
     let mut wrong = Vec::new();
     for (parameter, default) in parameters(source, function) {
         let renamed = NAMES.iter().find(|(python, _)| *python == parameter);
-        let name = renamed.map_or(parameter.as_str(), |(_, setting)| setting);
+        let name = renamed.map_or(parameter.as_str(), |(_, setting)| *setting);
         let Some(setting) = settings.iter().find(|setting| setting.name == name) else { continue };
         let Some(value) = plain(&default) else { continue };
         let number = setting.default.parse::<f64>().ok().map(|number| number.to_string());

@@ -79,3 +79,39 @@ pub fn failed(error: BaselineError) -> TaskError {
 fn interrupted() -> TaskError {
     WorldError::Cancelled.into()
 }
+
+#[cfg(test)]
+mod tests {
+    use swm_core::settings::Settings as _;
+    use swm_tasks::request::Train;
+
+    use crate::online::OnlineSettings;
+    use crate::train::FitSettings;
+
+    #[test]
+    fn the_request_names_the_defaults_of_trainings() {
+        let (fit, online) = (FitSettings::default(), OnlineSettings::default());
+        let default = |name: &str| {
+            let setting = Train::SETTINGS.iter().find(|setting| setting.name == name);
+            setting.unwrap_or_else(|| panic!("no setting {name}")).default
+        };
+        for (name, value) in [
+            ("epochs", fit.epochs),
+            ("seed", fit.seed),
+            ("seed", online.seed),
+            ("keep", fit.keep as u64),
+            ("keep", online.keep as u64),
+            ("norm_batches", fit.norm_batches as u64),
+            ("quality_every", fit.quality_every),
+            ("patience", fit.patience),
+            ("max_steps", online.max_episode_steps),
+            ("eval_every", online.eval_every),
+            ("eval_episodes", online.eval_episodes),
+        ] {
+            assert_eq!(default(name).split([',', ':']).next(), Some(value.to_string().as_str()), "{name}");
+        }
+        let logs = format!("{}, of an agent {}; or the run's", fit.log_every, online.log_every);
+        assert_eq!(default("log_every"), logs);
+        assert!(default("steps").ends_with(&format!("of an agent {}", online.steps)));
+    }
+}
