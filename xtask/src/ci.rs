@@ -10,8 +10,8 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::{
-    book, demo, deny, exports, gpu, interop, plugin, process, proof, release, separate_crates, setup, sizes,
-    test, tidy, ui, wheel,
+    book, demo, deny, exports, gpu, interop, mcap, plugin, process, proof, release, separate_crates, setup,
+    sizes, test, tidy, ui, wheel,
 };
 
 /// Options of the three commands.
@@ -162,6 +162,12 @@ const STEPS: &[Step] = &[
         about: "the reference loads what `swm export` writes, with equal outputs",
         tiers: NIGHTLY,
         run: || exports::run(&exports::Args::default()),
+    },
+    Step {
+        name: "mcap",
+        about: "the crate `mcap` cannot continue a killed recording or read a row by its position",
+        tiers: NIGHTLY,
+        run: mcap::check,
     },
     Step {
         name: "proof",

@@ -18,6 +18,7 @@ mod golden;
 mod gpu;
 mod gpu_proof;
 mod interop;
+mod mcap;
 mod memcheck;
 mod metadata;
 mod onnx;
