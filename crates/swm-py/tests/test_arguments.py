@@ -150,10 +150,10 @@ def test_no_columns_to_load_are_refused(dataset: Path) -> None:
 
 
 REQUESTS: dict[str, Callable[[Path, int], Any]] = {
-    "measure": lambda _, seed: swm.measure("swm_rs/TwoRoom-v2", "constant", seed=seed, progress=False),
-    "plan": lambda _, seed: swm.plan("cem:samples=8", "swm/TwoRoom-v1", seed=seed),
-    "render": lambda path, seed: swm.render(path.with_name("a.png"), "swm/TwoRoom-v1", seed=seed),
-    "make_manifest": lambda path, seed: swm.make_manifest(path.with_name("a.toml"), "swm/TwoRoom-v1", seed=seed),
+    "measure": lambda _, seed: swm.measure("swm/TwoRoom-v2", "constant", seed=seed, progress=False),
+    "plan": lambda _, seed: swm.plan("cem:samples=8", "swm/TwoRoom-v2", seed=seed),
+    "render": lambda path, seed: swm.render(path.with_name("a.png"), "swm/TwoRoom-v2", seed=seed),
+    "make_manifest": lambda path, seed: swm.make_manifest(path.with_name("a.toml"), "swm/TwoRoom-v2", seed=seed),
 }
 
 

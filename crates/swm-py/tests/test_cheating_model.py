@@ -17,7 +17,7 @@ import stable_worldmodel_rs as swm
 from stable_worldmodel_rs import MpcPolicy, PlanConfig, WorldModelPolicy
 from stable_worldmodel_rs.planning import CEMSolver, SimulatorCost
 
-ENV = "swm_rs/TwoRoom-v2"
+ENV = "swm/TwoRoom-v2"
 SPEED_PX = 1.75
 """Pixels that a full action moves the agent, far from walls: the slowest that the environment has."""
 BLOCK = 5

@@ -114,7 +114,7 @@ def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("episodes", [0, -1])
 def test_no_episodes_are_refused(episodes: int) -> None:
-    world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)
+    world = swm.World("swm/TwoRoom-v2", num_envs=1, add_pixels=False)
     world.set_policy("expert")
     with pytest.raises(ValueError, match=f"episodes={episodes}: give 1 or more"):
         world.evaluate(episodes=episodes, progress=False)
@@ -194,7 +194,7 @@ def test_rows_that_do_not_fit_are_refused(recorded: Path) -> None:
         other.set_policy("random")
         other.evaluate(**rows, start_steps=[0])
     with pytest.raises(ValueError, match="PushT"):
-        other = swm.World("swm_rs/TwoRoom-v2", 1, image_shape=(32, 32))
+        other = swm.World("swm/TwoRoom-v2", 1, image_shape=(32, 32))
         other.set_policy("random")
         other.evaluate(**rows, start_steps=[0])
 
@@ -274,21 +274,21 @@ def test_a_python_policy_gets_the_receipt_of_a_native_one(manifest: Path, tmp_pa
 
 def test_a_manifest_is_replaced_on_request_only(tmp_path: Path) -> None:
     path = tmp_path / "task.toml"
-    made = swm.make_manifest(path, "swm/TwoRoom-v1", episodes=2)
-    assert swm.make_manifest(path, "swm/TwoRoom-v1", episodes=2) == made
+    made = swm.make_manifest(path, "swm/TwoRoom-v2", episodes=2)
+    assert swm.make_manifest(path, "swm/TwoRoom-v2", episodes=2) == made
     with pytest.raises(swm.SwmError, match=r"task.toml holds another manifest .*2 pairs.*or overwrite=True to replace it"):
-        swm.make_manifest(path, "swm/TwoRoom-v1", episodes=3)
+        swm.make_manifest(path, "swm/TwoRoom-v2", episodes=3)
     assert swm.read_manifest(path) == made
-    assert len(swm.make_manifest(path, "swm/TwoRoom-v1", episodes=3, overwrite=True)["pairs"]) == 3
+    assert len(swm.make_manifest(path, "swm/TwoRoom-v2", episodes=3, overwrite=True)["pairs"]) == 3
     assert len(swm.read_manifest(path)["pairs"]) == 3
     for wrong in [{"seed": "a"}, {"episodes": -3}, {"budget": 2.5}, {"frame_skip": 2**40}]:
         with pytest.raises(swm.SwmError, match=f"{next(iter(wrong))}=.*must be a whole number"):
-            swm.make_manifest(tmp_path / "wrong.toml", "swm/TwoRoom-v1", **wrong)  # type: ignore[arg-type]
-    seeded = swm.make_manifest(tmp_path / "seeded.toml", "swm/TwoRoom-v1", np.int64(2), seed=np.uint8(7))  # type: ignore[arg-type]
-    assert seeded["pairs"] == swm.make_manifest(tmp_path / "same.toml", "swm/TwoRoom-v1", 2, seed=7)["pairs"]
+            swm.make_manifest(tmp_path / "wrong.toml", "swm/TwoRoom-v2", **wrong)  # type: ignore[arg-type]
+    seeded = swm.make_manifest(tmp_path / "seeded.toml", "swm/TwoRoom-v2", np.int64(2), seed=np.uint8(7))  # type: ignore[arg-type]
+    assert seeded["pairs"] == swm.make_manifest(tmp_path / "same.toml", "swm/TwoRoom-v2", 2, seed=7)["pairs"]
     (tmp_path / "notes.toml").write_text("notes")
     with pytest.raises(swm.SwmError, match="is no manifest; give another path, or overwrite=True"):
-        swm.make_manifest(tmp_path / "notes.toml", "swm/TwoRoom-v1", episodes=2)
+        swm.make_manifest(tmp_path / "notes.toml", "swm/TwoRoom-v2", episodes=2)
 
 
 def test_manifests_that_nothing_could_run_are_not_written(tmp_path: Path, pusht_file: Path) -> None:

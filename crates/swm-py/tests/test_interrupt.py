@@ -79,7 +79,7 @@ def test_recordings_end_at_once_and_keep_what_was_written(tmp_path: Path) -> Non
 @pytest.mark.parametrize("model", ["true", "constant"])
 def test_measures_end_with_the_measurement_at_work(model: str) -> None:
     def measure(episodes: int = 3000) -> dict[str, object]:
-        return swm.measure("swm_rs/TwoRoom-v2", model, episodes=episodes, rows=30, horizon=10, plans=64, threads=1, progress=False)
+        return swm.measure("swm/TwoRoom-v2", model, episodes=episodes, rows=30, horizon=10, plans=64, threads=1, progress=False)
 
     assert interrupted(measure) < 3 * PATIENCE
     # While episodes are recorded.

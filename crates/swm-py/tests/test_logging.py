@@ -97,7 +97,7 @@ def test_no_file_prints_or_logs_elsewhere(path: Path) -> None:
 
 
 def test_a_world_notes_what_is_odd_of_a_policy(caplog: pytest.LogCaptureFixture) -> None:
-    world = swm.World("swm/TwoRoom-v1", num_envs=1, add_pixels=False)
+    world = swm.World("swm/TwoRoom-v2", num_envs=1, add_pixels=False)
     world.set_policy("cem:samples=10,elites=9,iterations=1")
     assert "cem keeps 9 of 10 samples as elites" in caplog.text
     caplog.clear()

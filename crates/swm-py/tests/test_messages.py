@@ -94,7 +94,7 @@ def test_wrong_names_are_said_before_what_is_missing() -> None:
     for name, meant in (("swm/PushTT-v1", "swm/PushT-v1"), ("PushT", "swm/PushT-v1"), ("PushT-v1", "swm/PushT-v1"), ("swm_rs/TwoRom-v2", "swm/TwoRoom-v2")):
         with pytest.raises((gymnasium.error.UnregisteredEnv, swm.EnvError), match=f"did you mean ['`]{meant}"):
             swm.World(name)
-    for name, meant in (("PushT", "swm/PushT-v1"), ("swm/TwoRom-v1", "swm/TwoRoom-v1")):
+    for name, meant in (("PushT", "swm/PushT-v1"), ("swm/TwoRom-v1", "swm/TwoRoom-v2")):
         with pytest.raises(gymnasium.error.NameNotFound, match=f"did you mean '{meant}'"):
             swm.envs.info(name)
     for name in ("swm/PushT-v1", "CartPole-v1"):
@@ -105,7 +105,7 @@ def test_wrong_names_are_said_before_what_is_missing() -> None:
 
 
 def test_ids_of_this_package_have_a_version(tmp_path: Path) -> None:
-    for name, meant in (("swm/PushT", "swm/PushT-v1"), ("swm/TwoRoom", "swm/TwoRoom-v1"), ("swm_rs/TwoRoom", "swm_rs/TwoRoom-v2")):
+    for name, meant in (("swm/PushT", "swm/PushT-v1"), ("swm/TwoRoom", "swm/TwoRoom-v2"), ("swm_rs/TwoRoom", "swm_rs/TwoRoom-v2")):
         said = f"'{name}' names no version; give '{meant}'"
         with pytest.raises(swm.EnvError, match=said):
             swm.World(name, image_shape=(64, 64))

@@ -54,7 +54,7 @@ def near(episodes: int) -> list[dict[str, Any]]:
 
 
 def episodes_of(
-    policy: Any, num_envs: int, env: Any = "swm_rs/TwoRoom-v2", episodes: int = 18, begin: Any = None, **options: Any
+    policy: Any, num_envs: int, env: Any = "swm/TwoRoom-v2", episodes: int = 18, begin: Any = None, **options: Any
 ) -> list[Any]:
     """What is recorded of a policy."""
     options = {"max_episode_steps": 24, "add_pixels": False, "threads": 1} | options

@@ -78,7 +78,7 @@ def policy(model: Path, **more: Any) -> swm.NativePolicy:
 
 
 def test_an_exported_model_sees_its_history(model: Path, world: Callable[..., Any]) -> None:
-    rooms = world("swm_rs/TwoRoom-v2", 2, add_pixels=False, image_shape=None)
+    rooms = world("swm/TwoRoom-v2", 2, add_pixels=False, image_shape=None)
     rooms.set_policy(policy(model))
     rooms.reset(seed=3)
     states, actions = [rooms.infos["state"][:, 0].copy()], [np.zeros((2, 2))]
@@ -96,14 +96,14 @@ def test_an_exported_model_sees_its_history(model: Path, world: Callable[..., An
 
 def test_results_of_an_exported_model_have_receipts(model: Path, tmp_path: Path) -> None:
     manifest = tmp_path / "task.toml"
-    swm.make_manifest(manifest, "swm_rs/TwoRoom-v2", episodes=3, budget=6)
+    swm.make_manifest(manifest, "swm/TwoRoom-v2", episodes=3, budget=6)
     one = swm.evaluate(manifest, policy(model), references=[], num_envs=1, progress=False)
     assert swm.same(one, swm.evaluate(manifest, policy(model), references=[], num_envs=3, progress=False))
     assert any(path.endswith("cost.onnx") or path.endswith("model") for path in one["files"]) and swm.verify(one, progress=False)["equal"]
 
 
 def test_a_history_that_is_not_the_models_is_refused(model: Path, world: Callable[..., Any]) -> None:
-    rooms = world("swm_rs/TwoRoom-v2", 2, add_pixels=False, image_shape=None)
+    rooms = world("swm/TwoRoom-v2", 2, add_pixels=False, image_shape=None)
     with pytest.raises(swm.SwmError, match=r"the model sees 3 frame\(s\); set history_len=3"):
         rooms.set_policy(policy(model, history_len=2))
     path = model / "model.json"

@@ -10,7 +10,7 @@ import pytest
 import stable_worldmodel_rs as swm
 from data_makers import write
 
-ROOM = "swm/TwoRoom-v1"
+ROOM = "swm/TwoRoom-v2"
 SMALL: dict[str, Any] = {"episodes": 2, "rows": 6, "horizon": 2, "plans": 2, "progress": False}
 PLANNER = "cem:samples=4,elites=2,iterations=1,horizon=1,receding_horizon=1"
 

@@ -49,7 +49,7 @@ def returns(model: Any, env: Any) -> tuple[float, float]:
     return random, mean_return(env, lambda observation: model.predict(observation, deterministic=True)[0])
 
 
-@pytest.mark.parametrize("name", ["swm/PushT-v1", "swm/CartPoleControl-v1", "swm/TwoRoom-v1", "swm/PointMaze-v0"])
+@pytest.mark.parametrize("name", ["swm/PushT-v1", "swm/CartPoleControl-v1", "swm/TwoRoom-v2", "swm/PointMaze-v0"])
 def test_its_checker_passes(name: str) -> None:
     from stable_baselines3.common.env_checker import check_env
 

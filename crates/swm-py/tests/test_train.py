@@ -25,7 +25,7 @@ needs_training = pytest.mark.skipif(
 def rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """TwoRoom with images of 64 x 64: eight episodes by the expert."""
     path = tmp_path_factory.mktemp("rooms") / "rooms.h5"
-    world = swm.World("swm_rs/TwoRoom-v2", num_envs=4, image_shape=(64, 64), max_episode_steps=40, threads=1)
+    world = swm.World("swm/TwoRoom-v2", num_envs=4, image_shape=(64, 64), max_episode_steps=40, threads=1)
     world.set_policy("expert")
     world.collect(path, episodes=8, seed=0, progress=False)
     world.close()
@@ -54,7 +54,7 @@ def test_a_world_model_is_trained_resumed_and_planned_with(rooms: Path, tmp_path
     assert config["fit"]["batch"] == 4 and config["model_config"]["settings"]["optim"]["lr"] == 0.001
     assert swm.train(resume=run, steps=3, progress=False)["step"] == 3
     assert [line["step"] for line in swm.track.read(run)][-1] == 3
-    world = swm.World("swm_rs/TwoRoom-v2", num_envs=2, image_shape=(64, 64), max_episode_steps=6, threads=1)
+    world = swm.World("swm/TwoRoom-v2", num_envs=2, image_shape=(64, 64), max_episode_steps=6, threads=1)
     world.set_policy(f"mpc:{run},samples=8,iterations=1,elites=2")
     assert world.evaluate(episodes=2, seed=0)["episodes"] == 2
     world.close()
@@ -64,7 +64,7 @@ def test_a_world_model_is_trained_resumed_and_planned_with(rooms: Path, tmp_path
 def test_a_policy_is_trained_and_acts_on_a_manifest(rooms: Path, tmp_path: Path) -> None:
     run = tmp_path / "gcbc"
     swm.train("gcbc", rooms, run, preset="small", steps=2, batch=4, seed=1, progress=False)
-    manifest = swm.make_manifest(tmp_path / "task.toml", "swm_rs/TwoRoom-v2", episodes=2, budget=4, image_shape=(64, 64))
+    manifest = swm.make_manifest(tmp_path / "task.toml", "swm/TwoRoom-v2", episodes=2, budget=4, image_shape=(64, 64))
     receipt = swm.evaluate(manifest, f"gcbc:{run}", references=["random"], progress=False)
     assert receipt["policy"].startswith("gcbc:step=2,weights=") and len(receipt["files"]) == 2
 

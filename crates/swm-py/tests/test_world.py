@@ -295,9 +295,9 @@ def test_what_does_not_fit_rust_environments_is_refused() -> None:
         world.evaluate(episodes=1)
 
 
-def test_names_mean_the_references_environments() -> None:
+def test_names_mean_the_environments_of_the_command() -> None:
     ids = swm.world.native_id
-    assert ids("swm/TwoRoom-v1") == "swm/TwoRoom-v2"
+    assert ids("swm/TwoRoom-v1") == "swm/TwoRoom-v1" and ids("swm/TwoRoom-v2") == "swm/TwoRoom-v2"
     assert ids("swm_rs/TwoRoom-v1") == "swm/TwoRoom-v1"
     assert ids("swm/PushT-v1") == "swm/PushT-v1"
     assert ids("CartPole-v1") is None

@@ -127,8 +127,8 @@ def test_recordings_name_their_environment_and_policy(tmp_path: Path) -> None:
     told = {path: swm.data.load_dataset(path).metadata for path in worlds}
     assert [told[path]["env"] for path in worlds] == [NAME, "Walk"]
     assert all(one["policy"] == "Right" and one["seed"] == 3 for one in told.values())
-    # Of this package's own environments, the id is that of its numbering.
-    for made in (lambda: gym.make("swm/TwoRoom-v1"), lambda: swm.envs.Env("swm/TwoRoom-v1")):
+    # Of this package's own environments, the id is that of the core.
+    for made in (lambda: gym.make("swm_rs/TwoRoom-v2"), lambda: swm.envs.Env("swm/TwoRoom-v2")):
         own = swm.World([made], image_shape=None, max_episode_steps=5)
         own.set_policy("random")
         own.collect(tmp_path / "own.h5", episodes=1, seed=0, mode="overwrite", progress=False)

@@ -34,7 +34,7 @@ def made(rooms: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:  # noqa
     if _swm.HAS_TRAINING:
         swm.train("gcbc", rooms, work / "run", preset="small", steps=2, batch=4, keep=1, progress=False)
         policy = f"gcbc:{work / 'run'}"
-    task = swm.make_manifest(work / "task.toml", "swm_rs/TwoRoom-v2", episodes=4, budget=6, image_shape=(64, 64))
+    task = swm.make_manifest(work / "task.toml", "swm/TwoRoom-v2", episodes=4, budget=6, image_shape=(64, 64))
     swm.evaluate(task, policy, work / "result", references=["no_op"], progress=False)
     model = work / "zoo" / NAME
     model.parent.mkdir()
@@ -128,7 +128,7 @@ def test_a_model_acts_and_its_result_is_that_of_its_receipt(zoo: Path) -> None:
 
 @needs_training
 def test_a_result_of_the_zoo_is_bundled_with_the_model(zoo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    task = swm.make_manifest(tmp_path / "task.toml", "swm_rs/TwoRoom-v2", episodes=2, budget=6, image_shape=(64, 64))
+    task = swm.make_manifest(tmp_path / "task.toml", "swm/TwoRoom-v2", episodes=2, budget=6, image_shape=(64, 64))
     results: list[Any] = []
     for number, policy in enumerate([f"zoo:{NAME}", f"policy:zoo:{NAME}"]):
         out = tmp_path / f"result-{number}"
@@ -144,7 +144,7 @@ def test_a_result_of_the_zoo_is_bundled_with_the_model(zoo: Path, tmp_path: Path
 
 @needs_training
 def test_policies_by_unknown_names_are_refused(zoo: Path) -> None:
-    world = swm.World("swm_rs/TwoRoom-v2", num_envs=1, image_shape=(64, 64), threads=1)
+    world = swm.World("swm/TwoRoom-v2", num_envs=1, image_shape=(64, 64), threads=1)
     for policy, words in [("zoo:tworom-gcbc", "did you mean `tworoom-gcbc`"), ("zoo", "name one model of the zoo"), ("mpc:zoo:x", "zoo:x")]:
         with pytest.raises(swm.SwmError, match=words):
             world.set_policy(policy)
@@ -155,6 +155,6 @@ def test_policies_by_unknown_names_are_refused(zoo: Path) -> None:
 def test_without_training_the_policy_says_what_it_needs(zoo: Path) -> None:
     if _swm.HAS_TRAINING:
         pytest.skip("this build has training")
-    world = swm.World("swm_rs/TwoRoom-v2", num_envs=1, image_shape=(64, 64), threads=1)
+    world = swm.World("swm/TwoRoom-v2", num_envs=1, image_shape=(64, 64), threads=1)
     with pytest.raises(swm.SwmError, match="built without the feature `baselines`"):
         world.set_policy(f"zoo:{NAME}")

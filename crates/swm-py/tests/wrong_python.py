@@ -63,7 +63,7 @@ def goal_beyond_the_episode(folder: Path) -> None:
 
 
 def dataset_of_another_environment(folder: Path) -> None:
-    path = recording(folder, env="swm_rs/TwoRoom-v2")
+    path = recording(folder, env="swm/TwoRoom-v2")
     swm.evaluate_from_dataset(world(), path, [0], [0], goal_offset=2, eval_budget=3)
 
 

@@ -11,7 +11,7 @@ import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
 # ## A task as a file
 
 # %%
-manifest = swm.make_manifest("task.toml", "swm/TwoRoom-v1", tier="moderate", episodes=12, budget=60, seed=7, overwrite=True)
+manifest = swm.make_manifest("task.toml", "swm/TwoRoom-v2", tier="moderate", episodes=12, budget=60, seed=7, overwrite=True)
 manifest
 
 # %% [markdown]

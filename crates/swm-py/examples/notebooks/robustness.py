@@ -11,7 +11,7 @@ import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
 # ## Factors of variation
 
 # %%
-world = swm.World("swm/TwoRoom-v1", num_envs=1, image_shape=(64, 64))
+world = swm.World("swm/TwoRoom-v2", num_envs=1, image_shape=(64, 64))
 print(world.envs.envs[0].variation_space.names())
 
 # %% [markdown]
@@ -20,7 +20,7 @@ print(world.envs.envs[0].variation_space.names())
 # The expert reads the state, so that colors cannot matter to it; the size of the door, the thickness of the wall and the agent's speed can.
 
 # %%
-swm.make_manifest("rooms.toml", "swm/TwoRoom-v1", tier="historic", episodes=8, budget=60, seed=3, overwrite=True)
+swm.make_manifest("rooms.toml", "swm/TwoRoom-v2", tier="historic", episodes=8, budget=60, seed=3, overwrite=True)
 sweep = swm.sweep(
     "rooms.toml", "expert", factors=["agent.color", "agent.speed", "door.size"], values="extremes", out="sweep", again=True, progress=False
 )

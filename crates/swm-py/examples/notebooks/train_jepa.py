@@ -20,7 +20,7 @@ torch.manual_seed(0)
 # Noisy experts reach most of the room. Clips have four frames, five steps apart, and all actions between them.
 
 # %%
-world = swm.World("swm/TwoRoom-v1", num_envs=4, image_shape=(32, 32), max_episode_steps=60)
+world = swm.World("swm/TwoRoom-v2", num_envs=4, image_shape=(32, 32), max_episode_steps=60)
 world.set_policy("noisy-expert")
 world.collect("rooms.h5", episodes=24, seed=0, mode="overwrite", progress=False)
 

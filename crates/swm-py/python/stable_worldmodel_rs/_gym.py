@@ -19,16 +19,16 @@ _VECTOR_ENTRY_POINT = "stable_worldmodel_rs.vector:VectorEnv"
 
 
 def gym_ids() -> dict[str, str]:
-    """All ids for ``gymnasium.make`` and the environments of this package that they name.
+    """All ids for ``gymnasium.make`` and the environments of the core that they name.
 
-    ``swm/…`` are the reference's names, ``swm_rs/…`` this package's own. A name whose version this package numbers
-    otherwise is left out of ``swm/…``: gymnasium would call the other version outdated.
+    ``swm/…`` and ``swm_rs/…`` are the same ids; under `compat`, ``swm/…`` means what the reference calls so. ``swm/OGBMaze-v0`` is
+    the maze of its default settings.
     """
-    from .world.ids import RENAMED, aliases, env_ids
+    from .world.ids import aliases, env_ids
+    from .world.mazes import MAZES, OGB_MAZE
 
     names = {f"swm_rs/{name.removeprefix('swm/')}": name for name in env_ids()}
-    renamed = RENAMED.values()
-    return names | {name: RENAMED.get(name, name) for name in env_ids() if name not in renamed} | aliases()
+    return names | {name: name for name in env_ids()} | aliases() | {OGB_MAZE: MAZES[0]} | _renamed()
 
 
 def register_all() -> None:
@@ -36,14 +36,35 @@ def register_all() -> None:
     # By name: its functions have types that are partly unknown.
     registration: Any = import_module("gymnasium.envs.registration")
 
-    for name, native in gym_ids().items():
+    renamed = _renamed()
+    for name in gym_ids():
         if name not in registration.registry:
+            # Processes of a vector have no `compat`.
+            meant = f"swm_rs/{renamed[name].removeprefix('swm/')}" if name in renamed else name
             registration.register(
-                id=name,
-                entry_point=_ENTRY_POINT,
-                vector_entry_point=_VECTOR_ENTRY_POINT,
-                kwargs={"env_name": f"swm_rs/{native.removeprefix('swm/')}"},
+                id=name, entry_point=_ENTRY_POINT, vector_entry_point=_VECTOR_ENTRY_POINT, kwargs={"env_name": meant}
             )
+
+
+def register_renamed() -> None:
+    """Register the ids anew of which `compat` has just changed the meaning. Those of an installed reference stay."""
+    from .compat import RENAMED
+
+    if "gymnasium" not in sys.modules:
+        return
+    registration: Any = import_module("gymnasium.envs.registration")
+    for name in RENAMED:
+        spec = registration.registry.get(name)
+        if spec is not None and spec.entry_point == _ENTRY_POINT:
+            del registration.registry[name]
+    register_all()
+
+
+def _renamed() -> dict[str, str]:
+    """Ids that mean another environment while `compat` is installed."""
+    from .compat import RENAMED, is_installed
+
+    return RENAMED if is_installed() else {}
 
 
 class _WhenImported(MetaPathFinder):

@@ -11,7 +11,7 @@ from ._arguments import home_path, kind_of
 from ._requests import asked
 from .track import Tracker
 from .track._follow import following
-from .world.ids import native_id
+from .world.ids import native_env
 
 AnyPath: TypeAlias = str | PathLike[str]
 
@@ -119,6 +119,7 @@ def train(
 
     if settings is not None and not isinstance(cast("Any", settings), Mapping):
         raise TypeError(f'settings is {kind_of(settings)}; give a dict of names and values: {{"optim.lr": 1e-3}}')
+    native, options = (None, env_options) if env is None else native_env(env, env_options or {})
     request: dict[str, Any] = {
         "baseline": baseline,
         "dataset": None if dataset is None else recorded("dataset", dataset),
@@ -148,8 +149,8 @@ def train(
         "vary_share": vary_share,
         "vary_usual": vary_usual,
         "canonical": {} if canonical == "recorded" else canonical,
-        "env": None if env is None else native_id(env) or env,
-        "env_option": env_options,
+        "env": native or env,
+        "env_option": options or env_options,
         "observe": _names(observe),
         "max_steps": max_steps,
         "eval_every": eval_every,

@@ -7,7 +7,10 @@ programs and tests written for the reference:
     compat.install()
     import stable_worldmodel as swm      # this package
 
-or ``pytest -p stable_worldmodel_rs.compat``. Modules that this package lacks (``wrapper``, ``plot``) come from
+or ``pytest -p stable_worldmodel_rs.compat``. From then on, ids of environments have the reference's meaning in this process:
+``swm/TwoRoom-v1`` is this package's ``swm/TwoRoom-v2``. Ids ``swm_rs/…``, and those in files, stay this package's own.
+
+Modules that this package lacks (``wrapper``, ``plot``) come from
 an installed reference, whose code then uses this package's other modules.
 """
 
@@ -22,10 +25,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
+from ._gym import register_renamed
+
 __all__ = ["install", "is_installed", "uninstall"]
 
 _THEIRS = "stable_worldmodel"
 _OURS = "stable_worldmodel_rs"
+# Ids under which the reference has what this package numbers otherwise.
+RENAMED = {"swm/TwoRoom-v1": "swm/TwoRoom-v2"}
 
 
 class _Alias(Loader):
@@ -116,7 +123,7 @@ def is_installed() -> bool:
 
 
 def install() -> None:
-    """Let ``import stable_worldmodel`` give this package, in this process.
+    """Let ``import stable_worldmodel`` give this package, in this process, and ids of environments mean the reference's.
 
     Raises:
         ImportError: the reference has been imported already.
@@ -126,15 +133,17 @@ def install() -> None:
     if _THEIRS in sys.modules:
         raise ImportError(f"{_THEIRS} has been imported already; call stable_worldmodel_rs.compat.install() before")
     sys.meta_path.insert(0, _FINDER)
+    register_renamed()
     # The reference imports it, so that h5py reads compressed images from then on; its users count on that.
     if find_spec("hdf5plugin") is not None:
         import_module("hdf5plugin")
 
 
 def uninstall() -> None:
-    """Let ``import stable_worldmodel`` give the reference again, to those who import it from now on."""
+    """Let ``import stable_worldmodel`` give the reference again, to those who import it from now on, and ids mean this package's."""
     if is_installed():
         sys.meta_path.remove(_FINDER)
+        register_renamed()
     for name in [name for name in sys.modules if name == _THEIRS or name.startswith(f"{_THEIRS}.")]:
         del sys.modules[name]
 

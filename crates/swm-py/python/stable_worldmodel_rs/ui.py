@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from os import PathLike, fspath
 from urllib.parse import quote
 
+from .world.ids import native_id
+
 
 class Page:
     """A page that is being served. In a notebook it shows itself as a frame.
@@ -36,6 +38,7 @@ class Page:
         notebook: str | None = None,
         open_browser: bool | None = None,
     ) -> None:
+        native = None if env is None else native_id(env) or env
         self._process = subprocess.Popen(
             _command([fspath(path) for path in paths], None if save is None else fspath(save), notebook),
             stdin=subprocess.DEVNULL,
@@ -52,7 +55,7 @@ class Page:
                 raise RuntimeError(self._process.stderr.read().strip() or "swm ui ended before it served a page")
             text += line
         self._notebook = notebook
-        self.url = json.loads(text)["url"] + (f"#play?env={quote(env, safe='')}" if env else "")
+        self.url = json.loads(text)["url"] + (f"#play?env={quote(native, safe='')}" if native else "")
         if notebook is None if open_browser is None else open_browser:
             webbrowser.open(self.url)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from ._core import core as _swm
 from ._requests import log_notes
+from .world.ids import explicit
 from .world.policies import NativePolicy
 from .world.receipts import read_receipt
 from .world.results import Receipt
@@ -36,8 +37,8 @@ class ZooModel(NativePolicy):
 
     @property
     def env(self) -> str:
-        """The id of its environment, in this package's own numbering: of `World`, ``swm_rs/…``."""
-        return str(self.about["env"]).replace("swm/", "swm_rs/", 1)
+        """The id of its environment, for `World`; ``swm_rs/…``, which means the same under `compat`."""
+        return explicit(str(self.about["env"]))
 
     @property
     def folder(self) -> Path:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from .._arguments import as_json, kind_of, require_callable, whole_number
 from .._arrays import image_sides
 from .._core import core as _swm
+from ..world.ids import note_renamed
 from . import _show
 from ._tensors import Rewards, converter, may_use_threads, sums_rewards, to_numpy
 from .dataset import ACTION, Dataset, Transform
@@ -111,7 +112,10 @@ def _as_option(name: str, value: Any) -> Any:
     if name in _TEXTS:
         if not isinstance(value, (str, os.PathLike) if name == "storage" else str):
             raise TypeError(f"{name}={value!r}: give text, such as {name}={_TEXTS[name]}")
-        return str(os.fspath(cast("str | os.PathLike[str]", value)))
+        text = str(os.fspath(cast("str | os.PathLike[str]", value)))
+        if name == "env":
+            note_renamed(text)
+        return text
     if name in _DICTS:
         if not isinstance(value, Mapping):
             raise TypeError(f"{name}={value!r}: give a dict, such as {name}={_DICTS[name]}")

@@ -1,7 +1,7 @@
 """The environments in gymnasium: ``gymnasium.make("swm/PushT-v1")``, and what there is to choose from.
 
-Ids ``swm/…`` mean what the reference calls so, ``swm_rs/…`` this package's own numbering. Both are registered by
-``import stable_worldmodel_rs``.
+Ids are those of the command; ``swm_rs/…`` are the same as ``swm/…``, for programs in which the reference has ``swm/…``. Both are
+registered by ``import stable_worldmodel_rs``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .observed import Goals
 
 __all__ = ["DISCRETE_WORLDS", "WORLDS", "Env", "Goals", "gym_ids", "info", "register", "register_all"]
 
-#: Ids of all environments of this package, as the reference names them.
+#: Ids of all environments of this package.
 WORLDS: set[str] = {name for name in gym_ids() if name.startswith("swm/")}
 #: Those of them whose actions are integers.
 DISCRETE_WORLDS: set[str] = {name for name in WORLDS if "Discrete" in name}

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .. import spaces
 from .._core import core as _swm
-from ..world.ids import native_id
+from ..world.ids import native_env
 from ..world.native import NativePool, checked_shape, make_native
 from .observed import Goals, Observed, goals_of
 
@@ -40,19 +40,20 @@ def make_core(
     """The environments behind an `Env` or a `VectorEnv`."""
     if render_mode not in (None, "rgb_array"):
         raise _swm.SwmError(f"render_mode: {render_mode!r} is not available; use 'rgb_array', or None for no images")
+    native, given = native_env(env_name, settings)
     image_shape = checked_shape(image_shape)
     if render_mode is not None and image_shape is None:
         image_shape = DEFAULT_IMAGE
     if render != "exact":
-        settings = {**settings, "render": render}
+        given = {**given, "render": render}
     built: dict[str, Any] = {
-        "id": native_id(env_name) or env_name,
+        "id": native or env_name,
         "num_envs": num_envs,
         "image": image_shape,
         "max_episode_steps": max_episode_steps,
         "frame_skip": frame_skip,
         "threads": threads,
-        "settings": json.dumps(settings),
+        "settings": json.dumps(dict(given)),
     }
     return NativePool(make_native(of, **built), built)
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from .._arguments import kind_of
 from .._arrays import is_module
+from .ids import explicit
 from .native import whole
 from .policies import NativePolicy, as_policy, describe
 from .world import World
@@ -117,8 +118,7 @@ def _world_for(manifest: Mapping[str, Any], num_envs: int, threads: int | None, 
         **manifest.get("settings", {}),
         **{name: value for name, value in given.items() if name != "image_shape"},
     }
-    # The manifest names environments as this package numbers them.
-    return World("swm_rs/" + manifest["env"].removeprefix("swm/"), num_envs, **options)
+    return World(explicit(manifest["env"]), num_envs, **options)
 
 
 def _files(weights: Sequence[str | PathLike[str]]) -> list[str]:

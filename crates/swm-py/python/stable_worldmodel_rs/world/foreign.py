@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._progress import Progress
-from .ids import native_id
+from .ids import recorded_id
 from .native import NativePool
 from .policies import NativePolicy, describe
 from .recording import EpisodeRecorder
@@ -248,7 +248,8 @@ def name_of(env: Any) -> str:
     if isinstance(pool, NativePool):
         return pool.core.id
     if spec is not None:
-        return native_id(spec.id) or spec.id
+        is_theirs = type(env.unwrapped).__module__.partition(".")[0] == "stable_worldmodel"
+        return recorded_id(spec.id, is_of_reference=is_theirs)
     return type(env.unwrapped).__name__
 
 

@@ -1,10 +1,11 @@
-"""Ids of environments: which of them are this package's own."""
+"""Ids of environments: which of them are this package's own. They are those of the command; `compat` has the reference's."""
 
 from __future__ import annotations
 
 import difflib
 import logging
 import sys
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, cast
 
@@ -12,12 +13,12 @@ from .._arguments import kind_of
 from .._core import core as _swm
 from .._files import offer_metaworld, offer_ogbench
 from .._gym import gym_ids
+from ..compat import RENAMED, is_installed
+from .mazes import MAZES, OGB_MAZE, maze_of
 
-__all__ = ["aliases", "check_recorded_id", "env_ids", "native_id", "nearest_id", "need"]
+__all__ = ["aliases", "check_recorded_id", "env_ids", "explicit", "native_env", "native_id", "nearest_id", "need", "note_renamed", "recorded_id"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
-# Ids under which the reference has what this package numbers otherwise.
-RENAMED = {"swm/TwoRoom-v1": "swm/TwoRoom-v2"}
 _OURS = "swm_rs/"
 
 
@@ -34,10 +35,9 @@ def env_ids() -> tuple[str, ...]:
 
 
 def native_id(env_name: str) -> str | None:
-    """The id in this package of the environment that ``env_name`` means; None for those of others.
+    """The id in the core of the environment that ``env_name`` means; None for those of others.
 
-    ``swm/…`` means what the reference calls so (its ``TwoRoom-v1`` is our ``TwoRoom-v2``), ``swm_rs/…`` this package's
-    own numbering.
+    ``swm/…`` and ``swm_rs/…`` are the same ids. Under `compat`, ``swm/…`` means what the reference calls so.
 
     Raises:
         TypeError: It is no text.
@@ -46,15 +46,63 @@ def native_id(env_name: str) -> str | None:
     if not isinstance(cast("Any", env_name), str):
         raise TypeError(f"env_name is {kind_of(env_name)}; give the id of an environment, such as 'swm/PushT-v1'")
     _refuse_without_version(env_name)
-    if env_name.startswith(_OURS):
-        name = "swm/" + env_name[len(_OURS) :]
-        name = aliases().get(name, name)
-    else:
-        name = RENAMED.get(env_name, aliases().get(env_name, env_name))
-        if name not in env_ids():
-            return None
+    name = maze_of({})[0] if env_name == OGB_MAZE else _core_id(env_name, is_installed())
+    if name is None:
+        return None
+    if not is_installed():
+        note_renamed(env_name)
     need(name)
     return name
+
+
+def explicit(native: str) -> str:
+    """An id of the core as `native_id` takes it under `compat`, too: ``swm_rs/…``."""
+    return _OURS + native.removeprefix("swm/")
+
+
+def native_env(env_name: str, settings: Mapping[str, Any]) -> tuple[str | None, Mapping[str, Any]]:
+    """As `native_id`, with the settings in the core: ``swm/OGBMaze-v0`` of the reference is several environments here.
+
+    Raises:
+        TypeError, EnvError: As of `native_id`; or a setting of ``swm/OGBMaze-v0`` is not available.
+    """
+    native = native_id(env_name)
+    return maze_of(settings) if env_name == OGB_MAZE else (native, settings)
+
+
+def recorded_id(env_name: str, is_of_reference: bool) -> str:
+    """What records call the environment that Gymnasium has as ``env_name``: the id in the core, where it has one.
+
+    Args:
+        env_name: The id.
+        is_of_reference: Whether the environment is the reference's own, under the reference's id.
+    """
+    return _core_id(env_name, is_of_reference) or env_name
+
+
+def note_renamed(env_name: str) -> None:
+    """Note that the reference has another environment under this id, once per process."""
+    if env_name in RENAMED:
+        _note(env_name)
+
+
+@cache
+def _note(env_name: str) -> None:
+    logger.warning(
+        "%s is the environment of the paper, as in the command; the reference's current one, which it calls %s, too, is %s here",
+        env_name,
+        env_name,
+        RENAMED[env_name],
+    )
+
+
+def _core_id(env_name: str, is_of_reference: bool) -> str | None:
+    if env_name.startswith(_OURS):
+        name = "swm/" + env_name[len(_OURS) :]
+        return aliases().get(name, name)
+    name = RENAMED.get(env_name, env_name) if is_of_reference else env_name
+    name = aliases().get(name, name)
+    return name if name in env_ids() else None
 
 
 def nearest_id(env: str) -> str | None:
@@ -79,7 +127,7 @@ def _refuse_without_version(env: str) -> None:
 
 
 def need(env: str) -> None:
-    """Make the files of an environment known that is about to be made; ``env`` is an id of this package's own numbering."""
+    """Make the files of an environment known that is about to be made; ``env`` is an id of the core."""
     if env.startswith("swm/OGB"):
         offer_ogbench()
     if env.startswith("swm/MetaWorld"):
@@ -101,7 +149,10 @@ def check_recorded_id(what: str, env: Any) -> None:
     """
     if not isinstance(env, str) or not env:
         raise _swm.DataError(f"{what} is {env!r}; give the id of an environment, such as 'swm/PushT-v1'")
-    ours = {*env_ids(), *aliases(), *RENAMED, *(_OURS + name.removeprefix("swm/") for name in env_ids())}
+    note_renamed(env)
+    if env == OGB_MAZE:
+        raise _swm.DataError(f"{what} is {env!r}, which is several environments here; give the id of the one that was recorded: {', '.join(MAZES)}")
+    ours = {*env_ids(), *aliases(), *(_OURS + name.removeprefix("swm/") for name in env_ids())}
     gymnasium = sys.modules.get("gymnasium")
     known = ours | (set(gymnasium.registry) if gymnasium is not None else set[str]())
     if env in known or env == "unknown":

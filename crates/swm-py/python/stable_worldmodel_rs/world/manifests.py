@@ -12,7 +12,7 @@ from .._access import access_checked
 from .._arguments import names_of, path_of, request_text
 from .._core import core as _swm
 from .._requests import log_notes
-from .ids import native_id
+from .ids import native_env
 from .native import checked_shape
 
 AnyPath = str | PathLike[str]
@@ -127,9 +127,10 @@ def make_manifest(
     shape = checked_shape(image_shape)
     if "image_size" in settings:
         raise TypeError("make_manifest has no argument 'image_size'; did you mean image_shape=(64, 64)?")
+    native, options = native_env(env_name, settings)
     request = {
-        "env": native_id(env_name) or env_name,
-        "env_option": settings,
+        "env": native or env_name,
+        "env_option": options,
         "tier": tier,
         "out": str(path),
         "episodes": episodes,

@@ -11,7 +11,7 @@ from .._access import access_checked
 from .._arguments import chosen_episodes, home_path, kind_of, names_of
 from .._core import core as _swm
 from .._requests import asked
-from .ids import need, native_id
+from .ids import native_env, need
 from .manifests import Manifest, existing
 from .native import checked_shape
 
@@ -76,7 +76,7 @@ def measure(
         SwmError: A setting is wrong, or the model does not fit the environment or the dataset; the message names it.
 
     Example:
-        >>> swm.measure("swm_rs/TwoRoom-v2", "constant", episodes=4, rows=8, horizon=3, plans=4)["stride"]
+        >>> swm.measure("swm/TwoRoom-v2", "constant", episodes=4, rows=8, horizon=3, plans=4)["stride"]
         1
     """
     from ..data._paths import recorded
@@ -86,9 +86,10 @@ def measure(
             f"model is {kind_of(model)}; give the name of one that can be measured: 'lewm:RUN' of a run of swm.train, 'true', 'constant', 'gain=0.8' or "
             "'pixels=8'. A torch module of your own cannot be measured"
         )
+    native, options = native_env(env_name, settings)
     request = {
-        "env": native_id(env_name) or env_name,
-        "env_option": settings,
+        "env": native or env_name,
+        "env_option": options,
         "model": model,
         "dataset": None if dataset is None else recorded("dataset", dataset),
         "opening": opening,
@@ -161,14 +162,15 @@ def plan(
         SwmError: A setting is wrong, the policy makes no plans, or the folder holds something else.
 
     Example:
-        >>> planned = swm.plan("cem:samples=8,elites=2,iterations=2,horizon=2", "swm_rs/PushT-v1", budget=4, progress=False)
+        >>> planned = swm.plan("cem:samples=8,elites=2,iterations=2,horizon=2", "swm/PushT-v1", budget=4, progress=False)
         >>> len(planned["episodes"])
         1
     """
     given = manifest if isinstance(manifest, Manifest) or manifest is None else existing(manifest, "manifest")
+    native, options = (None, settings) if env_name is None else native_env(env_name, settings)
     request = {
-        "env": None if env_name is None else native_id(env_name) or env_name,
-        "env_option": settings or None,
+        "env": native or env_name,
+        "env_option": options or None,
         "manifest": given,
         "pair": pair,
         "policy": policy,
@@ -212,10 +214,11 @@ def bench(
         SwmError: A setting is wrong.
 
     Example:
-        >>> swm.bench("swm_rs/PushT-v1", seconds=0.1)[0]["steps_per_second"]  # doctest: +SKIP
+        >>> swm.bench("swm/PushT-v1", seconds=0.1)[0]["steps_per_second"]  # doctest: +SKIP
         231045.2
     """
-    request = {"env": native_id(env_name) or env_name, "env_option": settings, "policy": policy, "seconds": seconds}
+    native, options = native_env(env_name, settings)
+    request = {"env": native or env_name, "env_option": options, "policy": policy, "seconds": seconds}
     return list(asked("bench", request, progress))
 
 
@@ -253,12 +256,13 @@ def render(
         SwmError: A setting is wrong, or the name of the file ends otherwise.
 
     Example:
-        >>> swm.render("start.png", "swm_rs/PushT-v1", steps=0)["frames"]  # doctest: +SKIP
+        >>> swm.render("start.png", "swm/PushT-v1", steps=0)["frames"]  # doctest: +SKIP
         1
     """
+    native, options = native_env(env_name, settings)
     request = {
-        "env": native_id(env_name) or env_name,
-        "env_option": settings,
+        "env": native or env_name,
+        "env_option": options,
         "policy": policy,
         "seed": seed,
         "steps": steps,
@@ -311,21 +315,20 @@ def replay(
     from ..data._paths import recorded
     from ..data.native import as_options
 
-    file, options = recorded("path", path), as_options(opening or {})
+    file, opened = recorded("path", path), as_options(opening or {})
+    native, options = (None, settings) if env_name is None else native_env(env_name, settings)
     if env_name is None:
         # What the file says; where that is nothing, the replay does.
-        for _, run in json.loads(_swm.Reader.open(file, None, json.dumps(options) if options else None).runs):
+        for _, run in json.loads(_swm.Reader.open(file, None, json.dumps(opened) if opened else None).runs):
             need(str(run.get("env", "")))
-    else:
-        need(env_name)
     request = {
         "dataset": file,
-        "env": env_name,
-        "env_option": settings,
+        "env": native or env_name,
+        "env_option": options,
         "episodes": chosen_episodes(episodes),
         "set": variation_values,
         "tolerance": tolerance,
-        "opening": options,
+        "opening": opened,
         "threads": threads,
     }
     return dict(asked("replay", request, progress))

@@ -19,6 +19,7 @@ from .._core import core as _swm
 from .._progress import Progress
 from .._requests import log_notes
 from . import foreign
+from .ids import explicit
 from .native import note_unsampled, plain_options, whole
 from .policies import NativePolicy, ask, explains_actions
 from .results import EvaluationResult
@@ -285,7 +286,7 @@ class Runs:
         if check:
             from .requests import replay
 
-            found = replay(target, range(held - new, held), tolerance=0.0, env_name=self._built["id"], progress=progress)
+            found = replay(target, range(held - new, held), tolerance=0.0, env_name=explicit(self._built["id"]), progress=progress)
             if not found["ok"]:
                 raise _swm.DataError(f"{target}: a replay of the new episodes differs from what was recorded: {found}")
         return written

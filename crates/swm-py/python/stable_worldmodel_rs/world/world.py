@@ -16,7 +16,7 @@ from .._arguments import kind_of, names_of
 from .._core import core as _swm
 from .._requests import log_notes
 from . import foreign
-from .ids import native_id
+from .ids import explicit, native_env
 from .native import NativePool, checked_shape, make_native, whole
 from .policies import NativePolicy, as_actions, as_policy, ask, describe, explains_actions
 from .results import html_image, html_table
@@ -46,7 +46,7 @@ class World(Runs):
     environments, runs in Python in an `EnvPool`.
 
     Args:
-        env_name: ``"swm/PushT-v1"``, ``"swm_rs/TwoRoom-v1"``, an id of gymnasium, or a list of functions, one for each
+        env_name: ``"swm/PushT-v1"``, an id of gymnasium, or a list of functions, one for each
             environment.
         num_envs: Environments side by side. Results do not depend on it.
         image_shape: (height, width) of the images; needed unless ``add_pixels=False``.
@@ -114,9 +114,9 @@ class World(Runs):
         if num_envs < 1:
             raise _swm.EnvError(f"num_envs={num_envs}; give 1 or more")
         if isinstance(env_name, str):
-            native = native_id(env_name)
+            native, settings = native_env(env_name, kwargs)
         else:
-            native = None
+            native, settings = None, kwargs
             if isinstance(cast("Any", env_name), (Mapping, bytes)) or not hasattr(env_name, "__iter__"):
                 raise TypeError(
                     f"World was given {env_name!r}; give the id of an environment, such as 'swm/PushT-v1', or a list of functions that each make one: "
@@ -142,7 +142,7 @@ class World(Runs):
                 goal_transform=goal_transform,
                 goal_conditioned=goal_conditioned,
                 image_resample=image_resample,
-                settings=kwargs,
+                settings=dict(settings),
             )
             if isinstance(env_name, str):
                 _require_shape(image_shape, add_pixels)
@@ -156,7 +156,7 @@ class World(Runs):
         for name, value in (("frame_skip", frame_skip), ("threads", threads), ("checkpoints", checkpoints)):
             if value is not None:
                 whole(name, value, 2**32 - 1, least=1)
-        settings = dict(kwargs)
+        settings = dict(settings)
         settings.pop("render_mode", None)
         if render != "exact":
             settings["render"] = render
@@ -387,10 +387,10 @@ class World(Runs):
         """
         from ..ui import Page
 
-        env = self._built.get("id")
+        env: str | None = self._built.get("id")
         if env is None:
             raise TypeError("this World holds environments of gymnasium; the page shows those of this package only")
-        return Page(*paths, env=str(env), save=save, notebook=notebook, open_browser=open_browser)
+        return Page(*paths, env=explicit(env), save=save, notebook=notebook, open_browser=open_browser)
 
     def close(self) -> None:
         """Free the environments. Arrays that were taken from the infos stay readable."""
