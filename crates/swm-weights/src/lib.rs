@@ -4,7 +4,7 @@
 //! | file | duty |
 //! |---|---|
 //! | `file` | reading by content; safetensors |
-//! | `torch`, `archive`, `pickle` | what PyTorch wrote |
+//! | `torch`, `archive`, `pickle`, `form` | what PyTorch wrote |
 //! | `saved` | writing as PyTorch does |
 //! | `refusal` | files that are none of weights |
 //!
@@ -13,9 +13,12 @@
 mod archive;
 mod error;
 mod file;
+mod form;
 mod pickle;
 mod refusal;
 mod saved;
+#[cfg(test)]
+mod tests;
 mod torch;
 
 pub use error::WeightsError;

@@ -4,13 +4,15 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
+use crate::form::{Form, item_size};
+
 /// What was found in a pickle.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
     /// Functions that Python would call and that make no tensor, such as `builtins.print`.
     pub(crate) calls: Vec<String>,
     /// Tensors of a form that is not read: their name, and the form.
-    pub(crate) strange: Vec<(String, &'static str)>,
+    pub(crate) strange: Vec<(String, Form)>,
     /// Where an object gets its attributes: its class, and the place of the opcode.
     pub(crate) built: Vec<(String, usize)>,
 }
@@ -23,8 +25,16 @@ enum Slot {
     Class(Rc<str>),
     /// An object of this class.
     Object(Rc<str>),
+    Number(i64),
+    /// A tuple of a few values, and how deeply it is nested.
+    Tuple(Rc<[Slot]>, u8),
+    /// The values of a tensor: bytes of an item, and of all.
+    Storage {
+        item: u64,
+        bytes: u64,
+    },
     /// What belongs to a tensor of this form.
-    Strange(&'static str),
+    Strange(Form),
     Other,
 }
 
@@ -60,6 +70,9 @@ const TYPES: [&str; 12] = [
 
 /// More names of functions say no more.
 const MOST: usize = 32;
+/// The arguments of a tensor are tuples of no more values, and no deeper; none larger is followed.
+const MOST_PARTS: usize = 64;
+const DEEPEST: u8 = 4;
 
 /// Looks through a pickle, as far as it can be followed.
 pub(crate) fn look_through(bytes: &[u8]) -> Found {
@@ -77,6 +90,53 @@ pub(crate) fn without(bytes: &[u8], found: &Found, classes: &[String]) -> Option
     let mut changed = bytes.to_vec();
     places.iter().for_each(|place| changed[*place] = POP);
     (!places.is_empty()).then_some(changed)
+}
+
+/// The form of the tensor that a call rebuilds, if it is one that is not read.
+fn strange(function: &str, args: &Slot) -> Option<Form> {
+    match (function, args) {
+        (_, Slot::Strange(form)) => Some(form.clone()),
+        (name, _) if name.starts_with("torch._utils._rebuild_sparse") => Some(Form::kind("sparse")),
+        ("torch._utils._rebuild_qtensor", _) => Some(Form::kind("quantized")),
+        ("torch._utils._rebuild_nested_tensor", _) => Some(Form::kind("nested")),
+        ("torch._tensor._rebuild_from_type_v2", Slot::Tuple(parts, _)) => match &parts[..] {
+            [Slot::Class(function), _, args, ..] => strange(function, args),
+            _ => None,
+        },
+        (name, Slot::Tuple(parts, _)) if name.starts_with("torch._utils._rebuild_tensor") => {
+            let dtype = match parts.get(6) {
+                Some(Slot::Class(dtype)) => Some(dtype),
+                _ => None,
+            };
+            if let Some(dtype) = dtype.filter(|dtype| dtype.starts_with("torch.float8")) {
+                return Some(Form::Kind(format!("of type {dtype}").into()));
+            }
+            let [Slot::Storage { item, bytes }, _, Slot::Tuple(shape, _), ..] = &parts[..] else {
+                return None;
+            };
+            let dims = shape.iter().map(|dim| match dim {
+                Slot::Number(dim) => u64::try_from(*dim).unwrap_or(0),
+                _ => 0,
+            });
+            Form::of_view(dims, dtype.map_or(*item, |dtype| item_size(dtype)), *bytes)
+        }
+        _ => None,
+    }
+}
+
+/// What stands in the place of a storage.
+fn persistent(id: Slot) -> Slot {
+    match id {
+        strange @ Slot::Strange(_) => strange,
+        Slot::Tuple(parts, _) => match &parts[..] {
+            [Slot::Text(tag), Slot::Class(class), _, _, Slot::Number(count), ..] if &**tag == "storage" => {
+                let item = item_size(class);
+                Slot::Storage { item, bytes: u64::try_from(*count).unwrap_or(0).saturating_mul(item) }
+            }
+            _ => Slot::Other,
+        },
+        _ => Slot::Other,
+    }
 }
 
 struct Machine<'a> {
@@ -132,14 +192,38 @@ impl Machine<'_> {
         Some(above)
     }
 
+    /// A whole number of so many bytes, the highest bit of which is its sign.
+    fn integer(&mut self, bytes: usize) -> Option<()> {
+        let taken = self.take(bytes)?;
+        let is_negative = taken.last().is_some_and(|byte| byte >> 7 == 1);
+        let value = match bytes {
+            0..=8 => {
+                let mut all = [if is_negative { 0xff } else { 0 }; 8];
+                all[..bytes].copy_from_slice(taken);
+                Slot::Number(i64::from_le_bytes(all))
+            }
+            _ => Slot::Other,
+        };
+        self.push(value)
+    }
+
     /// A tuple of these.
     fn tuple(&mut self, parts: &[Slot]) -> Option<()> {
         let of = |part: &Slot| match part {
-            Slot::Strange(form) => Some(*form),
-            Slot::Class(name) if name.starts_with("torch.Complex") => Some("complex"),
+            Slot::Strange(form) => Some(form.clone()),
+            Slot::Class(name) if name.starts_with("torch.Complex") => Some(Form::kind("complex")),
             _ => None,
         };
-        self.push(parts.iter().find_map(of).map_or(Slot::Other, Slot::Strange))
+        if let Some(form) = parts.iter().find_map(of) {
+            return self.push(Slot::Strange(form));
+        }
+        let inner = |part: &Slot| match part {
+            Slot::Tuple(_, depth) => *depth,
+            _ => 0,
+        };
+        let depth = 1 + parts.iter().map(inner).max().unwrap_or(0);
+        let is_followed = parts.len() <= MOST_PARTS && depth <= DEEPEST;
+        self.push(if is_followed { Slot::Tuple(parts.into(), depth) } else { Slot::Other })
     }
 
     fn last(&mut self, count: usize) -> Option<()> {
@@ -163,7 +247,7 @@ impl Machine<'_> {
         if let (Slot::Text(name), Slot::Strange(form)) = (key, value)
             && self.found.strange.len() < MOST
         {
-            self.found.strange.push((name.to_string(), form));
+            self.found.strange.push((name.to_string(), form.clone()));
         }
     }
 
@@ -173,15 +257,7 @@ impl Machine<'_> {
             let type_name = name.strip_prefix("builtins.").or_else(|| name.strip_prefix("__builtin__."));
             type_name.is_some_and(|name| TYPES.contains(&name))
         };
-        let form = match &*name {
-            name if name.starts_with("torch._utils._rebuild_sparse") => Some("sparse"),
-            "torch._utils._rebuild_qtensor" => Some("quantized"),
-            "torch._utils._rebuild_nested_tensor" => Some("nested"),
-            _ => match args {
-                Slot::Strange(form) => Some(*form),
-                _ => None,
-            },
-        };
+        let form = strange(&name, args);
         if let Some(form) = form {
             return self.push(Slot::Strange(form));
         }
@@ -212,21 +288,26 @@ impl Machine<'_> {
                 let top = self.stack.last()?.clone();
                 self.push(top)
             }
-            b'F' | b'I' | b'L' | b'P' => {
+            b'F' | b'P' => {
                 self.line()?;
                 self.push(Slot::Other)
+            }
+            b'I' | b'L' => {
+                let number = self.line()?.trim_end_matches('L').parse();
+                self.push(number.map_or(Slot::Other, Slot::Number))
             }
             b'S' | b'V' => {
                 let text = self.line()?;
                 self.push(Slot::Text(text))
             }
-            b'J' => self.number(4).and_then(|_| self.push(Slot::Other)),
-            b'K' => self.number(1).and_then(|_| self.push(Slot::Other)),
-            b'M' => self.number(2).and_then(|_| self.push(Slot::Other)),
+            b'J' => self.integer(4),
+            b'K' => self.number(1).and_then(|number| self.push(Slot::Number(number as i64))),
+            b'M' => self.number(2).and_then(|number| self.push(Slot::Number(number as i64))),
             b'G' => self.number(8).and_then(|_| self.push(Slot::Other)),
-            0x8a => self.skip(1).map(drop).and_then(|()| self.push(Slot::Other)),
-            0x8b => self.skip(4).map(drop).and_then(|()| self.push(Slot::Other)),
-            b'N' | 0x88 | 0x89 | b')' | b']' | b'}' | 0x8f => self.push(Slot::Other),
+            0x8a => self.number(1).and_then(|bytes| self.integer(bytes as usize)),
+            0x8b => self.number(4).and_then(|bytes| self.integer(bytes as usize)),
+            b')' => self.tuple(&[]),
+            b'N' | 0x88 | 0x89 | b']' | b'}' | 0x8f => self.push(Slot::Other),
             b'B' => self.skip(4).map(drop).and_then(|()| self.push(Slot::Other)),
             b'C' => self.skip(1).map(drop).and_then(|()| self.push(Slot::Other)),
             0x8e | 0x96 => self.skip(8).map(drop).and_then(|()| self.push(Slot::Other)),
@@ -244,10 +325,10 @@ impl Machine<'_> {
                 _ => self.push(Slot::Other),
             },
             // What stands for a storage is of the storage's form.
-            b'Q' => match self.pop()? {
-                strange @ Slot::Strange(_) => self.push(strange),
-                _ => self.push(Slot::Other),
-            },
+            b'Q' => {
+                let id = self.pop()?;
+                self.push(persistent(id))
+            }
             b'R' => {
                 let (args, callable) = (self.pop()?, self.pop()?);
                 self.call(callable, &args)

@@ -64,7 +64,7 @@ pub fn save(path: &Path, tensors: &[Saved]) -> io::Result<()> {
 }
 
 /// Writes an archive below this folder within it.
-fn save_as(root: &'static str, path: &Path, pickle: &[u8], tensors: &[Saved]) -> io::Result<()> {
+pub(crate) fn save_as(root: &'static str, path: &Path, pickle: &[u8], tensors: &[Saved]) -> io::Result<()> {
     let mut archive = Archive { out: BufWriter::new(File::create(path)?), root, at: 0, entries: Vec::new() };
     archive.add("data.pkl", pickle)?;
     archive.add("byteorder", b"little")?;
@@ -101,13 +101,13 @@ fn pickle(tensors: &[Saved]) -> Vec<u8> {
     out
 }
 
-fn text(out: &mut Vec<u8>, text: &str) {
+pub(crate) fn text(out: &mut Vec<u8>, text: &str) {
     out.push(b'X');
     out.extend_from_slice(&(text.len() as u32).to_le_bytes());
     out.extend_from_slice(text.as_bytes());
 }
 
-fn number(out: &mut Vec<u8>, number: usize) {
+pub(crate) fn number(out: &mut Vec<u8>, number: usize) {
     match i32::try_from(number) {
         Ok(number) => {
             out.push(b'J');
@@ -120,7 +120,7 @@ fn number(out: &mut Vec<u8>, number: usize) {
     }
 }
 
-fn numbers(out: &mut Vec<u8>, all: &[usize]) {
+pub(crate) fn numbers(out: &mut Vec<u8>, all: &[usize]) {
     out.push(b'(');
     all.iter().for_each(|one| number(out, *one));
     out.push(b't');

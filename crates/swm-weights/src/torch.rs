@@ -8,6 +8,7 @@ use pytorch_reader::{DType, FileFormat, PickleError, PytorchError, PytorchReader
 
 use crate::error::WeightsError;
 use crate::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
+use crate::form::Form;
 use crate::{archive, pickle};
 
 /// Keys under which trainers store the weights of a model.
@@ -22,6 +23,13 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
     let place = archive::find_pickle(&mut file).ok().flatten();
     let bytes = place.and_then(|place| place.read(&mut file).ok()).unwrap_or_default();
     let found = pickle::look_through(&bytes);
+    let strange = |(name, form): &(String, Form)| {
+        WeightsError::unusable(path, format!("`{name}` is {form}; {}", form.fix()))
+    };
+    // Before anything is made of it.
+    if let Some(view) = found.strange.iter().find(|(_, form)| matches!(form, Form::View { .. })) {
+        return Err(strange(view));
+    }
     let mut passed_over = Vec::new();
     let unusable = |error: std::io::Error| WeightsError::unusable(path, error.to_string());
     let abutting = place.map(|_| archive::copy_abutting(&mut file)).transpose().map_err(unusable)?.flatten();
@@ -40,10 +48,7 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         opened = open(&copy, path, of);
     }
     let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
-        (_, [(name, form), ..]) => {
-            let reason = format!("`{name}` is {form}; store it as a dense tensor of 32- or 16-bit floats");
-            WeightsError::unusable(path, reason)
-        }
+        (_, [first, ..]) => strange(first),
         (Failed::Object(class), _) => {
             let reason = format!(
                 "its `{class}` holds tensors and is no module; store the weights alone, in Python: \
@@ -81,6 +86,10 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
                 );
                 Failed::Other(WeightsError::unusable(path, reason))
             }
+            None => broken(&text),
+        },
+        PytorchError::Pickle(PickleError::InvalidData(text)) => match claimed(&text) {
+            Some(claim) => Failed::Other(WeightsError::unusable(path, claim)),
             None => broken(&text),
         },
         error => broken(&error),
@@ -128,6 +137,14 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
         tensors.insert(name, Stored { shape: tensor.shape().to_vec(), values, is_whole });
     }
     Ok(Contents { tensors, format, passed_over, ..Contents::default() })
+}
+
+/// What is wrong with a tensor that would be larger than the reader of pickles makes any, by its words.
+fn claimed(text: &str) -> Option<String> {
+    let (shape, _) = text.strip_prefix("Tensor with shape ")?.split_once(" would materialize ")?;
+    Some(format!(
+        "a tensor of shape {shape} is larger than any that is read; store its parts as tensors of their own"
+    ))
 }
 
 /// Keys beside `nested` below which its tensors are once more, such as averaged ones.
