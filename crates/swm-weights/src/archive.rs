@@ -131,14 +131,13 @@ impl Pickle {
         Ok(bytes)
     }
 
-    /// A copy of the archive at `to` whose pickle is `bytes`, which are as many.
-    pub(crate) fn copy_with(&self, from: &Path, to: &Path, bytes: &[u8]) -> io::Result<()> {
-        std::fs::copy(from, to)?;
-        let mut file = File::options().write(true).open(to)?;
-        file.seek(SeekFrom::Start(self.start))?;
-        file.write_all(bytes)?;
-        file.seek(SeekFrom::Start(self.checksum))?;
-        file.write_all(&checksum(bytes).to_le_bytes())
+    /// Copies the archive at `from` with these bytes for its pickle, which are as many.
+    pub(crate) fn copy_with(&self, from: &Path, to: &mut File, bytes: &[u8]) -> io::Result<()> {
+        io::copy(&mut File::open(from)?, to)?;
+        to.seek(SeekFrom::Start(self.start))?;
+        to.write_all(bytes)?;
+        to.seek(SeekFrom::Start(self.checksum))?;
+        to.write_all(&checksum(bytes).to_le_bytes())
     }
 }
 

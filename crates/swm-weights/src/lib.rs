@@ -4,7 +4,9 @@
 //! | file | duty |
 //! |---|---|
 //! | `file` | reading by content; safetensors |
-//! | `torch`, `archive`, `pickle`, `form` | what PyTorch wrote |
+//! | `torch` | what PyTorch wrote |
+//! | `pickles`, `archive` | where its pickles are |
+//! | `pickle`, `form` | what they would do, and rebuild |
 //! | `saved` | writing as PyTorch does |
 //! | `refusal` | files that are none of weights |
 //!
@@ -15,6 +17,7 @@ mod error;
 mod file;
 mod form;
 mod pickle;
+mod pickles;
 mod refusal;
 mod saved;
 #[cfg(test)]

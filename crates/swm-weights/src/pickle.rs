@@ -15,6 +15,10 @@ pub(crate) struct Found {
     pub(crate) strange: Vec<(String, Form)>,
     /// Where an object gets its attributes: its class, and the place of the opcode.
     pub(crate) built: Vec<(String, usize)>,
+    /// Where the last whole pickle ends.
+    pub(crate) end: usize,
+    /// Whether the bytes end within a pickle.
+    pub(crate) is_cut: bool,
 }
 
 /// A value on the stack.
@@ -74,22 +78,50 @@ const MOST: usize = 32;
 const MOST_PARTS: usize = 64;
 const DEEPEST: u8 = 4;
 
-/// Looks through a pickle, as far as it can be followed.
-pub(crate) fn look_through(bytes: &[u8]) -> Found {
-    let mut machine =
-        Machine { bytes, at: 0, stack: Vec::new(), memo: HashMap::new(), found: Found::default() };
-    while machine.step().is_some() {}
+/// Looks through so many pickles, one after the other, as far as they can be followed.
+pub(crate) fn look_through(bytes: &[u8], count: usize) -> Found {
+    let mut machine = Machine {
+        bytes,
+        at: 0,
+        stack: Vec::new(),
+        memo: HashMap::new(),
+        has_stopped: false,
+        found: Found::default(),
+    };
+    for _ in 0..count {
+        while machine.step().is_some() {}
+        if !machine.has_stopped {
+            break;
+        }
+        (machine.found.end, machine.has_stopped) = (machine.at, false);
+        machine.stack.clear();
+        machine.memo.clear();
+    }
     machine.found
 }
 
-/// The pickle without the attributes of objects of these classes: where they would be set, they are dropped.
-pub(crate) fn without(bytes: &[u8], found: &Found, classes: &[String]) -> Option<Vec<u8>> {
-    const POP: u8 = b'0';
-    let places: Vec<usize> =
-        found.built.iter().filter(|(class, _)| classes.contains(class)).map(|(_, place)| *place).collect();
-    let mut changed = bytes.to_vec();
-    places.iter().for_each(|place| changed[*place] = POP);
-    (!places.is_empty()).then_some(changed)
+impl Found {
+    /// Takes over what was found in another pickle, but for places in it.
+    pub(crate) fn add(&mut self, other: Self) {
+        self.calls.extend(other.calls);
+        self.strange.extend(other.strange);
+    }
+
+    /// The pickles without the attributes of objects of these classes: where they would be set, they are dropped. `None`: nothing changes.
+    pub(crate) fn changed(&self, bytes: &[u8], classes: &[String]) -> Option<Vec<u8>> {
+        let pop = |(_, place): &(String, usize)| (*place, *place + 1, b"0".to_vec());
+        let dropped = self.built.iter().filter(|(class, _)| classes.contains(class)).map(pop);
+        let mut edits: Vec<(usize, usize, Vec<u8>)> = dropped.collect();
+        edits.sort();
+        let (mut changed, mut at) = (Vec::new(), 0);
+        for (start, end, code) in &edits {
+            changed.extend_from_slice(bytes.get(at..*start)?);
+            changed.extend_from_slice(code);
+            at = *end;
+        }
+        changed.extend_from_slice(bytes.get(at..)?);
+        (!edits.is_empty()).then_some(changed)
+    }
 }
 
 /// The form of the tensor that a call rebuilds, if it is one that is not read.
@@ -144,14 +176,18 @@ struct Machine<'a> {
     at: usize,
     stack: Vec<Slot>,
     memo: HashMap<u64, Slot>,
+    /// Whether the pickle has ended as pickles do.
+    has_stopped: bool,
     found: Found,
 }
 
 impl Machine<'_> {
     fn take(&mut self, count: usize) -> Option<&[u8]> {
-        let taken = self.bytes.get(self.at..self.at.checked_add(count)?)?;
-        self.at += count;
-        Some(taken)
+        let end = self.at.saturating_add(count);
+        let taken = self.bytes.get(self.at..end);
+        self.found.is_cut |= taken.is_none();
+        self.at = end;
+        taken
     }
 
     fn number(&mut self, bytes: usize) -> Option<u64> {
@@ -159,7 +195,9 @@ impl Machine<'_> {
     }
 
     fn line(&mut self) -> Option<Rc<str>> {
-        let len = self.bytes.get(self.at..)?.iter().position(|byte| *byte == b'\n')?;
+        let len = self.bytes.get(self.at..)?.iter().position(|byte| *byte == b'\n');
+        self.found.is_cut |= len.is_none();
+        let len = len?;
         let text = String::from_utf8_lossy(self.take(len)?).into();
         self.at += 1;
         Some(text)
@@ -393,6 +431,10 @@ impl Machine<'_> {
             }
             b'h' => self.number(1).and_then(|key| self.get(key)),
             b'j' => self.number(4).and_then(|key| self.get(key)),
+            b'.' => {
+                self.has_stopped = true;
+                None
+            }
             _ => None,
         }
     }
@@ -406,14 +448,15 @@ mod tests {
     fn what_would_be_called_is_named_and_attributes_can_be_dropped() {
         // {"x": print("a")}
         let calls = b"\x80\x02}X\x01\x00\x00\x00xcbuiltins\nprint\nX\x01\x00\x00\x00a\x85Rs.";
-        assert_eq!(look_through(calls).calls, ["builtins.print"]);
+        assert_eq!(look_through(calls, 1).calls, ["builtins.print"]);
         // An object of `torch.optim.AdamW` with attributes.
         let object = b"\x80\x02ctorch.optim\nAdamW\n)\x81}b.";
-        let found = look_through(object);
+        let found = look_through(object, 1);
         assert_eq!(found.built, [("torch.optim.AdamW".to_owned(), object.len() - 2)]);
-        let without = without(object, &found, &["torch.optim.AdamW".to_owned()]).unwrap();
+        assert!(found.changed(object, &[]).is_none());
+        let without = found.changed(object, &["torch.optim.AdamW".to_owned()]).unwrap();
         assert_eq!(&without[object.len() - 2..], b"0.");
-        assert!(look_through(&without).built.is_empty());
+        assert!(look_through(&without, 1).built.is_empty());
     }
 
     #[test]
@@ -421,8 +464,9 @@ mod tests {
         for length in 0..40_usize {
             let bytes: Vec<u8> =
                 (0..length * 7).map(|i| (i.wrapping_mul(2_654_435_761) >> 5) as u8).collect();
-            look_through(&bytes);
+            look_through(&bytes, 5);
         }
-        assert!(look_through(b"\x80\x02\x8e\xff\xff\xff\xff\xff\xff\xff\xffx").calls.is_empty());
+        let long = look_through(b"\x80\x02\x8e\xff\xff\xff\xff\xff\xff\xff\xffx", 1);
+        assert!(long.calls.is_empty() && long.end == 0);
     }
 }

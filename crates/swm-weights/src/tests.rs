@@ -1,9 +1,10 @@
 //! Files that PyTorch wrote, and such files with one thing wrong: what is read, and what is refused with which words.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use crate::pickles::Pickles;
 use crate::saved::{number, numbers, save_as, text};
-use crate::{Of, Values, contents};
+use crate::{Contents, Of, Values, contents};
 
 /// An archive of one tensor `a.weight` of this shape and these strides, all of whose values are the one that is stored.
 fn view(path: &Path, function: &str, shape: &[usize]) {
@@ -49,4 +50,59 @@ fn views_of_terabytes_are_refused_by_name_and_small_ones_are_read() {
     view(&path, "_rebuild_tensor_v2", &[2, 3]);
     let found = contents(&path, Of::Values).unwrap().tensors;
     assert_eq!((&found["a.weight"].shape[..], &found["a.weight"].values[..]), (&[2, 3][..], &[1.5; 6][..]));
+}
+
+/// Files of the container before zip archives, which PyTorch wrote.
+fn legacy(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints/legacy").join(name)
+}
+
+#[test]
+fn functions_that_python_would_call_are_named_in_every_container() {
+    let Contents { calls, tensors, format, .. } = contents(&legacy("calls.pt"), Of::Values).unwrap();
+    // `print` as Python 2 calls its module.
+    assert_eq!((&calls[..], format), (&["__builtin__.print".to_owned()][..], "legacy"));
+    assert_eq!(tensors["a.weight"].values, [0.0, 1.0, 2.0, 3.0]);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("more.pt");
+    let whole = std::fs::read(legacy("calls.pt")).unwrap();
+    // In each of the pickles before the object, too: the magic number, its value lost by a call.
+    let mut early = b"\x80\x02cbuiltins\nlen\nX\x01\x00\x00\x00a\x85R0".to_vec();
+    early.extend_from_slice(&whole[2..]);
+    std::fs::write(&path, early).unwrap();
+    assert_eq!(contents(&path, Of::Shapes).unwrap().calls, ["builtins.len", "__builtin__.print"]);
+    // A pickle alone, and one in a tar archive.
+    let pickle = b"\x80\x02cbuiltins\nlen\nX\x01\x00\x00\x00a\x85R.";
+    std::fs::write(&path, pickle).unwrap();
+    let mut file = std::fs::File::open(&path).unwrap();
+    assert_eq!(Pickles::find(&mut file).unwrap().unwrap().found.calls, ["builtins.len"]);
+    let mut entry = vec![0; 512];
+    entry[..6].copy_from_slice(b"pickle");
+    entry[124..135].copy_from_slice(format!("{:011o}", pickle.len()).as_bytes());
+    entry[257..262].copy_from_slice(b"ustar");
+    entry.extend_from_slice(pickle);
+    entry.resize(1024, 0);
+    std::fs::write(&path, [vec![0; 0], entry.clone(), entry].concat()).unwrap();
+    let mut file = std::fs::File::open(&path).unwrap();
+    assert_eq!(Pickles::find(&mut file).unwrap().unwrap().found.calls[0], "builtins.len");
+}
+
+#[test]
+fn sparse_tensors_of_old_files_are_refused_by_name() {
+    let message = refused(&legacy("sparse.pt"));
+    assert!(message.contains("`a.weight` is sparse; store it as a dense tensor"), "{message}");
+}
+
+#[test]
+fn pickles_longer_than_what_is_looked_through_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.pt");
+    // A text of 101 MiB, which takes no place on the disk.
+    let len = 101_u32 << 20;
+    let file = std::fs::File::create(&path).unwrap();
+    std::io::Write::write_all(&mut &file, &[&b"\x80\x02X"[..], &len.to_le_bytes()].concat()).unwrap();
+    file.set_len(u64::from(len) + 32).unwrap();
+    let message = refused(&path);
+    assert!(message.contains("more than 100 MiB"), "{message}");
 }

@@ -6,10 +6,12 @@ use std::path::Path;
 
 use pytorch_reader::{DType, FileFormat, PickleError, PytorchError, PytorchReader};
 
+use crate::archive;
 use crate::error::WeightsError;
 use crate::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
 use crate::form::Form;
-use crate::{archive, pickle};
+use crate::pickle::Found;
+use crate::pickles::Pickles;
 
 /// Keys under which trainers store the weights of a model.
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
@@ -20,9 +22,13 @@ const MOST_CLASSES: usize = 16;
 
 pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
     let mut file = File::open(path).map_err(|error| WeightsError::unusable(path, error.to_string()))?;
-    let place = archive::find_pickle(&mut file).ok().flatten();
-    let bytes = place.and_then(|place| place.read(&mut file).ok()).unwrap_or_default();
-    let found = pickle::look_through(&bytes);
+    let unusable = |error: std::io::Error| WeightsError::unusable(path, error.to_string());
+    let pickles = match Pickles::find(&mut file) {
+        Err(error) if error.kind() == std::io::ErrorKind::FileTooLarge => return Err(unusable(error)),
+        found => found.ok().flatten(),
+    };
+    let nothing = Found::default();
+    let found = pickles.as_ref().map_or(&nothing, |pickles| &pickles.found);
     let strange = |(name, form): &(String, Form)| {
         WeightsError::unusable(path, format!("`{name}` is {form}; {}", form.fix()))
     };
@@ -31,21 +37,27 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         return Err(strange(view));
     }
     let mut passed_over = Vec::new();
-    let unusable = |error: std::io::Error| WeightsError::unusable(path, error.to_string());
-    let abutting = place.map(|_| archive::copy_abutting(&mut file)).transpose().map_err(unusable)?.flatten();
+    let changed = |from: &Path, classes: &[String]| {
+        let copy = pickles.as_ref().map(|pickles| pickles.copy(from, classes)).transpose();
+        copy.map(Option::flatten).map_err(unusable)
+    };
+    let is_archived = pickles.as_ref().is_some_and(Pickles::is_archived);
+    let abutting =
+        is_archived.then(|| archive::copy_abutting(&mut file)).transpose().map_err(unusable)?.flatten();
     let from = abutting.as_ref().map_or(path, |copy| copy.path());
-    let mut opened = open(from, path, of);
+    let plain = changed(from, &[])?;
+    let mut opened = open(plain.as_ref().map_or(from, |copy| copy.path()), path, of);
     // Tensors of an object that is no module, such as those of an optimizer, are no weights.
-    while let (Err(Failed::Object(class)), Some(place)) = (&opened, place) {
+    while let Err(Failed::Object(class)) = &opened {
         if passed_over.contains(class) || passed_over.len() == MOST_CLASSES {
             break;
         }
         passed_over.push(class.clone());
-        let Some(without) = pickle::without(&bytes, &found, &passed_over) else { break };
-        let folder = tempfile::tempdir().map_err(unusable)?;
-        let copy = folder.path().join("copy");
-        place.copy_with(from, &copy, &without).map_err(unusable)?;
-        opened = open(&copy, path, of);
+        if !found.built.iter().any(|(built, _)| built == class) {
+            break;
+        }
+        let Some(copy) = changed(from, &passed_over)? else { break };
+        opened = open(copy.path(), path, of);
     }
     let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
         (_, [first, ..]) => strange(first),
@@ -60,7 +72,7 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         (Failed::Other(error), _) => error,
     })?;
     passed_over.extend(contents.passed_over);
-    Ok(Contents { calls: found.calls, passed_over, ..contents })
+    Ok(Contents { calls: found.calls.clone(), passed_over, ..contents })
 }
 
 /// Why a file cannot be read.
