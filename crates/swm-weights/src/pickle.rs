@@ -15,10 +15,21 @@ pub(crate) struct Found {
     pub(crate) strange: Vec<(String, Form)>,
     /// Where an object gets its attributes: its class, and the place of the opcode.
     pub(crate) built: Vec<(String, usize)>,
+    /// Classes of modules in the form of the older container.
+    modules: Vec<Module>,
     /// Where the last whole pickle ends.
     pub(crate) end: usize,
     /// Whether the bytes end within a pickle.
     pub(crate) is_cut: bool,
+}
+
+/// A class of modules that stands in the file with its source: what is in the place of `(tag, class, file, source)` from the end of that tuple
+/// on, and the key under which the tuple is kept.
+#[derive(Debug)]
+struct Module {
+    start: usize,
+    end: usize,
+    key: u32,
 }
 
 /// A value on the stack.
@@ -85,6 +96,7 @@ pub(crate) fn look_through(bytes: &[u8], count: usize) -> Found {
         at: 0,
         stack: Vec::new(),
         memo: HashMap::new(),
+        tuple_at: None,
         has_stopped: false,
         found: Found::default(),
     };
@@ -107,11 +119,18 @@ impl Found {
         self.strange.extend(other.strange);
     }
 
-    /// The pickles without the attributes of objects of these classes: where they would be set, they are dropped. `None`: nothing changes.
+    /// The pickles without the attributes of objects of these classes: where they would be set, they are dropped. Of classes of modules in the
+    /// older form, the class alone is left, as newer files have it. `None`: nothing changes.
     pub(crate) fn changed(&self, bytes: &[u8], classes: &[String]) -> Option<Vec<u8>> {
         let pop = |(_, place): &(String, usize)| (*place, *place + 1, b"0".to_vec());
         let dropped = self.built.iter().filter(|(class, _)| classes.contains(class)).map(pop);
-        let mut edits: Vec<(usize, usize, Vec<u8>)> = dropped.collect();
+        let alone = self.modules.iter().map(|module| {
+            // Drops source and file, keeps the class under the tuple's key, drops all from the mark on, and fetches the class. No other key moves.
+            let key = module.key.to_le_bytes();
+            let code = [&b"00r"[..], &key, b"1j", &key].concat();
+            (module.start, module.end, code)
+        });
+        let mut edits: Vec<(usize, usize, Vec<u8>)> = dropped.chain(alone).collect();
         edits.sort();
         let (mut changed, mut at) = (Vec::new(), 0);
         for (start, end, code) in &edits {
@@ -156,6 +175,15 @@ fn strange(function: &str, args: &Slot) -> Option<Form> {
     }
 }
 
+/// The class of a module, where that stands with its file and source.
+fn module_class(id: &Slot) -> Option<Rc<str>> {
+    let Slot::Tuple(parts, _) = id else { return None };
+    match &parts[..] {
+        [Slot::Text(tag), Slot::Class(class), _, _] if &**tag == "module" => Some(class.clone()),
+        _ => None,
+    }
+}
+
 /// What stands in the place of a storage.
 fn persistent(id: Slot) -> Slot {
     match id {
@@ -176,6 +204,8 @@ struct Machine<'a> {
     at: usize,
     stack: Vec<Slot>,
     memo: HashMap<u64, Slot>,
+    /// Where the last tuple was made of what is above a mark.
+    tuple_at: Option<usize>,
     /// Whether the pickle has ended as pickles do.
     has_stopped: bool,
     found: Found,
@@ -280,6 +310,19 @@ impl Machine<'_> {
         self.push(slot)
     }
 
+    /// The class of a module in the older form, which an opcode at `place` has just made of the last tuple.
+    fn module(&mut self, place: usize) {
+        let Some(start) = self.tuple_at else { return };
+        // Between both, nothing but the tuple is kept: else it is another tuple, or another form.
+        let key = match self.bytes.get(start + 1..place) {
+            Some([b'q', key]) => u32::from(*key),
+            Some(&[b'r', a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
+            Some([0x94]) => (self.memo.len() - 1) as u32,
+            _ => return,
+        };
+        self.found.modules.push(Module { start, end: place + 1, key });
+    }
+
     /// Puts a value below a name.
     fn name(&mut self, key: &Slot, value: &Slot) {
         if let (Slot::Text(name), Slot::Strange(form)) = (key, value)
@@ -365,6 +408,10 @@ impl Machine<'_> {
             // What stands for a storage is of the storage's form.
             b'Q' => {
                 let id = self.pop()?;
+                if let Some(class) = module_class(&id) {
+                    self.module(place);
+                    return self.push(Slot::Class(class));
+                }
                 self.push(persistent(id))
             }
             b'R' => {
@@ -399,6 +446,7 @@ impl Machine<'_> {
                 Some(())
             }
             b't' => {
+                self.tuple_at = Some(place);
                 let parts = self.pop_to_mark()?;
                 self.tuple(&parts)
             }

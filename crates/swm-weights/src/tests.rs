@@ -106,3 +106,45 @@ fn pickles_longer_than_what_is_looked_through_are_refused() {
     let message = refused(&path);
     assert!(message.contains("more than 100 MiB"), "{message}");
 }
+
+/// What `module.pt` holds, by the names of its `state_dict()`.
+fn check_module(found: &Contents, prefix: &str) {
+    let names: Vec<&str> = found.tensors.keys().map(|name| name.strip_prefix(prefix).unwrap()).collect();
+    assert_eq!(names.len(), 14, "{names:?}");
+    let of = |name: &str| &found.tensors[&format!("{prefix}{name}")];
+    // Values count up, from 10 times the place of a parameter among all.
+    let weight = of("second.linear.weight");
+    assert_eq!(
+        (&weight.shape[..], &weight.values[..]),
+        (&[2, 3][..], &[40.0, 41.0, 42.0, 43.0, 44.0, 45.0][..])
+    );
+    assert_eq!(of("first.norm.bias").values, [30.0, 31.0]);
+    assert_eq!(of("second.norm.running_var").values, [1.0, 1.0]);
+}
+
+#[test]
+fn whole_modules_of_old_files_are_read_as_their_state_dict() {
+    let found = contents(&legacy("module.pt"), Of::Values).unwrap();
+    assert_eq!((found.format, &found.calls[..], &found.passed_over[..]), ("legacy", &[][..], &[][..]));
+    check_module(&found, "");
+    // Beside an optimizer, and with keys that are counted.
+    let found = contents(&legacy("trainer.pt"), Of::Values).unwrap();
+    assert_eq!(found.passed_over, ["torch.optim.adamw.AdamW"]);
+    check_module(&found, "");
+}
+
+#[test]
+fn modules_of_old_files_in_another_form_are_refused_with_what_reads_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("module.pt");
+    let mut bytes = std::fs::read(legacy("module.pt")).unwrap();
+    // A tuple that is kept twice.
+    let at = bytes.windows(4).position(|code| code == b"tq\x04Q").unwrap();
+    bytes.splice(at + 3..at + 3, *b"q\xf0");
+    std::fs::write(&path, bytes).unwrap();
+    let message = refused(&path);
+    assert!(
+        message.contains("a whole module in PyTorch's older format") && message.contains(".state_dict()"),
+        "{message}"
+    );
+}

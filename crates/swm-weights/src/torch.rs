@@ -17,6 +17,8 @@ use crate::pickles::Pickles;
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
 /// How the reader of pickles words that a file of PyTorch holds something else than a dictionary, which it names then.
 const NO_DICTIONARY: &str = "Expected a dictionary at the root of the PyTorch file, found ";
+/// How it words that a class of modules stands with its file and source where storages do.
+const OLD_MODULE: &str = "storage persistent id has 4 fields";
 /// Classes of objects that hold tensors which are no weights; more than so many in a file are passed over by nobody.
 const MOST_CLASSES: usize = 16;
 
@@ -100,6 +102,11 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
             }
             None => broken(&text),
         },
+        PytorchError::Pickle(PickleError::InvalidData(text)) if text.starts_with(OLD_MODULE) => {
+            let reason = "the file holds a whole module in PyTorch's older format, in a form that is not read; save its weights alone, in Python: \
+                          `torch.save(torch.load(FILE, weights_only=False).state_dict(), FILE)`";
+            Failed::Other(WeightsError::unusable(path, reason))
+        }
         PytorchError::Pickle(PickleError::InvalidData(text)) => match claimed(&text) {
             Some(claim) => Failed::Other(WeightsError::unusable(path, claim)),
             None => broken(&text),
