@@ -68,7 +68,7 @@ pub enum BaselineError {
     },
     /// Weights of another model.
     #[error("weights in `{}` are not those of this model: {} of {} tensors fit; {}", path.display(), fits[0], fits[1],
-        mismatch(missing, unused, wrong))]
+        mismatch(missing, unused, wrong, found))]
     Mismatch {
         /// The file.
         path: PathBuf,
@@ -79,7 +79,9 @@ pub enum BaselineError {
         /// What the file has and the model lacks.
         unused: Vec<String>,
         /// Tensors of another shape: name, and both shapes.
-        wrong: Vec<String>,
+        wrong: Box<[String]>,
+        /// What the names in the file begin with.
+        found: Box<[String]>,
     },
     /// A loss is not finite.
     #[error(
@@ -226,12 +228,26 @@ fn fix(error: &std::io::Error) -> &'static str {
 
 /// How many names an error lists of each kind.
 const LISTED: usize = 8;
+/// Parts of models that files of weights can lack.
+const ENCODERS: [&str; 2] = ["encoder", "backbone"];
 
-fn mismatch(missing: &[String], unused: &[String], wrong: &[String]) -> String {
+fn mismatch(missing: &[String], unused: &[String], wrong: &[String], found: &[String]) -> String {
+    let prefix = prefix(missing, unused);
+    let encoder = ENCODERS.iter().find(|part| prefix.is_none() && is_absent(part, missing, found));
     let kinds = [("missing", missing), ("unused", unused), ("of another shape", wrong)];
+    let listed =
+        kinds.iter().filter(|(kind, names)| !names.is_empty() && (encoder.is_none() || *kind != "missing"));
+    let absent = encoder.map(|part| {
+        let (shown, more) = shown(found);
+        format!(
+            "the encoder is missing ({} tensors below `{part}.`), and the file has {shown}{more}",
+            missing.len()
+        )
+    });
     let parts: Vec<String> =
-        kinds.iter().filter(|(_, names)| !names.is_empty()).map(|(kind, names)| list(kind, names)).collect();
-    let fix = match prefix(missing, unused) {
+        absent.into_iter().chain(listed.map(|(kind, names)| list(kind, names))).collect();
+    let fix = match prefix {
+        _ if encoder.is_some() => "Use a file of the whole model".to_owned(),
         Some(prefix) => format!(
             "The model is below `{prefix}` in the file; store it alone, in Python: `torch.save({{k.removeprefix(\"{prefix}\"): v for k, v \
              in weights.items() if k.startswith(\"{prefix}\")}}, FILE)`"
@@ -253,11 +269,22 @@ fn prefix<'a>(missing: &[String], unused: &'a [String]) -> Option<&'a str> {
     (2 * below > missing.len()).then_some(prefix)
 }
 
+/// Whether all that is missing is a part of the model, of which the file has nothing.
+fn is_absent(part: &str, missing: &[String], found: &[String]) -> bool {
+    let is_below = |name: &String| name.split('.').next() == Some(part);
+    !missing.is_empty() && missing.iter().all(is_below) && !found.iter().any(|name| name == part)
+}
+
 fn list(kind: &str, names: &[String]) -> String {
+    let (shown, more) = shown(names);
+    format!("{} {kind}: {shown}{more}", names.len())
+}
+
+/// The first names, and how many more there are.
+fn shown(names: &[String]) -> (String, String) {
     let more = names.len().saturating_sub(LISTED);
-    let shown = names[..names.len() - more].join(", ");
     let rest = if more > 0 { format!(", and {more} more") } else { String::new() };
-    format!("{} {kind}: {shown}{rest}", names.len())
+    (names[..names.len() - more].join(", "), rest)
 }
 
 #[cfg(test)]
@@ -282,7 +309,8 @@ mod tests {
             fits: [3, 13],
             missing,
             unused: vec!["head".to_owned()],
-            wrong: Vec::new(),
+            wrong: Box::default(),
+            found: Box::new(["head".to_owned(), "layer".to_owned()]),
         };
         let text = error.to_string();
         assert!(text.contains("10 missing: layer.0, "), "{text}");
@@ -291,11 +319,27 @@ mod tests {
     }
 
     #[test]
+    fn an_encoder_that_a_file_lacks_is_named_and_not_listed() {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<String>>();
+        let missing = names(&["encoder.layers.0.weight", "encoder.layers.1.weight"]);
+        let text = mismatch(&missing, &names(&["head.a"]), &[], &names(&["head", "predictor"]));
+        assert_eq!(
+            text,
+            "the encoder is missing (2 tensors below `encoder.`), and the file has head, predictor; 1 unused: head.a. Use a file of the whole model"
+        );
+        // It has one, and lacks a part of it; or more than it is missing.
+        let text = mismatch(&missing, &[], &[], &names(&["encoder", "predictor"]));
+        assert!(text.contains("2 missing: encoder.layers.0.weight, "), "{text}");
+        let text = mismatch(&[missing, names(&["head.b"])].concat(), &[], &[], &names(&["predictor"]));
+        assert!(text.contains("3 missing: encoder.layers.0.weight, "), "{text}");
+    }
+
+    #[test]
     fn a_mismatch_names_what_is_before_all_names() {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<String>>();
-        let text = mismatch(&names(&["a.b", "c"]), &names(&["net.a.b", "net.c", "probe.d"]), &[]);
+        let text = mismatch(&names(&["a.b", "c"]), &names(&["net.a.b", "net.c", "probe.d"]), &[], &[]);
         assert!(text.contains("The model is below `net.` in the file; store it alone"), "{text}");
-        let text = mismatch(&names(&["a.b", "c", "e"]), &names(&["net.a.b", "probe.d"]), &[]);
+        let text = mismatch(&names(&["a.b", "c", "e"]), &names(&["net.a.b", "probe.d"]), &[], &[]);
         assert!(text.ends_with("Use the settings that the weights were trained with"), "{text}");
     }
 }

@@ -309,8 +309,9 @@ impl<N: Network> Baseline for Learner<N> {
             self.average = self.network.replace(trained);
         }
         if let Some(name) = tensors.keys().next() {
-            let reason =
-                format!("holds `{name}`, which is no state of this model's optimizers; it is of another run");
+            let reason = format!(
+                "the file holds `{name}`, which is no state of this model's optimizers; it is of another run"
+            );
             return Err(BaselineError::weights(path, reason));
         }
         Ok(())

@@ -81,7 +81,10 @@ pub fn contents(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         return Err(wrong(reason));
     }
     if len > MOST_BYTES {
-        return Err(wrong(format!("is {} bytes, more than the {MOST_BYTES} that are read", spaced(len))));
+        return Err(wrong(format!(
+            "the file is {} bytes, more than the {MOST_BYTES} that are read",
+            spaced(len)
+        )));
     }
     // Eight bytes of length, then the brace of a JSON object.
     if start.get(8) == Some(&b'{') { read_safetensors(path, &mut file, of) } else { torch::read(path, of) }
@@ -103,8 +106,9 @@ pub(crate) fn check_sizes<'a>(
         };
         values = values.saturating_add(size);
         if count > MOST_TENSORS || values > MOST_VALUES {
-            let reason =
-                format!("holds more than the {MOST_TENSORS} tensors or {MOST_VALUES} values that are read");
+            let reason = format!(
+                "the file holds more than the {MOST_TENSORS} tensors or {MOST_VALUES} values that are read"
+            );
             return Err(WeightsError::unusable(path, reason));
         }
         if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
@@ -135,8 +139,10 @@ fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, We
     let len = file.metadata().map_err(|error| wrong(&error))?.len();
     let mut read_at = |at: u64, count: u64| -> Result<Vec<u8>, WeightsError> {
         if at.checked_add(count).is_none_or(|end| end > len) {
-            let reason =
-                format!("is cut off: {} bytes, and its header names more; fetch it again", spaced(len));
+            let reason = format!(
+                "the file is cut off: {} bytes, and its header names more; fetch it again",
+                spaced(len)
+            );
             return Err(WeightsError::unusable(path, reason));
         }
         let mut bytes = vec![0; count as usize];
@@ -149,8 +155,11 @@ fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, We
     let header = u64::from_le_bytes(head.try_into().expect("eight bytes"));
     let header = read_at(8, header)?;
     let data = 8 + header.len() as u64;
-    let metadata: safetensors::tensor::Metadata =
-        serde_json::from_slice(&header).map_err(|error| wrong(&error))?;
+    let metadata: safetensors::tensor::Metadata = serde_json::from_slice(&header).map_err(|error| {
+        let reason =
+            format!("its header, of safetensors by its first bytes, is damaged ({error}): fetch it again");
+        WeightsError::unusable(path, reason)
+    })?;
     let mut tensors = BTreeMap::new();
     let infos = metadata.tensors();
     check_sizes(path, infos.iter().map(|(name, info)| (name.as_str(), &info.shape[..])))?;
@@ -171,8 +180,11 @@ fn read_safetensors(path: &Path, file: &mut File, of: Of) -> Result<Contents, We
             other => return Err(kind(path, &name, &format!("{other:?}"))),
         };
         if of == Of::Values && values.len() != info.shape.iter().product::<usize>() {
-            let reason =
-                format!("is damaged: `{name}` of shape {:?} has {} values", info.shape, values.len());
+            let reason = format!(
+                "the file is damaged: `{name}` of shape {:?} has {} values",
+                info.shape,
+                values.len()
+            );
             return Err(WeightsError::unusable(path, reason));
         }
         let is_whole = matches!(info.dtype, Dtype::I64 | Dtype::I32 | Dtype::BOOL | Dtype::U8);
@@ -299,6 +311,6 @@ mod tests {
         fs::write(&path, &bytes[..bytes.len() - 3]).unwrap();
         assert!(matches!(read(&path), Err(WeightsError::Unusable { .. })));
         fs::write(&path, b"no weights at all").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("neither safetensors nor"));
+        assert!(read(&path).unwrap_err().to_string().contains("the file is neither safetensors nor"));
     }
 }

@@ -150,6 +150,9 @@ fn strange(function: &str, args: &Slot) -> Option<Form> {
         (name, _) if name.starts_with("torch._utils._rebuild_sparse") => Some(Form::kind("sparse")),
         ("torch._utils._rebuild_qtensor", _) => Some(Form::kind("quantized")),
         ("torch._utils._rebuild_nested_tensor", _) => Some(Form::kind("nested")),
+        ("torch._utils._rebuild_meta_tensor_no_storage", _) => {
+            Some(Form::kind("on the device `meta`, without values"))
+        }
         ("torch._tensor._rebuild_from_type_v2", Slot::Tuple(parts, _)) => match &parts[..] {
             [Slot::Class(function), _, args, ..] => strange(function, args),
             _ => None,

@@ -32,6 +32,32 @@ const BLOCK: usize = 512;
 const USTAR: (usize, &[u8]) = (257, b"ustar");
 const MOST_ENTRIES: usize = 1_000;
 
+/// What holds the pickles of a file, by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Container {
+    Zip,
+    Old,
+    Tar,
+    /// A pickle alone, or no file of PyTorch.
+    Unknown,
+}
+
+impl Container {
+    pub(crate) fn of(file: &mut File) -> io::Result<Self> {
+        let mut head = Vec::new();
+        file.seek(SeekFrom::Start(0))?;
+        (&mut *file).take(BLOCK as u64).read_to_end(&mut head)?;
+        let window = &head[..head.len().min(MAGIC.2)];
+        let has = |magic: &[u8]| window.windows(magic.len()).any(|bytes| bytes == magic);
+        Ok(match () {
+            () if head.starts_with(b"PK") => Self::Zip,
+            () if head.get(USTAR.0..).is_some_and(|rest| rest.starts_with(USTAR.1)) => Self::Tar,
+            () if has(MAGIC.0) || has(MAGIC.1) => Self::Old,
+            () => Self::Unknown,
+        })
+    }
+}
+
 /// The pickles of a file.
 pub(crate) struct Pickles {
     place: Place,
@@ -55,22 +81,20 @@ impl Pickles {
     /// # Errors
     ///
     /// The system refuses to read it; of the kind `FileTooLarge`: they are longer than those that are looked through.
-    pub(crate) fn find(file: &mut File) -> io::Result<Option<Self>> {
-        let mut head = Vec::new();
-        file.seek(SeekFrom::Start(0))?;
-        (&mut *file).take(BLOCK as u64).read_to_end(&mut head)?;
-        if head.starts_with(b"PK") {
-            let Some(place) = archive::find_pickle(file)? else { return Ok(None) };
-            let bytes = place.read(file)?;
-            let found = pickle::look_through(&bytes, 1);
-            return Ok(Some(Self { place: Place::Archive(place), bytes, found }));
-        }
-        if head.get(USTAR.0..).is_some_and(|rest| rest.starts_with(USTAR.1)) {
-            return Ok(Some(Self { place: Place::Tar, bytes: Vec::new(), found: of_tar(file)? }));
-        }
-        let window = &head[..head.len().min(MAGIC.2)];
-        let has = |magic: &[u8]| window.windows(magic.len()).any(|bytes| bytes == magic);
-        let count = if has(MAGIC.0) || has(MAGIC.1) { COUNT } else { 1 };
+    pub(crate) fn find(file: &mut File, container: Container) -> io::Result<Option<Self>> {
+        let count = match container {
+            Container::Zip => {
+                let Some(place) = archive::find_pickle(file)? else { return Ok(None) };
+                let bytes = place.read(file)?;
+                let found = pickle::look_through(&bytes, 1);
+                return Ok(Some(Self { place: Place::Archive(place), bytes, found }));
+            }
+            Container::Tar => {
+                return Ok(Some(Self { place: Place::Tar, bytes: Vec::new(), found: of_tar(file)? }));
+            }
+            Container::Old => COUNT,
+            Container::Unknown => 1,
+        };
         let (all, mut len, mut bytes) = (file.metadata()?.len(), FIRST, Vec::new());
         // The numbers of the tensors come behind, and need not be read for this.
         loop {

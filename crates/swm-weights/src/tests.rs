@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::pickles::Pickles;
+use crate::pickle::Found;
+use crate::pickles::{Container, Pickles};
 use crate::saved::{number, numbers, save_as, text};
 use crate::{Contents, Of, Values, contents};
 
@@ -57,6 +58,13 @@ fn legacy(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/checkpoints/legacy").join(name)
 }
 
+/// What is in the pickles of a file.
+fn found_in(path: &Path) -> Found {
+    let mut file = std::fs::File::open(path).unwrap();
+    let container = Container::of(&mut file).unwrap();
+    Pickles::find(&mut file, container).unwrap().unwrap().found
+}
+
 #[test]
 fn functions_that_python_would_call_are_named_in_every_container() {
     let Contents { calls, tensors, format, .. } = contents(&legacy("calls.pt"), Of::Values).unwrap();
@@ -75,8 +83,7 @@ fn functions_that_python_would_call_are_named_in_every_container() {
     // A pickle alone, and one in a tar archive.
     let pickle = b"\x80\x02cbuiltins\nlen\nX\x01\x00\x00\x00a\x85R.";
     std::fs::write(&path, pickle).unwrap();
-    let mut file = std::fs::File::open(&path).unwrap();
-    assert_eq!(Pickles::find(&mut file).unwrap().unwrap().found.calls, ["builtins.len"]);
+    assert_eq!(found_in(&path).calls, ["builtins.len"]);
     let mut entry = vec![0; 512];
     entry[..6].copy_from_slice(b"pickle");
     entry[124..135].copy_from_slice(format!("{:011o}", pickle.len()).as_bytes());
@@ -84,8 +91,7 @@ fn functions_that_python_would_call_are_named_in_every_container() {
     entry.extend_from_slice(pickle);
     entry.resize(1024, 0);
     std::fs::write(&path, [vec![0; 0], entry.clone(), entry].concat()).unwrap();
-    let mut file = std::fs::File::open(&path).unwrap();
-    assert_eq!(Pickles::find(&mut file).unwrap().unwrap().found.calls[0], "builtins.len");
+    assert_eq!(found_in(&path).calls[0], "builtins.len");
 }
 
 #[test]
@@ -147,4 +153,50 @@ fn modules_of_old_files_in_another_form_are_refused_with_what_reads_them() {
         message.contains("a whole module in PyTorch's older format") && message.contains(".state_dict()"),
         "{message}"
     );
+}
+
+#[test]
+fn whole_files_with_something_wrong_are_told_from_files_of_something_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("weights.pt");
+    let changed = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let message = refused(&path);
+        assert!(message.contains("weights.pt`: ") && !message.contains("`: is "), "{message}");
+        message
+    };
+    let tensors = [("a.weight".to_owned(), vec![4], Values::Floats(vec![1.25; 4]))];
+    crate::save(&path, &tensors).unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    let replaced = |from: &[u8], to: &[u8]| {
+        let mut bytes = whole.clone();
+        while let Some(at) = bytes.windows(from.len()).position(|window| window == from) {
+            bytes[at..at + to.len()].copy_from_slice(to);
+        }
+        bytes
+    };
+    let zeroed = changed(&replaced(&1.25_f32.to_le_bytes(), &[0; 4]));
+    assert!(
+        zeroed.contains("`a.weight` cannot be read (") && zeroed.contains("is damaged: fetch it"),
+        "{zeroed}"
+    );
+    let other = changed(&replaced(b"data.pkl", b"data.txt"));
+    assert!(other.contains("a zip archive without `data.pkl`, and none of torch.save; save the"), "{other}");
+    let old = std::fs::read(legacy("calls.pt")).unwrap();
+    for bytes in [&whole[..whole.len() / 2], &old[..old.len() / 2], &old[..old.len() - 8]] {
+        let cut = changed(bytes);
+        assert!(
+            (cut.contains("damaged") || cut.contains("is cut off")) && cut.contains("fetch it again"),
+            "{cut}"
+        );
+        assert!(!cut.contains("neither safetensors"), "{cut}");
+    }
+    crate::save(&path, &[]).unwrap();
+    let empty = refused(&path);
+    assert!(empty.contains("the file holds no tensors; save the model's `state_dict()`"), "{empty}");
+    // A text that begins as a pickle could.
+    let text = changed(b"config of something");
+    assert!(text.contains("the file is neither safetensors nor one of torch.save ("), "{text}");
+    let header = changed(b"\x04\0\0\0\0\0\0\0{oh}");
+    assert!(header.contains("is damaged") && header.contains("fetch it again"), "{header}");
 }

@@ -11,12 +11,16 @@ use crate::error::WeightsError;
 use crate::file::{Contents, Of, Stored, brain, check_sizes, floats, half, kind};
 use crate::form::Form;
 use crate::pickle::Found;
-use crate::pickles::Pickles;
+use crate::pickles::{Container, Pickles};
 
 /// Keys under which trainers store the weights of a model.
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
 /// How the reader of pickles words that a file of PyTorch holds something else than a dictionary, which it names then.
 const NO_DICTIONARY: &str = "Expected a dictionary at the root of the PyTorch file, found ";
+/// How it words that a zip archive is another one.
+const NO_PICKLE: &str = "No data.pkl entry found";
+/// What helps against files of something else.
+const ANEW: &str = "save the model's `state_dict()`, in Python: `torch.save(model.state_dict(), FILE)`";
 /// How it words that a class of modules stands with its file and source where storages do.
 const OLD_MODULE: &str = "storage persistent id has 4 fields";
 /// Classes of objects that hold tensors which are no weights; more than so many in a file are passed over by nobody.
@@ -25,7 +29,8 @@ const MOST_CLASSES: usize = 16;
 pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
     let mut file = File::open(path).map_err(|error| WeightsError::unusable(path, error.to_string()))?;
     let unusable = |error: std::io::Error| WeightsError::unusable(path, error.to_string());
-    let pickles = match Pickles::find(&mut file) {
+    let container = Container::of(&mut file).map_err(unusable)?;
+    let pickles = match Pickles::find(&mut file, container) {
         Err(error) if error.kind() == std::io::ErrorKind::FileTooLarge => return Err(unusable(error)),
         found => found.ok().flatten(),
     };
@@ -48,7 +53,7 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
         is_archived.then(|| archive::copy_abutting(&mut file)).transpose().map_err(unusable)?.flatten();
     let from = abutting.as_ref().map_or(path, |copy| copy.path());
     let plain = changed(from, &[])?;
-    let mut opened = open(plain.as_ref().map_or(from, |copy| copy.path()), path, of);
+    let mut opened = open(plain.as_ref().map_or(from, |copy| copy.path()), path, container, of);
     // Tensors of an object that is no module, such as those of an optimizer, are no weights.
     while let Err(Failed::Object(class)) = &opened {
         if passed_over.contains(class) || passed_over.len() == MOST_CLASSES {
@@ -59,7 +64,7 @@ pub(crate) fn read(path: &Path, of: Of) -> Result<Contents, WeightsError> {
             break;
         }
         let Some(copy) = changed(from, &passed_over)? else { break };
-        opened = open(copy.path(), path, of);
+        opened = open(copy.path(), path, container, of);
     }
     let contents = opened.map_err(|failed| match (failed, &found.strange[..]) {
         (_, [first, ..]) => strange(first),
@@ -85,19 +90,29 @@ enum Failed {
 }
 
 /// The tensors of the file at `from`; errors are about `path`.
-fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
-    let reason = "is neither safetensors nor a file of torch.save, or it is cut off";
+fn open(from: &Path, path: &Path, container: Container, of: Of) -> Result<Contents, Failed> {
     let broken = |error: &dyn std::fmt::Display| {
-        Failed::Other(WeightsError::unusable(path, format!("{reason}: {error}")))
+        let reason = match container {
+            Container::Unknown => {
+                format!("the file is neither safetensors nor one of torch.save ({error}); {ANEW}")
+            }
+            _ => format!(
+                "the file is one of torch.save, and is damaged or in a form that is not read ({error}): fetch it again, or {ANEW}"
+            ),
+        };
+        Failed::Other(WeightsError::unusable(path, reason))
     };
     let reader = PytorchReader::new(from).map_err(|error| match error {
         PytorchError::Pickle(PickleError::UnsupportedType(class)) => Failed::Object(class),
         PytorchError::InvalidFormat(text) => match text.strip_prefix(NO_DICTIONARY) {
             Some(found) => {
                 let reason = format!(
-                    "holds one object of type `{found}` and no names of tensors; save the model's `state_dict()`, in Python: \
-                     `torch.save(model.state_dict(), FILE)`"
+                    "the file holds one object of type `{found}` and no names of tensors; {ANEW}"
                 );
+                Failed::Other(WeightsError::unusable(path, reason))
+            }
+            None if text.starts_with(NO_PICKLE) => {
+                let reason = format!("the file is a zip archive without `data.pkl`, and none of torch.save; {ANEW}");
                 Failed::Other(WeightsError::unusable(path, reason))
             }
             None => broken(&text),
@@ -131,14 +146,21 @@ fn open(from: &Path, path: &Path, of: Of) -> Result<Contents, Failed> {
     };
     // A file of ours can be empty: the state of a training before its first step.
     if reader.tensors().is_empty() {
-        return Err(Failed::Other(WeightsError::unusable(path, "holds no tensors")));
+        return Err(Failed::Other(WeightsError::unusable(
+            path,
+            format!("the file holds no tensors; {ANEW}"),
+        )));
     }
     let all = reader.tensors().iter().map(|(name, tensor)| (name.as_str(), tensor.shape()));
     check_sizes(path, all).map_err(Failed::Other)?;
     let mut tensors = BTreeMap::new();
     for (name, tensor) in reader.into_tensors() {
         let bytes = match of {
-            Of::Values => tensor.read().map_err(|error| broken(&error))?,
+            Of::Values => tensor.read().map_err(|error| {
+                let reason =
+                    format!("`{name}` cannot be read ({error}), and the file is damaged: fetch it again");
+                Failed::Other(WeightsError::unusable(path, reason))
+            })?,
             Of::Shapes => Vec::new(),
         };
         // The reader gives bytes in the order of this machine.

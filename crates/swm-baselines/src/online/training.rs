@@ -78,8 +78,9 @@ pub(super) fn load_optimizer<M: Module>(network: &M, path: &Path) -> Result<Adam
     match tensors.keys().next() {
         None => Ok(optimizer),
         Some(name) => {
-            let reason =
-                format!("holds `{name}`, which is no state of this agent's optimizer; it is of another run");
+            let reason = format!(
+                "the file holds `{name}`, which is no state of this agent's optimizer; it is of another run"
+            );
             Err(BaselineError::weights(path, reason))
         }
     }

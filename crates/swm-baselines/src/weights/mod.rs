@@ -6,7 +6,7 @@
 mod facebook;
 mod rename;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use burn::module::Module;
@@ -90,7 +90,10 @@ fn take<M: Module>(
     if !(missing.is_empty() && unused.is_empty() && wrong.is_empty()) {
         let fit = specs.len() - missing.len() - wrong.len() - lacks.len();
         let fits = [fit, specs.len()];
-        return Err(BaselineError::Mismatch { path: path.to_owned(), fits, missing, unused, wrong });
+        let first = |name: &String| name.split('.').next().map(str::to_owned);
+        let found = stored.keys().filter_map(first).collect::<BTreeSet<_>>().into_iter().collect();
+        let wrong = wrong.into();
+        return Err(BaselineError::Mismatch { path: path.to_owned(), fits, missing, unused, wrong, found });
     }
     check_values(path, &stored)?;
     let network = params::map(network.clone(), |spec, tensor| {

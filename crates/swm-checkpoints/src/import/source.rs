@@ -16,6 +16,11 @@ const NOTES: &str = "swm.json";
 /// The folder of an archive's weights, and the name of the last of them.
 const ARCHIVE: (&str, &str) = ("checkpoints", "model_latest.pth");
 
+/// What published weights are called.
+const PUBLISHED: &str = "weights.pt";
+/// What stands before the number of an epoch or a step: `weights_epoch_10.pt`, `epoch=9-step=500.ckpt`, not `bfloat16.pt`.
+const MARKS: [&str; 5] = ["epoch", "step", "_", "-", "="];
+
 /// The files of a checkpoint.
 #[derive(Debug)]
 pub(super) struct Source {
@@ -134,16 +139,29 @@ fn only_weights(folder: &Path) -> Result<Option<PathBuf>, TaskError> {
                 .collect();
             let text =
                 format!("{} holds {} files of weights: {}", folder.display(), names.len(), names.join(", "));
-            // The last of several epochs.
-            let last = names.iter().max_by_key(|name| number(name)).cloned().unwrap_or_default();
-            Err(Message::new(text).fix(Fix::set("file", last)).into())
+            // The last of several epochs, else the published one.
+            let last = names.iter().filter(|name| number(name).is_some()).max_by_key(|name| number(name));
+            let last = last.or_else(|| names.iter().find(|name| *name == PUBLISHED));
+            Err(Message::new(text)
+                .fix(last.map_or(Fix::give("file"), |last| Fix::set("file", last.as_str())))
+                .into())
         }
     }
 }
 
-/// The last number in a name: of an epoch, or a step.
+/// The number of an epoch or a step in the name of a file: the last that is marked as one.
 fn number(name: &str) -> Option<u64> {
-    name.rsplit(|letter: char| !letter.is_ascii_digit()).find_map(|digits| digits.parse().ok())
+    let is_digit = |letter: char| letter.is_ascii_digit();
+    let (mut rest, mut last) = (name, None);
+    while let Some(start) = rest.find(is_digit) {
+        let (before, from) = rest.split_at(start);
+        let (digits, behind) = from.split_at(from.find(|letter| !is_digit(letter)).unwrap_or(from.len()));
+        if MARKS.iter().any(|mark| before.ends_with(mark)) && !behind.starts_with(char::is_alphanumeric) {
+            last = digits.parse().ok().or(last);
+        }
+        rest = behind;
+    }
+    last
 }
 
 /// Refuses a link that leads out of the folder, but for those of the Hub's cache, which lead to its blobs.
@@ -215,4 +233,26 @@ fn read_yaml(file: &Path) -> Result<ConfigFile, TaskError> {
 /// A setting without a value.
 pub(super) fn give(name: &str, to: &'static str) -> Fix {
     Fix::Set { setting: Assignment::name(name), to }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn epochs_and_steps_are_told_from_other_numbers_in_names() {
+        let cases = [
+            ("weights_epoch_10.pt", Some(10)),
+            ("epoch=9-step=500.ckpt", Some(500)),
+            ("step12.pt", Some(12)),
+            ("model-3.pth", Some(3)),
+            ("bfloat16.pt", None),
+            ("vit_16x16.pt", None),
+            ("weights.pt", None),
+            ("lewm_v2.pt", None),
+        ];
+        for (name, expected) in cases {
+            assert_eq!(number(name), expected, "{name}");
+        }
+    }
 }

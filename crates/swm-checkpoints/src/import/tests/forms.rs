@@ -442,5 +442,18 @@ fn messages_name_what_helps() {
     std::fs::remove_file(&weights).unwrap();
     let several = form.refused();
     assert!(several.ends_with("give file=weights_epoch_10.pt"), "{several}");
+    // Forms of one checkpoint, whose numbers are of their types.
+    for (names, fix) in [
+        (["bfloat16.pt", "half.pt", "weights.pt"], "give file=weights.pt"),
+        (["bfloat16.pt", "float32.pt", "half.pt"], "bfloat16.pt, float32.pt, half.pt; give file"),
+    ] {
+        let other = Form::bare("lewm_transformers4", |_| ());
+        for name in names {
+            std::fs::copy(form.folder.path().join("weights_epoch_1.pt"), other.folder.path().join(name))
+                .unwrap();
+        }
+        let several = other.refused();
+        assert!(several.ends_with(fix), "{several}");
+    }
     assert!(Path::new(&form.request.from).is_dir());
 }

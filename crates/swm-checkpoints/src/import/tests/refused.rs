@@ -226,7 +226,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
     assert!(told("page.pt", &copied("page.pt")).contains("is a web page"));
     assert!(told("sparse.pt", &copied("sparse.pt")).contains("`a.weight` is sparse"));
     assert!(told("complex.pt", &copied("complex.pt")).contains("is complex"));
-    assert!(told("empty.pt", &copied("empty.pt")).contains("holds no tensors"));
+    assert!(told("empty.pt", &copied("empty.pt")).contains("the file holds no tensors; save the model's"));
     let changed = |change: &dyn Fn(&mut Vec<Named>), name: &str| {
         told(name, &|file: &Path| {
             let mut all = tensors();
@@ -236,6 +236,13 @@ fn files_that_are_no_weights_are_told_what_they_are() {
     };
     let missing = changed(&|all| drop(all.pop()), "missing.safetensors");
     assert!(missing.contains("tensors fit; 1 missing: "), "{missing}");
+    let headless =
+        changed(&|all| all.retain(|(name, ..)| !name.starts_with("encoder.")), "headless.safetensors");
+    assert!(
+        headless.contains("the encoder is missing (")
+            && headless.contains("and the file has action_encoder, pred_proj, predictor, projector"),
+        "{headless}"
+    );
     let unused =
         changed(&|all| all.push(("extra.weight".to_owned(), vec![1], vec![0.0])), "unused.safetensors");
     assert!(unused.contains("1 unused: extra.weight"), "{unused}");
@@ -268,7 +275,7 @@ fn files_that_are_no_weights_are_told_what_they_are() {
     assert!(
         several.contains("give out")
             && listed.contains("files of weights: ")
-            && listed.contains("give file="),
+            && listed.ends_with("; give file"),
         "{listed}"
     );
 }
