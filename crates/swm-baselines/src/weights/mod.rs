@@ -15,7 +15,7 @@ use crate::error::BaselineError;
 use swm_nn::params;
 use swm_weights::{Stored, read, write};
 
-pub use rename::{averaged, ours, to_ours, vector_keys};
+pub use rename::{averaged, is_archive, ours, to_ours, vector_keys};
 
 /// Writes all tensors of a network.
 pub(crate) fn save_network<M: Module>(network: &M, path: &Path) -> Result<(), BaselineError> {

@@ -12,6 +12,9 @@ use super::facebook;
 /// What is put before all names by Lightning and by compiled or distributed modules.
 const PREFIXES: [&str; 4] = ["model.", "_orig_mod.", "module.", "state_dict."];
 
+/// What is put between the names of modules: by compiled ones, and by distributed ones.
+const INNER: [&str; 2] = ["_orig_mod", "module"];
+
 /// What the names of a trainer's own tensors begin with, beside those of the model below one of these: losses, metrics and probes, and
 /// how many weights were averaged.
 const BESIDE: [&str; 7] = ["sigreg.", "criterion", "val_", "train_", "_metrics", "callbacks_", "n_averaged"];
@@ -58,14 +61,8 @@ const IDLE: [&str; 6] = [
 
 /// All tensors under the names that they have here, without the idle ones.
 pub fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
-    // Parts of a model may have been compiled by themselves.
-    let stored =
-        stored.into_iter().map(|(name, tensor)| (name.replace("._orig_mod.", "."), tensor)).collect();
-    let stored = without_prefixes(stored);
-    let has = |prefix: &str| stored.keys().any(|name| name.starts_with(prefix));
-    // LeWM has an encoder of actions, too, with more layers.
-    let is_archive = has("predictor.") && has("action_encoder.patch_embed.") && !has("action_encoder.embed.");
-    let stored = if is_archive {
+    let stored = without_prefixes(without_inner(stored));
+    let stored = if is_archive(stored.keys()) {
         stored
             .into_iter()
             .filter(|(name, _)| !DROPPED.iter().any(|dropped| name.starts_with(dropped)))
@@ -80,6 +77,32 @@ pub fn to_ours(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
         (!is_idle).then(|| (ours(&name), tensor))
     });
     without_wrappers(renamed.collect())
+}
+
+/// Names without what frameworks put within them: parts of a model may have been compiled or distributed by themselves. Where two tensors
+/// would have one name then, all keep theirs.
+fn without_inner(stored: BTreeMap<String, Stored>) -> BTreeMap<String, Stored> {
+    let names: BTreeSet<String> = stored.keys().map(|name| outer(name)).collect();
+    if names.len() < stored.len() {
+        return stored;
+    }
+    stored.into_iter().map(|(name, tensor)| (outer(&name), tensor)).collect()
+}
+
+/// A name without what frameworks put within it.
+fn outer(name: &str) -> String {
+    let Some((first, rest)) = name.split_once('.') else { return name.to_owned() };
+    let (inner, last) = rest.rsplit_once('.').map_or((None, rest), |(inner, last)| (Some(inner), last));
+    let kept = inner.into_iter().flat_map(|inner| inner.split('.')).filter(|part| !INNER.contains(part));
+    [first].into_iter().chain(kept).chain([last]).collect::<Vec<_>>().join(".")
+}
+
+/// Whether names are those of a DINO-WM in the parts that its authors store, and facebookresearch/jepa-wms: encoders of vectors beside the
+/// predictor. LeWM has an encoder of actions, too, with more layers.
+pub fn is_archive<'a>(names: impl Iterator<Item = &'a String>) -> bool {
+    let names: Vec<String> = names.map(|name| outer(name)).collect();
+    let has = |prefix: &str| names.iter().any(|name| name.starts_with(prefix));
+    has("predictor.") && has("action_encoder.patch_embed.") && !has("action_encoder.embed.")
 }
 
 /// Names without what frameworks put before them, once or several times; and without what stands beside the model.
@@ -236,6 +259,25 @@ mod tests {
             renamed(&["model.a._orig_mod.b.weight", "model.a.c._orig_mod.weight"]),
             ["a.b.weight", "a.c.weight"]
         );
+    }
+
+    #[test]
+    fn parts_that_were_distributed_have_the_names_of_others() {
+        let archive = [
+            "predictor.module.transformer.layers.0.0.norm.weight",
+            "action_encoder.module.patch_embed.weight",
+            "proprio_encoder.module._orig_mod.patch_embed.weight",
+            "opt.state.0.exp_avg",
+        ];
+        let ours = [
+            "extra_encoders.action.patch_embed.weight",
+            "extra_encoders.proprio.patch_embed.weight",
+            "predictor.transformer.layers.0.0.norm.weight",
+        ];
+        assert_eq!(renamed(&archive), ours);
+        // No tensor takes the place of another, and a tensor may be called so itself.
+        assert_eq!(renamed(&["a.module.b", "a.b"]), ["a.b", "a.module.b"]);
+        assert_eq!(renamed(&["a.module", "b.c"]), ["a.module", "b.c"]);
     }
 
     #[test]

@@ -155,6 +155,7 @@ fn recipe(
         found.map_or_else(Shapes::default, |found| Shapes::of(weights::to_ours(found.tensors.clone())));
     if let Some(found) = found {
         tokens::check_names(&Shapes::of(found.tensors.clone()))?;
+        tokens::check_names(&shapes)?;
     }
     let encoder = request.encoder.as_deref().map(shapes_in).transpose()?;
     let encoder = encoder.map_or_else(Shapes::default, |found| Shapes::of(weights::to_ours(found.tensors)));
@@ -163,7 +164,9 @@ fn recipe(
     let is_archive = config.as_ref().is_some_and(|config| config.get("num_hist").is_some());
     let noted = |name: &str| source.notes.as_ref().and_then(|notes| notes.get(name));
     let image = request.image.or_else(|| Some(noted("image")?.as_u64()? as usize));
-    let given = Given { config, shapes, encoder, folder: source.folder.as_deref(), set, image };
+    let in_parts = found.is_some_and(|found| weights::is_archive(found.tensors.keys()));
+    let folder = source.folder.as_deref();
+    let given = Given { config, shapes, is_archive: in_parts, encoder, folder, set, image };
     let kind = request.kind.as_deref().or_else(|| {
         let kind = noted("kind")?.as_str()?;
         KNOWN.contains(&kind).then_some(kind)
@@ -211,27 +214,44 @@ const NAMES: [(&str, &str); 9] = [
     ("prejepa", "dino-wm"),
 ];
 
+/// Names of tensors that one model has, and which that is.
+const PARTS: [(&str, &str); 6] = [
+    ("predictor.transformer.layers.0.0.", "dino-wm"),
+    ("value_predictor.student.embed_proj.", "hilp"),
+    ("critic_predictor.", "gciql"),
+    ("value_predictor.", "gcivl"),
+    ("action_predictor.", "gcbc"),
+    ("dynamics.", "tdmpc2"),
+];
+
+/// The model that tensors are most likely those of.
+fn by_shapes(shapes: &Shapes) -> Option<&'static str> {
+    PARTS.iter().find(|(part, _)| shapes.has_below(part)).map(|(_, kind)| *kind)
+}
+
 /// Where no file says what a checkpoint is.
 fn unnamed(given: &Given<'_>, source: &Source) -> TaskError {
     let training = given.config.as_ref().and_then(|config| config.text("output_model_name").ok()?);
     let (text, kind) = match (&source.config, training) {
         (Some(config), Some(name)) => {
             let kind = NAMES.iter().find(|(part, _)| name.contains(part)).map(|(_, kind)| *kind);
+            let kind = kind.or_else(|| by_shapes(&given.shapes));
             (format!("{} is a training config ({name}), not a model's", config.name), kind)
         }
         (Some(config), None) => {
             let text = format!("{}: has no _target_, which would say what model it is", config.name);
-            (text, Some("lewm"))
+            (text, by_shapes(&given.shapes).or(Some("lewm")))
         }
         (None, _) => {
             let folder = source.folder.as_ref().map_or(String::new(), |folder| folder.display().to_string());
             let text = format!(
                 "{folder} has no config.json; name what it is and, where sizes differ from the paper's, settings of the model"
             );
-            (text, Some("lewm"))
+            (text, by_shapes(&given.shapes).or(Some("lewm")))
         }
     };
-    Message::new(text).fix(kind.map_or(Fix::give("kind"), |kind| Fix::set("kind", kind))).into()
+    let any = || Fix::Any(KNOWN.iter().map(|kind| Fix::set("kind", *kind)).collect());
+    Message::new(text).fix(kind.map_or_else(any, |kind| Fix::set("kind", kind))).into()
 }
 
 /// What is known before the weights are read.

@@ -14,6 +14,8 @@ pub(super) struct Given<'a> {
     pub(super) config: Option<Node<'a>>,
     /// Shapes of its tensors, by our names.
     pub(super) shapes: Shapes,
+    /// Whether its tensors are named as those of an archive of modules.
+    pub(super) is_archive: bool,
     /// Shapes of the tensors of an encoder in another file.
     pub(super) encoder: Shapes,
     /// The checkpoint's folder.

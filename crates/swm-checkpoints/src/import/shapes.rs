@@ -166,6 +166,10 @@ pub(super) fn heads(
         }
         (None, Some(dim), Some(inner)) if dim > 0 && inner.is_multiple_of(dim) => Ok([inner / dim, dim]),
         (None, None, None | Some(1024)) => Ok([16, 64]),
+        (Some(_), None, None) => {
+            let text = format!("no file says how many values each head of attention of `{place}` has");
+            Err(Message::new(text).fix(Fix::set("set", format!("{place}.head_dim=N"))).into())
+        }
         _ => Err(unsaid_heads(place, "the predictor")),
     }
 }

@@ -94,7 +94,8 @@ pub(super) fn dino_wm(given: &Given<'_>) -> Result<Recipe, TaskError> {
         name: "dino-wm",
         settings: json!({
             "image": image, "encoder": encoder, "history": history,
-            "normalization": if archive.is_some() { "half" } else { "imagenet" },
+            // The authors' code has 0.5 for mean and std, and so has facebookresearch/jepa-wms.
+            "normalization": if archive.is_some() || given.is_archive { "half" } else { "imagenet" },
             "proprio": extra("proprio", "emb_dim", 0)?.unwrap_or(0),
             "action": extra("action", "emb_dim", 0)?.unwrap_or(10),
             "predictor": {

@@ -344,7 +344,12 @@ fn world_models_beside_the_config_of_their_training_are_read() {
     form.kind("dino-wm").check();
 
     let other = Form::of(LEWM, training("mine", json!({}))).refused();
-    assert!(other.ends_with("is a training config (mine), not a model's; give kind"), "{other}");
+    assert!(
+        other.contains(
+            "is a training config (mine), not a model's; give kind=lewm, or kind=pldm, or kind=dino-wm"
+        ),
+        "{other}"
+    );
 }
 
 /// Tensors whose positions are those of the first two of three frames.
@@ -456,4 +461,51 @@ fn messages_name_what_helps() {
         assert!(several.ends_with(fix), "{several}");
     }
     assert!(Path::new(&form.request.from).is_dir());
+}
+
+/// The form of facebookresearch/jepa-wms: dictionaries of tensors whose parts were distributed, and no config.
+#[test]
+fn archives_of_distributed_parts_are_read_and_their_model_is_named() {
+    let (from, folder) = (golden().join("dino_wm"), tempfile::tempdir().unwrap());
+    let file = folder.path().join("dino_wm_pusht.pth.tar");
+    let save = |rename: &dyn Fn(&str, &str) -> String| {
+        let stored = swm_weights::contents(&from.join("checkpoints/model_latest.pth"), Of::Values).unwrap();
+        let renamed = stored.tensors.into_iter().map(|(name, stored)| {
+            let (part, rest) = name.split_once('.').unwrap();
+            (rename(part, rest), stored.shape, Values::Floats(stored.values))
+        });
+        swm_weights::save(&file, &renamed.collect::<Vec<Saved>>()).unwrap();
+    };
+    save(&|part, rest| format!("{part}.module.{rest}"));
+    let mut request = request(&file, Some("dino-wm"));
+    (request.proprio_mean, request.proprio_std) = (Some(vec![0.0; 3]), Some(vec![1.0; 3]));
+    request.encoder = Some(from.join("backbone.pth"));
+    request.out = folder.path().join("run");
+    let unnamed = request.run(&registry(), &mut ()).unwrap_err().to_string();
+    assert!(unnamed.ends_with("give kind=dino-wm"), "{unnamed}");
+    request.kind = Some("dino-wm".to_owned());
+    let described = request.run(&registry(), &mut ()).unwrap();
+    assert_eq!(
+        (described.model.as_str(), described.settings["normalization"].as_str()),
+        ("dino-wm", Some("half"))
+    );
+    let [read, all] = described.tensors;
+    assert!(read > 20 && read + described.lacks.len() == all, "{read} of {all}");
+    let expected = swm_weights::read(&from.join("expected.safetensors")).unwrap();
+    let case = Case { expected, name: "dino_wm in parts".to_owned() };
+    check_model(&case, &TrainedModel::open(&request.out, Which::Last, Device::Cpu).unwrap(), 1e-4);
+
+    // Another predictor of the same repository.
+    request.check_only = true;
+    save(&|part, rest| format!("{part}.module.predictor_blocks.{rest}"));
+    let other = request.run(&registry(), &mut ()).unwrap_err().to_string();
+    assert!(other.contains("a predictor of facebookresearch/jepa-wms"), "{other}");
+}
+
+#[test]
+fn heads_without_their_dim_are_asked_for_the_dim() {
+    let other = |name: String, stored| Some((name.replace("predictor.", "forecast."), stored));
+    let form = Form::with(LEWM, no_config, other).kind("lewm");
+    let message = form.set(json!({ "model.encoder.heads": 3, "model.predictor.heads": 2 })).refused();
+    assert!(message.ends_with("give set=model.predictor.head_dim=N"), "{message}");
 }
