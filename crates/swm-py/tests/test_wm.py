@@ -294,6 +294,78 @@ def test_a_loaded_model_is_saved_with_its_own_config(tmp_path: Path) -> None:
     assert not (tmp_path / "other").exists()
 
 
+def of_a_training(case: str, tmp_path: Path) -> Any:
+    """A model whose config is that of a whole training, or of none; its golden outputs hold for it."""
+    if case == "archive":
+        return wm.load_pretrained(GOLDEN / "dino_wm", encoder=GOLDEN / "dino_wm" / "backbone.pth", extra_args={**HEADS, "predictor.heads": 2})
+    if case.endswith("_policy"):
+        return wm.load_pretrained(GOLDEN / case, kind=case.split("_")[0], extra_args=HEADS)
+    source = tmp_path / "source"
+    source.mkdir()
+    if case == "gcivl_value":
+        # As the first phase leaves it: what is frozen later is a student here, and has a teacher.
+        held = {"value_predictor.backbone.": ("value_predictor.student.", "value_predictor.teacher.")}
+        tensors = read_weights(GOLDEN / "gcivl_policy" / "weights_epoch_3.pt")
+        for inner, names in held.items():
+            for name in [name for name in tensors if name.startswith(inner)]:
+                tensors |= {new + name[len(inner) :]: tensors[name].clone() for new in names}
+                del tensors[name]
+        tensors |= {f"value_predictor.{name}_coefficient": torch.tensor(0.995) for name in ("base_ema", "final_ema", "ema")}
+        torch.save(tensors, source / "weights.pt")
+        shutil.copy(GOLDEN / "gcivl_policy" / "config.json", source)
+        return wm.load_pretrained(source, kind="gcivl", extra_args=HEADS)
+    assert case == "tdmpc2_state"
+    shutil.copy(GOLDEN / case / "weights_epoch_1.pt", source)
+    (source / "config.json").write_text(json.dumps({**config_of(case)["cfg"], "output_model_name": "tdmpc2", "subdir": "${hydra:job.id}"}))
+    return wm.load_pretrained(source, kind="tdmpc2")
+
+
+@pytest.mark.parametrize("case", ["gcivl_policy", "hilp_policy", "gcivl_value", "archive", "tdmpc2_state"])
+def test_a_model_of_a_whole_training_is_saved_with_a_config_of_its_own(case: str, tmp_path: Path) -> None:
+    model = of_a_training(case, tmp_path)
+    folder = wm.save_pretrained(model, tmp_path / "saved")
+    assert json.loads((folder / "config.json").read_text())["_target_"].startswith("stable_worldmodel.wm.")
+    again = wm.load_pretrained(folder)
+    mine, state = again.state_dict(), model.state_dict()
+    assert mine.keys() == state.keys() and all(torch.equal(mine[name], state[name]) for name in state)
+    if case == "tdmpc2_state":
+        data = expected(case)
+        with torch.no_grad():
+            assert torch.equal(*(one.encode({"state": data["state"]}) for one in (model, again)))
+        return
+    if case == "archive":
+        # The reference normalizes as ImageNet's, and the authors do not.
+        assert json.loads((folder / "swm.json").read_text()) == {"version": 1, "set": {"normalization": "half"}}
+        data = expected("dino_wm")
+        with torch.no_grad():
+            seen = [one.encode({"pixels": data["pixels"][:, None]}, emb_keys=[])["emb"] for one in (model, again)]
+        assert torch.equal(*seen)
+        near(seen[0][:, 0], data["tokens"])
+    else:
+        policy_agrees(again, expected(case.replace("value", "policy")))
+    # All that the reference's `create_backbone` reads in the place of a repository.
+    stored = read_weights(folder / "backbone" / "model.safetensors")
+    known = json.loads((folder / "backbone" / "config.json").read_text())
+    place = "backbone." if case == "archive" else "encoder.backbone."
+    own = {name for name in state if name.startswith(place)}
+    assert known["model_type"] == "dinov2" and known["num_attention_heads"] == HEADS["encoder.heads"] and len(stored) == len(own)
+    assert torch.equal(stored["encoder.layer.0.attention.attention.key.weight"], state[f"{place}encoder.layer.0.attention.k_proj.weight"])
+
+
+def test_normalization_is_saved_in_the_notes_of_an_export(tmp_path: Path) -> None:
+    model = of_a_training("archive", tmp_path)
+    notes = {"version": 1, "env": "swm/PushT-v1", "set": {"image": 16}}
+    (tmp_path / "swm.json").write_text(json.dumps(notes))
+    wm.save_pretrained(model, tmp_path)
+    assert json.loads((tmp_path / "swm.json").read_text()) == {**notes, "set": {"image": 16, "normalization": "half"}}
+    wm.save_pretrained(wm.load_pretrained(GOLDEN / "prejepa"), tmp_path)
+    assert json.loads((tmp_path / "swm.json").read_text())["set"]["normalization"] == "imagenet"
+    # Of another encoder than the one that was there.
+    assert wm.load_pretrained(tmp_path).backbone.sizes.dim == 18
+    wm.save_pretrained(wm.load_pretrained(GOLDEN / "gcbc"), tmp_path / "other")
+    assert not (tmp_path / "other" / "swm.json").exists()
+
+
 def test_an_encoder_by_name_is_saved_with_the_model(tmp_path: Path) -> None:
     model, config = wm.load_pretrained(GOLDEN / "prejepa"), config_of("prejepa")
     wm.save_pretrained(model, tmp_path, config, transformers=4)

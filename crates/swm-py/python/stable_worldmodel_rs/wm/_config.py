@@ -9,7 +9,7 @@ from typing import Any, cast
 from . import gcrl, lewm, pldm, prejepa, tdmpc2
 from ._torch import nn
 from ._vit import vit_hf, without_fixed
-from .gcrl.gcrl import EvalOnly
+from .gcrl.gcrl import EvalOnly, TeacherStudent
 
 __all__ = ["KINDS", "build", "overridden", "target_of"]
 
@@ -36,6 +36,7 @@ _OF_SCRIPT: dict[str, Any] = {
 _PARTS: dict[str, Any] = _MODULES | _OF_SCRIPT | {
     "stable_pretraining.backbone.utils.vit_hf": vit_hf,
     "stable_pretraining.backbone.EvalOnly": EvalOnly,
+    "stable_pretraining.backbone.TeacherStudentWrapper": TeacherStudent,
     "torch.nn.ModuleDict": nn.ModuleDict,
     "torch.nn.Identity": nn.Identity,
 }

@@ -6,20 +6,28 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from . import gcrl, prejepa
+from ._config import build
 from ._frames import frame_mask
 from ._images import HALF
 from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
 from ._vit import KNOWN, USUAL_HEADS, Vit, VitSizes, without_fixed
-from .gcrl.gcrl import EvalOnly, TeacherStudent
 
-__all__ = ["POLICIES", "archive_of", "encoder_of", "policy_of", "world_of"]
+__all__ = ["BACKBONE", "POLICIES", "agent_of", "archive_of", "encoder_of", "policy_of", "world_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
+BACKBONE = "backbone"
+"""The folder, beside the weights, of an encoder that has no published name."""
+_WM = "stable_worldmodel.wm"
+_GCRL = f"{_WM}.gcrl.module"
+_PREJEPA = f"{_WM}.prejepa.module"
+_FROZEN = "stable_pretraining.backbone"
+# Of a whole training, what TD-MPC2's model reads.
+_AGENT = ("wm", "image_size", "action_dim", "extra_dims", "num_pi_trajs")
 _LETTERS = {"s": "small", "b": "base", "l": "large"}
 
 
@@ -98,63 +106,144 @@ def _heads_of(config: Mapping[str, Any]) -> int | None:
     return heads if isinstance(heads, int) and 0 < heads <= 1024 else None
 
 
+def _section(config: Mapping[str, Any], name: str) -> dict[str, Any]:
+    found: Any = config.get(name)
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+
+def _dropouts(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a predictor drops in training, where its settings say so."""
+    known = {name: settings.get(name) for name in ("dropout", "emb_dropout")}
+    return {name: value for name, value in known.items() if isinstance(value, (int, float)) and not isinstance(value, bool)}
+
+
+def _heads(settings: Mapping[str, Any], extra: Mapping[str, Any], inner: int, place: str) -> dict[str, int]:
+    """Heads of a predictor and the dim of each, where its tensors have their product alone: what was given, what its settings say, or the
+    published ones where they fit."""
+    found = {name: extra.get(f"predictor.{name}", settings.get(name)) for name in ("heads", "dim_head")}
+    for name, value in found.items():
+        if value is not None and (not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 4096):
+            raise ValueError(f"{place}: predictor.{name} is {value!r}; give it as extra_args={{'predictor.{name}': N}}")
+    heads, dim = found["heads"], found["dim_head"]
+    if heads is None and dim is not None and inner % dim == 0:
+        heads = inner // dim
+    if heads is None and dim is None and inner == 1024:
+        heads = 16
+    if heads is None or inner % heads:
+        has = "are in no file" if heads is None else f"are {heads}, which do not divide it"
+        raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, {has}; give extra_args={{'predictor.heads': N}}")
+    if dim is not None and heads * dim != inner:
+        raise ValueError(
+            f"{place}: the predictor has {heads} heads of {dim} values, and the weights have {inner} in all; give extra_args={{'predictor.heads': N, "
+            "'predictor.dim_head': M}"
+        )
+    return {"heads": heads, "dim_head": inner // heads}
+
+
+def _backbone(vit: Vit, name: object = None, *, frozen: bool = False) -> dict[str, Any]:
+    """How a config has an encoder: by a name of which :func:`encoder_of` finds its heads again; ``frozen``, in what keeps it so."""
+    own = replace(vit.sizes, names=5, mask_token=True)
+    known = [one for one, sizes in KNOWN.items() if sizes == own]
+    if not isinstance(name, str) or (name in KNOWN and name not in known) or Path(name).is_absolute() or ".." in Path(name).parts:
+        name = known[0] if known else BACKBONE
+    node = {"_target_": f"{_PREJEPA}.create_backbone", "name": name}
+    return {"_target_": f"{_FROZEN}.EvalOnly", "backbone": node} if frozen else node
+
+
+def _built(config: dict[str, Any], vit: Vit) -> nn.Module:
+    """The model of a config that was made of tensors; its encoder by name is ``vit``."""
+
+    def backbone(place: str, values: Mapping[str, Any]) -> nn.Module:
+        return vit
+
+    model: Any = build(config, vit.sizes.names, backbone)
+    model.pretrained_config = config
+    return cast("nn.Module", model)
+
+
 def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: str, folder: Path, extra: Mapping[str, Any]) -> nn.Module:
     """A goal-conditioned policy of the config of its whole training: widths from shapes, heads from the config.
 
-    The values of the first phase (student and teacher) are read as those of the policy's file (frozen).
+    The values of the first phase are a student and its teacher, those of the policy's file the student, frozen.
     """
-    sizes = {"heads": extra.get("predictor.heads"), "dim_head": extra.get("predictor.dim_head")}
-    settings: Any = config.get("predictor")
-    for key in sizes:
-        value: Any = sizes[key] or (cast("dict[str, Any]", settings).get(key) if isinstance(settings, Mapping) else None)
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 4096:
-            raise ValueError(f"config.json: predictor.{key} is {value!r}; give it as extra_args={{'predictor.{key}': N}}")
-        sizes[key] = value
     frozen = any(name.startswith("encoder.backbone.") for name in tensors)
     of_encoder = _below(tensors, "encoder.backbone." if frozen else "encoder.")
-    encoder: nn.Module = encoder_of(of_encoder, None, folder, extra.get("encoder.heads"), f"{kind}: encoder")
-    extras = _embedders(tensors)
-    action = _predictor(_below(tensors, "action_predictor."), sizes, f"{kind}: action_predictor")
-    history = action.pos_embedding.shape[1] // action.pos_embedding_goal.shape[1]
-    return gcrl.GCRL(
-        EvalOnly(encoder) if frozen else encoder,
-        action,
-        _held(tensors, "value_predictor", sizes, kind),
-        _held(tensors, "critic_predictor", sizes, kind),
-        nn.ModuleDict(extras) if extras else None,
-        history_size=history,
-    )
+    vit = encoder_of(of_encoder, None, folder, extra.get("encoder.heads"), f"{kind}: encoder")
+    settings = _section(config, "predictor")
+
+    def part(below: Mapping[str, Tensor], name: str) -> dict[str, Any]:
+        return _predictor(below, settings, extra, f"{kind}: {name}")
+
+    action = part(_below(tensors, "action_predictor."), "action_predictor")
+    model: dict[str, Any] = {
+        "_target_": f"{_WM}.gcrl.gcrl.GCRL",
+        "history_size": action["num_frames"],
+        "encoder": _backbone(vit, frozen=frozen),
+        "action_predictor": action,
+    }
+    for name in ("value_predictor", "critic_predictor"):
+        own = _below(tensors, f"{name}.")
+        if inner := _below(own, "backbone."):
+            model[name] = {"_target_": f"{_FROZEN}.EvalOnly", "backbone": part(inner, name)}
+        elif inner := _below(own, "student."):
+            model[name] = {"_target_": f"{_FROZEN}.TeacherStudentWrapper", "student": part(inner, name)}
+        elif own:
+            model[name] = part(own, name)
+    return _built({**model, **_embedders(tensors, f"{_GCRL}.Embedder")}, vit)
 
 
 def world_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], folder: Path, extra: Mapping[str, Any]) -> nn.Module:
     """A PreJEPA of the config of its whole training: sizes from shapes, frames and heads from the config."""
 
     def value(section: str, key: str) -> Any:
-        settings: Any = config.get(section)
-        stored = cast("dict[str, Any]", settings).get(key) if isinstance(settings, Mapping) else None
-        return extra.get(f"{section}.{key}", stored)
+        return extra.get(f"{section}.{key}", _section(config, section).get(key))
 
     place = "dino-wm"
     frozen = any(name.startswith("backbone.backbone.") for name in tensors)
     own = _below(tensors, "backbone.backbone." if frozen else "backbone.")
     name = value("backbone", "name")
-    encoder: nn.Module = encoder_of(own, name, folder, extra.get("encoder.heads"), f"{place}: encoder")
-    predictor = _causal(_below(tensors, "predictor."), value("wm", "history_size"), value("predictor", "heads"), "config.json has wm.history_size", place)
+    vit = encoder_of(own, name, folder, extra.get("encoder.heads"), f"{place}: encoder")
+    settings = _section(config, "predictor")
+    predictor = _causal(_below(tensors, "predictor."), value("wm", "history_size"), settings, extra, "config.json has wm.history_size", place)
     # Tokens are joined in the order of the config; safetensors sorts its names.
-    extras = _embedders(tensors, value("wm", "encoding") or ())
-    return prejepa.PreJEPA(EvalOnly(encoder) if frozen else encoder, predictor, nn.ModuleDict(extras) if extras else None, history_size=predictor.num_frames)
+    return _built(_prejepa(_backbone(vit, name, frozen=frozen), vit, predictor, _embedders(tensors, f"{_PREJEPA}.Embedder", value("wm", "encoding") or ())), vit)
 
 
-def _embedders(tensors: Mapping[str, Tensor], order: Iterable[str] = ()) -> dict[str, nn.Module]:
-    """What embeds columns, by column: first those of ``order``, then as in the file."""
+def _prejepa(encoder: dict[str, Any], vit: Vit, predictor: dict[str, Any], extras: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "_target_": f"{_WM}.PreJEPA",
+        "history_size": predictor["num_frames"],
+        "num_pred": 1,
+        # A DINOv2 interpolates its positions in any case.
+        "interpolate_pos_encoding": not vit.sizes.dinov2,
+        "encoder": encoder,
+        "predictor": predictor,
+        **extras,
+    }
+
+
+def agent_of(config: Mapping[str, Any]) -> nn.Module:
+    """A TD-MPC2 of the config of its whole training, which has all of its sizes."""
+    cfg = {name: config[name] for name in _AGENT if name in config}
+    settings: dict[str, Any] = {"_target_": f"{_WM}.tdmpc2.TDMPC2", "_recursive_": False, "cfg": cfg}
+    model: Any = build(settings, 5)
+    model.pretrained_config = settings
+    return cast("nn.Module", model)
+
+
+def _embedders(tensors: Mapping[str, Tensor], target: str, order: Iterable[str] = ()) -> dict[str, Any]:
+    """A config's ``extra_encoders``, what embeds columns: first those of ``order``, then as in the file; nothing where there are none."""
     ending = ".patch_embed.weight"
     weights = {name.split(".")[1]: value for name, value in tensors.items() if name.startswith("extra_encoders.") and name.endswith(ending)}
-    keys = [*(key for key in order if key in weights), *weights]
-    return {key: prejepa.module.Embedder(in_chans=weights[key].shape[1], emb_dim=weights[key].shape[0]) for key in dict.fromkeys(keys)}
+    keys = dict.fromkeys([*(key for key in order if key in weights), *weights])
+    modules = {key: {"_target_": target, "in_chans": weights[key].shape[1], "emb_dim": weights[key].shape[0]} for key in keys}
+    return {"extra_encoders": {"_target_": "torch.nn.ModuleDict", "modules": modules}} if modules else {}
 
 
-def _causal(tensors: Mapping[str, Tensor], frames: Any, heads: Any, where: str, place: str) -> prejepa.module.CausalPredictor:
-    """The predictor of a PreJEPA of so many frames and heads; ``where`` has the frames, for the message."""
+def _causal(
+    tensors: Mapping[str, Tensor], frames: Any, settings: Mapping[str, Any], extra: Mapping[str, Any], where: str, place: str
+) -> dict[str, Any]:
+    """The predictor of a PreJEPA of so many frames; ``where`` has the frames, for the message."""
     try:
         positions, mlp = tensors["pos_embedding"], tensors["transformer.layers.0.1.net.1.weight"]
         inner = tensors["transformer.layers.0.0.to_qkv.weight"].shape[0] // 3
@@ -164,19 +253,16 @@ def _causal(tensors: Mapping[str, Tensor], frames: Any, heads: Any, where: str, 
     side = round((tokens / frames) ** 0.5) if isinstance(frames, int) and frames > 0 else 0
     if side == 0 or side**2 * frames != tokens:
         raise ValueError(f"{place}: {where} {frames}, and its {tokens} positions are not those of as many square images")
-    if heads is None and inner == 1024:
-        heads = 16
-    if not isinstance(heads, int) or heads < 1 or inner % heads:
-        raise ValueError(f"{place}: the heads of its predictor, whose attention is {inner} wide, are in no file; give extra_args={{'predictor.heads': N}}")
-    return prejepa.module.CausalPredictor(
-        num_patches=side**2,
-        num_frames=frames,
-        dim=positions.shape[2],
-        depth=_blocks(tensors, r"transformer\.layers\.(\d+)\."),
-        heads=heads,
-        dim_head=inner // heads,
-        mlp_dim=mlp.shape[0],
-    )
+    return {
+        "_target_": f"{_PREJEPA}.CausalPredictor",
+        "num_patches": side**2,
+        "num_frames": frames,
+        "dim": positions.shape[2],
+        "depth": _blocks(tensors, r"transformer\.layers\.(\d+)\."),
+        "mlp_dim": mlp.shape[0],
+        **_heads(settings, extra, inner, place),
+        **_dropouts(settings),
+    }
 
 
 # What of the authors' archive is where in the reference's model; its decoder has no part in planning.
@@ -191,61 +277,48 @@ def archive_of(
     Args:
         tensors: Of the archive, by its parts.
         encoder: Of the frozen DINOv2, which the archive does not have.
-        settings: Of ``hydra.yaml``, by path.
+        settings: Of ``hydra.yaml``.
         extra: What no file says: ``encoder.heads``, ``predictor.heads``.
         place: What errors call the archive.
     """
     found = {ours + name[len(theirs) :]: value for name, value in tensors.items() for theirs, ours in _ARCHIVE.items() if name.startswith(theirs)}
     own = of_facebook(encoder)
-    name = re.sub(r"^dinov2_vit([sbl])14$", lambda size: f"facebook/dinov2-{_LETTERS[size[1]]}", str(settings.get("encoder.name")))
-    extras = _embedders(found, ("proprio", "action"))
-    if set(extras) != {"proprio", "action"}:
-        raise ValueError(f"{place} has embeddings of {', '.join(extras) or 'no columns'}; it is no archive of a DINO-WM with proprio and actions, or not whole")
-    history, heads = settings.get("num_hist"), extra.get("predictor.heads", settings.get("predictor.heads"))
+    name = re.sub(r"^dinov2_vit([sbl])14$", lambda size: f"facebook/dinov2-{_LETTERS[size[1]]}", str(_section(settings, "encoder").get("name")))
+    extras = _embedders(found, f"{_PREJEPA}.Embedder", ("proprio", "action"))
+    columns: dict[str, Any] = extras["extra_encoders"]["modules"] if extras else {}
+    if set(columns) != {"proprio", "action"}:
+        raise ValueError(f"{place} has embeddings of {', '.join(columns) or 'no columns'}; it is no archive of a DINO-WM with proprio and actions, or not whole")
     with torch.device("meta"):
-        backbone = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")
-        predictor = _causal(_below(found, "predictor."), history, heads, "hydra.yaml has num_hist", place)
-        model = prejepa.PreJEPA(backbone, predictor, nn.ModuleDict(extras), history_size=predictor.num_frames)
+        vit = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")
+        predictor = _causal(_below(found, "predictor."), settings.get("num_hist"), _section(settings, "predictor"), extra, "hydra.yaml has num_hist", place)
+        model: Any = _built(_prejepa(_backbone(vit, name), vit, predictor, extras), vit)
     model.image_mean = model.image_std = HALF
-    mask = frame_mask(predictor.num_frames, predictor.num_patches, predictor.num_patches).float()
-    found |= {f"predictor.transformer.layers.{at}.0.bias": mask for at in range(len(predictor.transformer.layers))}
+    mask = frame_mask(predictor["num_frames"], predictor["num_patches"], predictor["num_patches"]).float()
+    found |= {f"predictor.transformer.layers.{at}.0.bias": mask for at in range(predictor["depth"])}
     return model, {**found, **{f"backbone.{name}": value for name, value in own.items()}}
 
 
-def _held(tensors: Mapping[str, Tensor], name: str, sizes: Mapping[str, Any], kind: str) -> nn.Module | None:
-    """A value or a critic in what holds it: frozen, or a student with its teacher; None where the file has none."""
-    own = _below(tensors, f"{name}.")
-    if not own:
-        return None
-    place = f"{kind}: {name}"
-    for holder in ("backbone", "student"):
-        inner = _below(own, f"{holder}.")
-        if inner and holder == "backbone":
-            return EvalOnly(_predictor(inner, sizes, place))
-        if inner:
-            return TeacherStudent(_predictor(inner, sizes, place), _predictor(_below(own, "teacher."), sizes, place))
-    return _predictor(own, sizes, place)
-
-
-def _predictor(tensors: Mapping[str, Tensor], sizes: Mapping[str, Any], place: str) -> Any:
+def _predictor(tensors: Mapping[str, Tensor], settings: Mapping[str, Any], extra: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """A policy's predictor, a value or a critic, as a config has it."""
     try:
         goal, frames = tensors["pos_embedding_goal"], tensors["pos_embedding"]
         patches, dim = goal.shape[1], goal.shape[2]
         common: dict[str, Any] = {
-            **sizes,
             "num_patches": patches,
             "num_frames": frames.shape[1] // patches,
             "dim": dim,
             "depth": _blocks(tensors, r"transformer\.layers\.(\d+)\."),
             "mlp_dim": tensors["transformer.layers.0.1.net.1.weight"].shape[0],
             "causal": any(name.endswith("causal_mask") for name in tensors),
+            **_heads(settings, extra, tensors["transformer.layers.0.0.to_q.weight"].shape[0], place),
+            **_dropouts(settings),
         }
         if "embed_proj.weight" in tensors:
-            return gcrl.module.MetricValuePredictor(**common, embed_dim=tensors["embed_proj.weight"].shape[0])
+            return {"_target_": f"{_GCRL}.MetricValuePredictor", **common, "embed_dim": tensors["embed_proj.weight"].shape[0]}
         common["pool_type"] = "attention" if any(name.endswith("frame_tokens") for name in tensors) else "mean"
         if "q_head.0.weight" in tensors:
             wide, inputs = tensors["q_head.0.weight"].shape
-            return gcrl.module.QPredictor(**common, action_dim=inputs - dim, q_hidden_dim=wide)
-        return gcrl.module.Predictor(**common, out_dim=tensors["out_proj.weight"].shape[0])
+            return {"_target_": f"{_GCRL}.QPredictor", **common, "action_dim": inputs - dim, "q_hidden_dim": wide}
+        return {"_target_": f"{_GCRL}.Predictor", **common, "out_dim": tensors["out_proj.weight"].shape[0]}
     except (KeyError, IndexError) as error:
         raise ValueError(f"{place}: the file lacks {error}; it is of another model, or not whole") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import pickle
 import re
 import zipfile
@@ -15,7 +16,7 @@ from typing import Any, cast
 from ._pickle import read_objects
 from ._torch import DType, Tensor, torch
 
-__all__ = ["read_weights", "unwrapped"]
+__all__ = ["read_weights", "unwrapped", "write_safetensors"]
 
 logger: logging.Logger = logging.getLogger("stable_worldmodel_rs")
 
@@ -140,6 +141,26 @@ def _safetensors(file: Path) -> dict[str, Tensor]:
         return found
     except (ValueError, KeyError, TypeError, RuntimeError, RecursionError) as error:
         raise ValueError(f"{file} is no valid file of safetensors: {error}. Fetch it again") from error
+
+
+def write_safetensors(file: Path, tensors: Mapping[str, Tensor]) -> None:
+    """Writes tensors as f32, whole or not at all."""
+    header: dict[str, Any] = {"__metadata__": {"format": "pt"}}
+    parts: list[bytes] = []
+    end = 0
+    for name, value in tensors.items():
+        flat: Any = value.detach().cpu().float().contiguous()
+        parts.append(flat.numpy().tobytes())
+        header[name] = {"dtype": "F32", "shape": list(value.shape), "data_offsets": [end, end + len(parts[-1])]}
+        end += len(parts[-1])
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    draft = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        draft.write_bytes(b"".join([len(text).to_bytes(8, "little"), text, *parts]))
+        os.replace(draft, file)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def unwrapped(tensors: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -15,7 +15,6 @@ from .._access import access_checked
 
 if TYPE_CHECKING:
     from ._torch import Tensor, nn
-    from ._vit import VitSizes
 
 __all__ = ["download_model", "from_config", "load_pretrained", "save_pretrained"]
 
@@ -70,6 +69,7 @@ def load_pretrained(
         ValueError: what is there cannot be read as a model; the message has the object, the reason and the fix.
     """
     from .._arguments import device_of, path_of
+    from ._beside import see_as_exported
     from ._config import overridden
     from ._weights import read_weights
 
@@ -93,7 +93,7 @@ def load_pretrained(
         if kind is not None and type(model).__name__ != "GCRL":
             raise ValueError(f"kind={kind!r}: {named} is of another model, a {type(model).__name__}; leave kind out")
         cast("Any", model).pretrained_config = config
-        _see_as_exported(model, file.parent / "swm.json")
+        see_as_exported(model, file.parent)
     else:
         model = _of_training(config, tensors, named, kind, extra)
     _fill(model, tensors, file)
@@ -116,21 +116,6 @@ def _of_config(config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: P
         return build(config, generation(tensors), backbone)
 
 
-def _see_as_exported(model: Any, file: Path) -> None:
-    """What a folder of ``swm export`` has beside the config: how its model normalizes images, which the config cannot have."""
-    from ._images import HALF
-
-    if not file.is_file() or file.stat().st_size > _MOST_CONFIG or not hasattr(model, "image_mean"):
-        return
-    try:
-        found: Any = json.loads(file.read_text(encoding="utf-8"))
-        half = found["set"].get("normalization") == "half"
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{file} is damaged: {error!r}; export the run again") from error
-    if half:
-        model.image_mean = model.image_std = HALF
-
-
 def _of_archive(
     hydra: Path, tensors: Mapping[str, Tensor], file: Path, encoder: str | os.PathLike[str] | None, extra: Mapping[str, Any]
 ) -> tuple[nn.Module, dict[str, Tensor]]:
@@ -142,13 +127,7 @@ def _of_archive(
     if encoder is None:
         raise ValueError(f"{file}: the weights of the encoder, a frozen DINOv2, are not in the file; give encoder='dinov2_vits14_pretrain.pth'")
     own = read_weights(Path(path_of("encoder", encoder, "the file of the weights of a DINOv2")))
-    config = _read_config(hydra)
-    settings: dict[str, Any] = {"num_hist": config.get("num_hist")}
-    for part in ("encoder", "predictor"):
-        inner = config.get(part)
-        if isinstance(inner, dict):
-            settings |= {f"{part}.{name}": value for name, value in cast("dict[str, Any]", inner).items()}
-    return archive_of(tensors, own, settings, extra, str(file))
+    return archive_of(tensors, own, _read_config(hydra), extra, str(file))
 
 
 def _of_training(
@@ -156,9 +135,8 @@ def _of_training(
 ) -> nn.Module:
     """The model of the config of a whole training, ``file``."""
     from ._config import overridden
-    from ._shapes import POLICIES, policy_of, world_of
+    from ._shapes import POLICIES, agent_of, policy_of, world_of
     from ._torch import torch
-    from .tdmpc2 import TDMPC2
 
     if "version" in config and "model_config" in config:
         raise ValueError(f"{file.parent} is a run of this program, not a published checkpoint; `mpc:{file.parent}` plans with it")
@@ -176,7 +154,7 @@ def _of_training(
         if kind == "dino-wm":
             return world_of(tensors, config, file.parent, extra)
         if kind == "tdmpc2":
-            return TDMPC2(overridden(config, extra))
+            return agent_of(overridden(config, extra))
         return policy_of(tensors, config, kind, file.parent, extra)
 
 
@@ -359,6 +337,7 @@ def save_pretrained(
     Raises:
         ValueError: the config is of no known model, or of one with other tensors.
     """
+    from ._beside import replace_file, write_encoder, write_normalization
     from ._config import build
     from ._torch import torch
     from ._vit import Vit
@@ -381,7 +360,7 @@ def save_pretrained(
     if config_key is not None and isinstance(settings.get(config_key), Mapping):
         settings = _plain(settings[config_key])
     state = _renamed(inner, state, transformers)
-    own = [part.sizes for part in inner.modules() if isinstance(part, Vit)]
+    own = [part for part in inner.modules() if isinstance(part, Vit)]
 
     named: list[str] = []
 
@@ -389,7 +368,7 @@ def save_pretrained(
         named.append(str(values.get("name")))
         if not own:
             raise ValueError(f"config: {place} is an encoder by name ({values.get('name')}), and the model has none that is known here")
-        return Vit(own[0])
+        return Vit(own[0].sizes)
 
     with torch.device("meta"):
         wanted: Any = cast("Any", build(settings, 5, backbone)).state_dict()
@@ -406,26 +385,13 @@ def save_pretrained(
     try:
         torch.save(state, draft)
         os.replace(draft, where / filename)
-        draft.write_text(json.dumps(settings, indent=2), encoding="utf-8")
-        os.replace(draft, where / "config.json")
-        for name in named:
-            _write_heads(where, name, own[0])
     finally:
         draft.unlink(missing_ok=True)
+    replace_file(where / "config.json", settings)
+    for name in named:
+        write_encoder(where, name, own[0])
+    write_normalization(where, inner)
     return where
-
-
-def _write_heads(where: Path, name: str, sizes: VitSizes) -> None:
-    """The sizes of an encoder whose name says none of them, in the file where :func:`load_pretrained` looks for its heads."""
-    from ._vit import KNOWN
-
-    file = where / name / "config.json"
-    if name in KNOWN or file.exists() or not file.resolve().is_relative_to(where.resolve()):
-        return
-    file.parent.mkdir(parents=True, exist_ok=True)
-    known = {"model_type": "dinov2" if sizes.dinov2 else "vit", "hidden_size": sizes.dim, "num_hidden_layers": sizes.depth}
-    known |= {"num_attention_heads": sizes.heads, "image_size": sizes.positions_for, "patch_size": sizes.patch}
-    file.write_text(json.dumps(known, indent=2), encoding="utf-8")
 
 
 def download_model(repo: str, *, revision: str | None = None, cache_dir: str | os.PathLike[str] | None = None) -> Path:

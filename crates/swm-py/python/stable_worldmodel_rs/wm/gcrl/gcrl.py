@@ -6,6 +6,7 @@ Shapes: B rows, T frames, P patches, W dims of a token with everything that join
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
 
 from .._frames import TokenModel
@@ -33,14 +34,23 @@ class EvalOnly(nn.Module):
 
 
 class TeacherStudent(nn.Module):
-    """A module that is trained, ``student``, and one that follows it, ``teacher``. The student is what is used."""
+    """A module that is trained, ``student``, and a copy that follows it, ``teacher``. The student is what is used.
 
-    def __init__(self, student: nn.Module, teacher: nn.Module) -> None:
+    Args:
+        student: The module.
+        warm_init: Of no effect here: the teacher begins as the student in any case.
+        base_ema_coefficient, final_ema_coefficient: How much of the teacher a step of training keeps, at its begin and at its end. Files hold them.
+    """
+
+    def __init__(
+        self, student: nn.Module, warm_init: bool = True, base_ema_coefficient: float = 0.996, final_ema_coefficient: float = 1.0
+    ) -> None:
         super().__init__()  # pyright: ignore[reportUnknownMemberType]
         self.student: nn.Module = student
-        self.teacher: nn.Module = teacher
-        for name in ("base_ema_coefficient", "final_ema_coefficient", "ema_coefficient"):
-            self.register_buffer(name, torch.tensor(0.0))
+        self.teacher: nn.Module = deepcopy(student).requires_grad_(False)
+        self.register_buffer("base_ema_coefficient", torch.tensor(base_ema_coefficient))
+        self.register_buffer("final_ema_coefficient", torch.tensor(final_ema_coefficient))
+        self.register_buffer("ema_coefficient", torch.tensor(base_ema_coefficient))
 
     def forward(self, *inputs: Any, **options: Any) -> Any:
         """As the student does."""
