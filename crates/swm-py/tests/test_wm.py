@@ -114,7 +114,7 @@ def test_gcbc_equals_the_reference() -> None:
 @pytest.mark.parametrize("folder", ["gcivl_policy", "hilp_policy"])
 def test_policies_with_values_equal_the_reference(folder: str) -> None:
     path = GOLDEN / folder
-    with pytest.raises(ValueError, match="training config .* give kind="):
+    with pytest.raises(ValueError, match=f"training config .* give kind='{folder.split('_')[0]}'$"):
         wm.load_pretrained(path)
     with pytest.raises(ValueError, match="how many heads .*encoder.heads"):
         wm.load_pretrained(path, kind=folder.split("_")[0])
@@ -214,11 +214,69 @@ def test_a_prejepa_of_the_config_of_its_training_is_read(tmp_path: Path) -> None
     (tmp_path / "config.json").write_text(json.dumps({**config, "wm": {"history_size": 2}}))
     with pytest.raises(ValueError, match="config.json has wm.history_size 2, and its 48 positions are not those"):
         wm.load_pretrained(tmp_path, kind="dino-wm")
-    with pytest.raises(ValueError, match="training config .* give kind='gcbc' or .* or 'dino-wm' or 'tdmpc2'"):
+    with pytest.raises(ValueError, match=r"training config \(dinowm\), .* give kind='dino-wm'$"):
+        wm.load_pretrained(tmp_path)
+    (tmp_path / "config.json").write_text(json.dumps({**config, "output_model_name": "mine"}))
+    with pytest.raises(ValueError, match="training config .* give kind='lewm' or .* or 'dino-wm' or 'tdmpc2'"):
         wm.load_pretrained(tmp_path)
     (tmp_path / "config.json").write_text("{}")
     with pytest.raises(ValueError, match="config.json is empty"):
         wm.load_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("file", ["lewm_trainer/last.ckpt", "pldm/weights_epoch_1.pt"])
+def test_joint_models_need_no_config_of_their_own(file: str, tmp_path: Path) -> None:
+    case, name = file.split("/")
+    kind, known = case.split("_")[0], config_of(case)
+    shutil.copy(GOLDEN / file, tmp_path)
+    sizes = {name: known["predictor"][name] for name in ("heads", "dim_head")}
+    heads = {"encoder.heads": known["encoder"]["num_attention_heads"]}
+    with pytest.raises(ValueError, match=f"{tmp_path} has no config.json, .*, or give kind='lewm' or 'pldm' or "):
+        wm.load_pretrained(tmp_path)
+    with pytest.raises(ValueError, match=f"{kind}: encoder: no file says how many heads .*'encoder.heads': N"):
+        wm.load_pretrained(tmp_path, kind=kind)
+    with pytest.raises(ValueError, match=f"{kind}: the heads of its predictor, .* are in no file; .*'predictor.heads': N"):
+        wm.load_pretrained(tmp_path, kind=kind, extra_args=heads)
+    with pytest.raises(ValueError, match="has 6 heads of 1 values, and the weights have 12 in all"):
+        wm.load_pretrained(tmp_path, kind=kind, extra_args={**heads, "predictor.heads": 6, "predictor.dim_head": 1})
+    models = [wm.load_pretrained(tmp_path, kind=kind, extra_args={**heads, "predictor.heads": sizes["heads"]})]
+    # Of a whole training, without the class of its model.
+    training = {"output_model_name": f"my_{kind}", "wm": {"history_size": 3}, "predictor": {**sizes, "dropout": 0.2}}
+    (tmp_path / "config.json").write_text(json.dumps(training))
+    with pytest.raises(ValueError, match=rf"training config \(my_{kind}\), .* give kind='{kind}'$"):
+        wm.load_pretrained(tmp_path)
+    models.append(wm.load_pretrained(tmp_path, kind=kind, extra_args=heads))
+    assert models[1].predictor.transformer.layers[0].mlp.net[3].p == 0.2
+    for at, model in enumerate(models):
+        assert type(model) is (wm.LeWM if kind == "lewm" else wm.PLDM)
+        joint_agrees(model, expected(case))
+        folder = wm.save_pretrained(model, tmp_path / f"saved{at}")
+        again = wm.load_pretrained(folder, kind=kind)
+        joint_agrees(again, expected(case))
+        mine, state = again.state_dict(), model.state_dict()
+        assert mine.keys() == state.keys() and all(torch.equal(mine[name], state[name]) for name in state)
+    (tmp_path / "config.json").unlink()
+    *most, last = read_weights(GOLDEN / file).items()
+    torch.save(dict(most), tmp_path / name)
+    heads |= {"predictor.heads": 2}
+    for wrong, match in (
+        (kind, rf"90 of 91 tensors fit; missing: {last[0]}. Is it of another model than {kind}\?"),
+        ("gcbc", "gcbc: action_predictor: the file lacks 'pos_embedding_goal'; it is of another model"),
+        ("other", "kind 'other' is not known; give one of lewm, pldm, gcbc"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            wm.load_pretrained(tmp_path, kind=wrong, extra_args=heads)
+
+
+def test_agents_need_their_config(tmp_path: Path) -> None:
+    shutil.copy(GOLDEN / "tdmpc2_state" / "weights_epoch_1.pt", tmp_path)
+    with pytest.raises(ValueError, match="has no config.json, and no other file has the range of rewards of a TD-MPC2"):
+        wm.load_pretrained(tmp_path, kind="tdmpc2")
+
+
+def test_policies_need_no_config(tmp_path: Path) -> None:
+    shutil.copy(GOLDEN / "gcbc" / "weights_epoch_3.pt", tmp_path)
+    policy_agrees(wm.load_pretrained(tmp_path, kind="gcbc", extra_args={**HEADS, "predictor.heads": 2}), expected("gcbc"))
 
 
 def test_bytes_are_resized_to_what_the_predictor_takes() -> None:

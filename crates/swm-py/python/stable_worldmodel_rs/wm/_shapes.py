@@ -17,11 +17,12 @@ from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
 from ._vit import KNOWN, USUAL_HEADS, Vit, VitSizes, without_fixed
 
-__all__ = ["BACKBONE", "POLICIES", "agent_of", "archive_of", "encoder_of", "policy_of", "world_of"]
+__all__ = ["BACKBONE", "POLICIES", "agent_of", "archive_of", "encoder_of", "joint_of", "policy_of", "world_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
 BACKBONE = "backbone"
 """The folder, beside the weights, of an encoder that has no published name."""
+_CLASSES = {"lewm": "LeWM", "pldm": "PLDM"}
 _WM = "stable_worldmodel.wm"
 _GCRL = f"{_WM}.gcrl.module"
 _PREJEPA = f"{_WM}.prejepa.module"
@@ -190,6 +191,71 @@ def policy_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: st
         elif own:
             model[name] = part(own, name)
     return _built({**model, **_embedders(tensors, f"{_GCRL}.Embedder")}, vit)
+
+
+def joint_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], kind: str, extra: Mapping[str, Any]) -> nn.Module:
+    """A LeWM or PLDM, ``kind``, of the config of its whole training, or of none: sizes from shapes, heads from the config."""
+    vit = encoder_of(_below(tensors, "encoder."), None, None, extra.get("encoder.heads"), f"{kind}: encoder")
+    home, settings = f"{_WM}.{kind}.module", _section(config, "predictor")
+
+    def mlp(name: str) -> dict[str, Any]:
+        own = _below(tensors, f"{name}.net.")
+        if not own:
+            return {}
+        norms = {"1.running_mean": "BatchNorm1d", "1.weight": "LayerNorm"}
+        norm = next((found for at, found in norms.items() if at in own), None)
+        (hidden, inputs), outputs = own["0.weight"].shape, own["3.weight"].shape[0]
+        sizes = {"_target_": f"{home}.MLP", "input_dim": inputs, "hidden_dim": hidden, "output_dim": outputs}
+        return {name: {**sizes, "norm_fn": None if norm is None else {"_target_": f"torch.nn.{norm}", "_partial_": True}}}
+
+    try:
+        positions, blocks = tensors["predictor.pos_embedding"], _below(tensors, "predictor.transformer.")
+        hidden = blocks["norm.weight"].shape[0]
+        inner = blocks["layers.0.attn.to_qkv.weight"].shape[0] // 3
+        smoothed, block = tensors["action_encoder.patch_embed.weight"].shape[:2]
+        emb, wide = tensors["action_encoder.embed.2.weight"].shape
+        predictor: dict[str, Any] = {
+            "_target_": f"{home}.Predictor",
+            "num_frames": positions.shape[1],
+            "input_dim": positions.shape[2],
+            "hidden_dim": hidden,
+            "output_dim": blocks["output_proj.weight"].shape[0] if "output_proj.weight" in blocks else hidden,
+            "depth": _blocks(blocks, r"layers\.(\d+)\."),
+            "mlp_dim": blocks["layers.0.mlp.net.1.weight"].shape[0],
+            **_heads(settings, extra, inner, kind),
+            "dropout": 0.1,
+            **_dropouts(settings),
+        }
+        model: dict[str, Any] = {
+            "_target_": f"{_WM}.{kind}.{_CLASSES[kind]}",
+            "encoder": _vit_hf(vit),
+            "predictor": predictor,
+            "action_encoder": {"_target_": f"{home}.Embedder", "input_dim": block, "smoothed_dim": smoothed, "emb_dim": emb, "mlp_scale": wide // emb},
+            **mlp("projector"),
+            **mlp("pred_proj"),
+        }
+    except KeyError as error:
+        raise ValueError(f"{kind}: the file lacks {error}; it is of another model, or not whole") from error
+    return _built(model, vit)
+
+
+def _vit_hf(vit: Vit) -> dict[str, Any]:
+    """How a config has an encoder that is trained with its model."""
+    sizes = vit.sizes
+    if sizes.dinov2 or sizes.pooler:
+        return _backbone(vit)
+    return {
+        "_target_": f"{_FROZEN}.utils.vit_hf",
+        "size": "tiny",
+        "patch_size": sizes.patch,
+        "image_size": sizes.positions_for,
+        "pretrained": False,
+        "use_mask_token": sizes.mask_token,
+        "hidden_size": sizes.dim,
+        "num_hidden_layers": sizes.depth,
+        "num_attention_heads": sizes.heads,
+        "intermediate_size": sizes.hidden,
+    }
 
 
 def world_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], folder: Path, extra: Mapping[str, Any]) -> nn.Module:

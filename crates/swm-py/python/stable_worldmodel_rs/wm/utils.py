@@ -21,6 +21,10 @@ __all__ = ["download_model", "from_config", "load_pretrained", "save_pretrained"
 _MOST_CONFIG = 1 << 20
 # Where DINO-WM's authors keep the last weights in their folder.
 _ARCHIVE = Path("checkpoints") / "model_latest.pth"
+# What is given as kind, and the class that it is.
+_KINDS = {"lewm": "LeWM", "pldm": "PLDM", **dict.fromkeys(("gcbc", "gciql", "gcivl", "hilp"), "GCRL"), "dino-wm": "PreJEPA", "tdmpc2": "TDMPC2"}
+# Parts of the names that trainers give, and which kinds these are; the command has the same.
+_NAMES = {name: name for name in ("gciql", "gcivl", "hilp", "gcbc", "lewm", "pldm", "tdmpc2")} | dict.fromkeys(("dinowm", "prejepa"), "dino-wm")
 _WEIGHTS = (".pt", ".pth", ".ckpt", ".safetensors")
 
 
@@ -58,7 +62,8 @@ def load_pretrained(
         name: A file of weights with a ``config.json`` beside it, a folder with one of each, a name below ``$STABLEWM_HOME/checkpoints``,
             or a repository of the Hugging Face Hub that is in a cache. Nothing is fetched; see :func:`download_model`. Or the folder of
             DINO-WM's authors, with ``hydra.yaml`` and ``checkpoints/model_latest.pth``, which becomes a PreJEPA.
-        kind: ``"gcbc"``, ``"gciql"``, ``"gcivl"``, ``"hilp"``, ``"dino-wm"`` or ``"tdmpc2"``, where ``config.json`` is that of a whole training.
+        kind: ``"lewm"``, ``"pldm"``, ``"gcbc"``, ``"gciql"``, ``"gcivl"``, ``"hilp"``, ``"dino-wm"`` or ``"tdmpc2"``, where ``config.json`` is that of a
+            whole training, or where there is none: sizes are those of the tensors.
         device: Where to.
         cache_dir: In the place of ``$STABLEWM_HOME``, ``~/.stable_worldmodel`` by default.
         extra_args: Other values in the config, by path: ``{"predictor.num_frames": 3}``; ``{"encoder.heads": N}`` where no file says it.
@@ -82,7 +87,7 @@ def load_pretrained(
     if encoder is not None and not is_archive:
         raise ValueError(f"encoder: {file} has an encoder of its own, or none; leave encoder out")
     named = hydra if is_archive else _config_of(file.parent)
-    config = {} if is_archive else _read_config(named)
+    config = {} if is_archive or named is None else _read_config(named)
     tensors = read_weights(file)
     if is_archive:
         model, tensors = _of_archive(hydra, tensors, file, encoder, extra)
@@ -90,13 +95,13 @@ def load_pretrained(
         heads = extra.pop("encoder.heads", None)
         config = overridden(config, extra)
         model = _of_config(config, tensors, file, heads)
-        if kind is not None and type(model).__name__ != "GCRL":
+        if kind is not None and type(model).__name__ != _KINDS.get(kind):
             raise ValueError(f"kind={kind!r}: {named} is of another model, a {type(model).__name__}; leave kind out")
         cast("Any", model).pretrained_config = config
         see_as_exported(model, file.parent)
     else:
-        model = _of_training(config, tensors, named, kind, extra)
-    _fill(model, tensors, file)
+        model = _of_training(config, tensors, named, file, kind, extra)
+    _fill(model, tensors, file, "Is config.json of another checkpoint?" if named else f"Is it of another model than {kind}?")
     return cast("Any", model).to(where).eval()
 
 
@@ -131,35 +136,47 @@ def _of_archive(
 
 
 def _of_training(
-    config: Mapping[str, Any], tensors: Mapping[str, Tensor], file: Path, kind: str | None, extra: Mapping[str, Any]
+    config: Mapping[str, Any], tensors: Mapping[str, Tensor], named: Path | None, file: Path, kind: str | None, extra: Mapping[str, Any]
 ) -> nn.Module:
-    """The model of the config of a whole training, ``file``."""
+    """The model of the config of a whole training, ``named``, or of none; sizes are those of the tensors of ``file``."""
     from ._config import overridden
-    from ._shapes import POLICIES, agent_of, policy_of, world_of
+    from ._shapes import agent_of, joint_of, policy_of, world_of
     from ._torch import torch
 
-    if "version" in config and "model_config" in config:
-        raise ValueError(f"{file.parent} is a run of this program, not a published checkpoint; `mpc:{file.parent}` plans with it")
-    if not config:
-        raise ValueError(f"{file} is empty; take the one that was published beside the weights")
-    kinds = (*POLICIES, "dino-wm", "tdmpc2")
+    folder = file.parent
+    if named is not None and not config:
+        raise ValueError(f"{named} is empty; take the one that was published beside the weights")
     if kind is None:
-        what = config.get("output_model_name", "of no name")
-        raise ValueError(
-            f"{file} is a training config ({what}), not a model's: it has no _target_; give kind={' or '.join(map(repr, kinds))}"
-        )
-    if kind not in kinds:
-        raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(kinds)}")
+        raise ValueError(_unnamed(config, named, folder))
+    if kind not in _KINDS:
+        raise ValueError(f"kind {kind!r} is not known; give one of {', '.join(_KINDS)}")
     with torch.device("meta"):
+        if kind in ("lewm", "pldm"):
+            return joint_of(tensors, config, kind, extra)
         if kind == "dino-wm":
-            return world_of(tensors, config, file.parent, extra)
+            return world_of(tensors, config, folder, extra)
         if kind == "tdmpc2":
+            if named is None:
+                raise ValueError(f"{folder} has no config.json, and no other file has the range of rewards of a TD-MPC2; take the one of its training")
             return agent_of(overridden(config, extra))
-        return policy_of(tensors, config, kind, file.parent, extra)
+        return policy_of(tensors, config, kind, folder, extra)
 
 
-def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path) -> None:
-    """Puts a file's tensors into a model without storage; all of them, or an error."""
+def _unnamed(config: Mapping[str, Any], named: Path | None, folder: Path) -> str:
+    """No file says what a checkpoint is of: the error, with the kind that the name of its training has."""
+    if named is None:
+        return (
+            f"{folder} has no config.json, which says what the weights are of; take the one that was published beside them, or give "
+            f"kind={' or '.join(map(repr, _KINDS))}"
+        )
+    name = config.get("output_model_name", "of no name")
+    # Policies have the name of their encoder's model before their own.
+    kinds = [kind for part, kind in _NAMES.items() if part in str(name)][:1] or list(_KINDS)
+    return f"{named} is a training config ({name}), not a model's: it has no _target_; give kind={' or '.join(map(repr, kinds))}"
+
+
+def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path, hint: str) -> None:
+    """Puts a file's tensors into a model without storage; all of them, or an error, which ends with ``hint``."""
     mine: dict[str, Tensor] = cast("Any", model).state_dict()
     for inner in ("backbone.backbone.", "encoder.backbone."):
         # What holds a frozen encoder in training, and not by the config.
@@ -175,7 +192,7 @@ def _fill(model: nn.Module, tensors: dict[str, Tensor], file: Path) -> None:
     if lacking or unused or other:
         fit = len(mine) - len(lacking) - len(other)
         parts = [f"{what}: {_some(names)}" for what, names in (("missing", lacking), ("not used", unused), ("shapes", other)) if names]
-        raise ValueError(f"{file}: {fit} of {len(mine)} tensors fit; {'; '.join(parts)}. Is config.json of another checkpoint?")
+        raise ValueError(f"{file}: {fit} of {len(mine)} tensors fit; {'; '.join(parts)}. {hint}")
     if whole := [name for name, value in mine.items() if value.is_floating_point() and not given[name].is_floating_point()]:
         raise ValueError(
             f"{file}: {_some(whole)} hold whole numbers ({given[whole[0]].dtype}), and models take floats; such weights are quantized: give those before it"
@@ -205,12 +222,10 @@ def _some(names: Sequence[str], most: int = 5) -> str:
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def _config_of(folder: Path) -> Path:
-    """The file of a checkpoint's config: ``config.json``, or what its training script wrote."""
-    for name in ("config.json", "config.yaml"):
-        if (folder / name).is_file():
-            return folder / name
-    raise ValueError(f"{folder} has no config.json, which says what the weights are of; take the one that was published beside them")
+def _config_of(folder: Path) -> Path | None:
+    """The file of a checkpoint's config: ``config.json``, or what its training script wrote; None where there is none."""
+    files = (folder / name for name in ("config.json", "config.yaml"))
+    return next((file for file in files if file.is_file()), None)
 
 
 def _read_config(file: Path) -> dict[str, Any]:
