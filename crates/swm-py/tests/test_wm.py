@@ -279,6 +279,26 @@ def test_policies_need_no_config(tmp_path: Path) -> None:
     policy_agrees(wm.load_pretrained(tmp_path, kind="gcbc", extra_args={**HEADS, "predictor.heads": 2}), expected("gcbc"))
 
 
+@pytest.mark.parametrize("inside", [{"model_config": {"baseline": "lewm"}}, {"agent": {"agent": "tdmpc2"}}], ids=["model", "agent"])
+def test_runs_are_refused_with_what_makes_a_checkpoint_of_them(inside: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = tmp_path / "runs" / "x"
+    (run / "checkpoints").mkdir(parents=True)
+    (run / "config.json").write_text(json.dumps({"version": 1, **inside}))
+    weights = run / "checkpoints" / "step-100.safetensors"
+    weights.write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    for name in ("runs/x", "runs/x/checkpoints/step-100.safetensors"):
+        with pytest.raises(ValueError, match="^runs/x is a run of this program, not a published checkpoint: `swm export runs/x --out FOLDER` makes"):
+            wm.load_pretrained(name)
+    # A checkpoint within a run's folder is none.
+    shutil.copytree(GOLDEN / "lewm_transformers4", run / "export")
+    for name in ("runs/x/export", "runs/x/export/weights.pt"):
+        assert isinstance(wm.load_pretrained(name), wm.LeWM)
+    (run / "config.json").write_text(json.dumps({"version": 1, "model_config": {"baseline": "canonical"}}))
+    with pytest.raises(ValueError, match="is a run of canonical, .*; load_canonical reads it"):
+        wm.load_pretrained(run)
+
+
 def test_bytes_are_resized_to_what_the_predictor_takes() -> None:
     model, data = wm.load_pretrained(GOLDEN / "prejepa"), expected("prejepa")
     large = data["pixels"].repeat_interleave(2, 1).repeat_interleave(2, 2)

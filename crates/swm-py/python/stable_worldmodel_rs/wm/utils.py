@@ -265,6 +265,7 @@ def _find(name: str, cache_dir: Path | None) -> Path:
     """The file of weights of a name."""
     home = _home(cache_dir)
     for path in (Path(name), home / name, home / f"{name}.pt"):
+        _refuse_run(path)
         if path.is_file():
             return path
         if path.is_dir():
@@ -281,6 +282,27 @@ def _find(name: str, cache_dir: Path | None) -> Path:
             f"stable_worldmodel_rs.download_model({repository!r}), or `hf download {repository}`"
         )
     raise FileNotFoundError(f"{name} is neither a file nor a folder here, nor in {home}; give the path of a checkpoint")
+
+
+def _refuse_run(path: Path) -> None:
+    """Refuses a run of ``swm train``, or a file of its weights, whose names are other ones."""
+    above = (path, path.parent, path.parent.parent)[: 1 if path.suffix not in _WEIGHTS else 3 if path.parent.name == "checkpoints" else 2]
+    file = next((folder / "config.json" for folder in above if (folder / "config.json").is_file()), None)
+    if file is None or file.stat().st_size > _MOST_CONFIG:
+        return
+    try:
+        found: Any = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return  # An error of its own, later.
+    config = cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+    if "version" not in config or not ("model_config" in config or "agent" in config):
+        return
+    model: Any = config.get("model_config")
+    if isinstance(model, dict) and cast("dict[str, Any]", model).get("baseline") == "canonical":
+        raise ValueError(f"{file.parent} is a run of canonical, which is no world model; load_canonical reads it")
+    raise ValueError(
+        f"{file.parent} is a run of this program, not a published checkpoint: `swm export {file.parent} --out FOLDER` makes the folder of one; give that"
+    )
 
 
 def _snapshot(folder: Path) -> Path | None:
