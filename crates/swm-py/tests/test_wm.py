@@ -279,6 +279,28 @@ def test_policies_need_no_config(tmp_path: Path) -> None:
     policy_agrees(wm.load_pretrained(tmp_path, kind="gcbc", extra_args={**HEADS, "predictor.heads": 2}), expected("gcbc"))
 
 
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("level1.backbone.layer1.0.weight", r"a model of vladisai/PLDM \(MeNet\)"),
+        ("level1._orig_mod.backbone.layer1.0.weight", r"a model of vladisai/PLDM \(MeNet\)"),
+        ("predictor.rnn.weight_ih_l0", r"a model of vladisai/PLDM \(RNN\)"),
+        ("predictor.action_proj.weight", "the GCBC of stable-worldmodel 0.0.3"),
+        ("predictor.module.predictor_blocks.0.norm1.weight", "a predictor of facebookresearch/jepa-wms"),
+    ],
+)
+@pytest.mark.parametrize("beside", [True, False], ids=["config", "no config"])
+def test_models_of_others_are_refused_by_name(name: str, what: str, beside: bool, tmp_path: Path) -> None:
+    part, rest = name.split(".", 1)
+    torch.save({"model_state_dict": {name: torch.ones(2, 2)}, "epoch": 3, "step": 7}, tmp_path / "epoch=3_sample_step=7.ckpt")
+    torch.save({part: {rest: torch.ones(2, 2)}, "epoch": 3}, tmp_path / "archive.pth.tar")
+    if beside:
+        (tmp_path / "config.json").write_text(json.dumps(config_of("lewm_transformers4")))
+    for file in (tmp_path, tmp_path / "archive.pth.tar"):
+        with pytest.raises(ValueError, match=rf"(ckpt|tar) is {what}.*, which this package does not have; load it by"):
+            wm.load_pretrained(file)
+
+
 @pytest.mark.parametrize("inside", [{"model_config": {"baseline": "lewm"}}, {"agent": {"agent": "tdmpc2"}}], ids=["model", "agent"])
 def test_runs_are_refused_with_what_makes_a_checkpoint_of_them(inside: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = tmp_path / "runs" / "x"

@@ -17,7 +17,7 @@ from ._names import generation, of_facebook
 from ._torch import Tensor, nn, torch
 from ._vit import KNOWN, USUAL_HEADS, Vit, VitSizes, without_fixed
 
-__all__ = ["BACKBONE", "POLICIES", "agent_of", "archive_of", "encoder_of", "joint_of", "policy_of", "world_of"]
+__all__ = ["BACKBONE", "POLICIES", "agent_of", "archive_of", "check_names", "encoder_of", "joint_of", "policy_of", "world_of"]
 
 POLICIES = ("gcbc", "gciql", "gcivl", "hilp")
 BACKBONE = "backbone"
@@ -105,6 +105,28 @@ def _config_beside(folder: Path, name: str) -> dict[str, Any]:
 def _heads_of(config: Mapping[str, Any]) -> int | None:
     heads = config.get("num_attention_heads")
     return heads if isinstance(heads, int) and 0 < heads <= 1024 else None
+
+
+# Of models of others, how the names of their tensors begin.
+_OTHERS = (
+    ("level1.", "a model of vladisai/PLDM (MeNet)"),
+    ("predictor.action_proj.", "the GCBC of stable-worldmodel 0.0.3"),
+    ("predictor.predictor_blocks.", "a predictor of facebookresearch/jepa-wms (jepa_wm, vjepa2_ac)"),
+    ("predictor.rnn", "a model of vladisai/PLDM (RNN)"),
+)
+
+
+def check_names(names: Iterable[str], file: Path) -> None:
+    """Refuses networks of others by the names of their tensors.
+
+    Raises:
+        ValueError: It is one of them.
+    """
+    # Archives wrap each of their networks apart.
+    plain = [re.sub(r"\b(?:module|_orig_mod)\.", "", name) for name in names]
+    for begin, what in _OTHERS:
+        if any(name.startswith(begin) for name in plain):
+            raise ValueError(f"{file} is {what}, which this package does not have; load it by its authors' code")
 
 
 def _section(config: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -76,6 +76,7 @@ def load_pretrained(
     from .._arguments import device_of, path_of
     from ._beside import see_as_exported
     from ._config import overridden
+    from ._shapes import check_names
     from ._weights import read_weights
 
     name = path_of("the checkpoint", name, "its file, its folder, a name below $STABLEWM_HOME/checkpoints, or 'user/repository'")
@@ -89,6 +90,7 @@ def load_pretrained(
     named = hydra if is_archive else _config_of(file.parent)
     config = {} if is_archive or named is None else _read_config(named)
     tensors = read_weights(file)
+    check_names(tensors, file)
     if is_archive:
         model, tensors = _of_archive(hydra, tensors, file, encoder, extra)
     elif "_target_" in config:
