@@ -78,7 +78,7 @@ enum Command {
     Test(test::Args),
     /// Format, rules, lints and unit tests: in 5 minutes, before a commit
     Check(ci::Args),
-    /// What the CI machine runs for each change, in 45 minutes on two cores; prints a table
+    /// What the CI machine runs for each change, in 60 minutes on two cores; prints a table
     Ci(ci::Args),
     /// Every check, with a rehearsed release and each crate alone, in 3 hours
     Nightly(ci::Args),
