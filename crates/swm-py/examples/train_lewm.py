@@ -6,9 +6,8 @@
     torchrun --nproc-per-node 4 train_lewm.py --dataset tworoom.h5 --out lewm-tworoom # four; --batch is that of each
     python train_lewm.py --size 32 --patch 8 --width 48 --depth 2 --steps 200         # small, for a CPU
 
-The same command goes on where it was stopped, with more --steps too. --track trackio (or wandb, mlflow, tensorboard) follows it; metrics.jsonl has
-the same. The losses are the paper's (arXiv 2603.19312): the error
-of the predicted next embedding, and SIGReg, which keeps embeddings from collapsing.
+The same command goes on where it was stopped, with more --steps too. --track trackio (or wandb, mlflow, tensorboard) follows it; metrics.jsonl has the
+same. The losses are the paper's (arXiv 2603.19312): the error of the predicted next embedding, and SIGReg, which keeps embeddings from collapsing.
 """
 
 from __future__ import annotations
@@ -128,8 +127,7 @@ def train(options: argparse.Namespace, rank: int, ranks: int) -> tuple[torch.nn.
                 rate = (step - first) / (time.monotonic() - begin)
                 parts = f"loss {loss.item():.4f} = prediction {prediction.item():.4f} + {options.sigreg} * sigreg {normality.item():.4f}"
                 print(f"step {step}: {parts}, {rate:.2f} steps/s, {rate * options.batch * ranks:.0f} clips/s", flush=True)
-                lr = optimizer.param_groups[0]["lr"]
-                tracker.log({"loss": loss, "prediction": prediction, "sigreg": normality, "lr": lr, "steps_per_s": rate}, step)
+                tracker.log({"loss": loss, "prediction": prediction, "sigreg": normality, "lr": optimizer.param_groups[0]["lr"], "steps_per_s": rate}, step)
             if step % options.save == 0 or step == options.steps:
                 save()
             if step == options.steps:
