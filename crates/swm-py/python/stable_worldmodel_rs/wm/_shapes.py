@@ -294,7 +294,8 @@ def world_of(tensors: Mapping[str, Tensor], config: Mapping[str, Any], folder: P
     settings = _section(config, "predictor")
     predictor = _causal(_below(tensors, "predictor."), value("wm", "history_size"), settings, extra, "config.json has wm.history_size", place)
     # Tokens are joined in the order of the config; safetensors sorts its names.
-    return _built(_prejepa(_backbone(vit, name, frozen=frozen), vit, predictor, _embedders(tensors, f"{_PREJEPA}.Embedder", value("wm", "encoding") or ())), vit)
+    extras = _embedders(tensors, f"{_PREJEPA}.Embedder", value("wm", "encoding") or ())
+    return _built(_prejepa(_backbone(vit, name, frozen=frozen), vit, predictor, extras), vit)
 
 
 def _prejepa(encoder: dict[str, Any], vit: Vit, predictor: dict[str, Any], extras: dict[str, Any]) -> dict[str, Any]:
@@ -375,7 +376,8 @@ def archive_of(
     extras = _embedders(found, f"{_PREJEPA}.Embedder", ("proprio", "action"))
     columns: dict[str, Any] = extras["extra_encoders"]["modules"] if extras else {}
     if set(columns) != {"proprio", "action"}:
-        raise ValueError(f"{place} has embeddings of {', '.join(columns) or 'no columns'}; it is no archive of a DINO-WM with proprio and actions, or not whole")
+        known = ", ".join(columns) or "no columns"
+        raise ValueError(f"{place} has embeddings of {known}; it is no archive of a DINO-WM with proprio and actions, or not whole")
     with torch.device("meta"):
         vit = encoder_of(own, name, None, extra.get("encoder.heads"), f"{place}: encoder")
         predictor = _causal(_below(found, "predictor."), settings.get("num_hist"), _section(settings, "predictor"), extra, "hydra.yaml has num_hist", place)
