@@ -1,4 +1,4 @@
-"""The notebooks: those of the scripts beside them, without outputs, and every cell runs; so do the scripts."""
+"""The notebooks: those of the scripts beside them, without outputs; the first cell installs a wheel, and every cell runs; so do the scripts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -51,6 +52,27 @@ def test_there_are_four_and_they_are_those_of_the_scripts() -> None:
     for name in NAMES:
         cells = json.loads((FOLDER / f"{name}.ipynb").read_text())["cells"]
         assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in cells)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_first_cell_installs_the_wheel_that_it_names(name: str, tmp_path: Path) -> None:
+    wheel, installed = tmp_path / "tiny_notebook_wheel-1.0-py3-none-any.whl", tmp_path / "installed"
+    about = "tiny_notebook_wheel-1.0.dist-info"
+    with ZipFile(wheel, "w") as file:
+        file.writestr("tiny_notebook_wheel.py", "")
+        file.writestr(f"{about}/METADATA", "Metadata-Version: 2.1\nName: tiny-notebook-wheel\nVersion: 1.0\n")
+        file.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        file.writestr(f"{about}/RECORD", "")
+    cells = json.loads((FOLDER / f"{name}.ipynb").read_text())["cells"]
+    code = "".join(next(cell for cell in cells if cell["cell_type"] == "code")["source"])
+    assert 'WHEEL = ""\n' in code
+    code = code.replace('WHEEL = ""\n', f"WHEEL = {str(wheel)!r}\n")
+    pip = {"PIP_TARGET": str(installed), "PIP_NO_INDEX": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment() | pip, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (installed / "tiny_notebook_wheel.py").is_file()
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -3,9 +3,19 @@
 #
 # A success rate alone can be neither repeated nor compared. A *manifest* fixes starts, goals, budget and the success test; a *receipt* has the outcome of
 # every pair beside those of reference policies; comparisons are pair by pair.
+#
+# No package index has the package. Where it is not installed (Colab), let `WHEEL` be the file or the address of its wheel, `stable_worldmodel_rs-*.whl`.
 
 # %%
-import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
+WHEEL = ""
+if WHEEL:
+    import subprocess
+    import sys
+
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", WHEEL], check=True)
+
+# %%
+import stable_worldmodel_rs as swm
 
 # %% [markdown]
 # ## A task as a file

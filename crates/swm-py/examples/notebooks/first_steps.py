@@ -5,10 +5,20 @@
 #
 # `stable_worldmodel_rs` runs environments, recording, loading and planning in Rust. Its classes have the names of the package
 # `stable-worldmodel`.
+#
+# No package index has the package. Where it is not installed (Colab), let `WHEEL` be the file or the address of its wheel, `stable_worldmodel_rs-*.whl`.
+
+# %%
+WHEEL = ""
+if WHEEL:
+    import subprocess
+    import sys
+
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", WHEEL], check=True)
 
 # %%
 import numpy as np
-import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
+import stable_worldmodel_rs as swm
 
 # %% [markdown]
 # ## An environment

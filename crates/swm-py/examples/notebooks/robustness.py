@@ -3,9 +3,19 @@
 #
 # Does a policy keep working when colors, sizes and physics change? A sweep evaluates it under each factor of variation, on the pairs of a manifest, and
 # compares every change with the unchanged environment, pair by pair.
+#
+# No package index has the package. Where it is not installed (Colab), let `WHEEL` be the file or the address of its wheel, `stable_worldmodel_rs-*.whl`.
 
 # %%
-import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl
+WHEEL = ""
+if WHEEL:
+    import subprocess
+    import sys
+
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", WHEEL], check=True)
+
+# %%
+import stable_worldmodel_rs as swm
 
 # %% [markdown]
 # ## Factors of variation

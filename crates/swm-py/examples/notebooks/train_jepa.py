@@ -3,9 +3,20 @@
 #
 # A joint-embedding predictive architecture in a few lines: an encoder of images, and a predictor of the next embedding from actions. Trained on clips
 # that a `Loader` reads, then used to plan from pixels. The sizes are those of a toy; `examples/train_lewm.py` has a model of published size.
+#
+# No package index has the package. Where it is not installed (Colab), let `WHEEL` be the file or the address of its wheel,
+# `stable_worldmodel_rs-*.whl`. This notebook needs torch, too.
 
 # %%
-import stable_worldmodel_rs as swm  # pip install stable_worldmodel_rs-*.whl torch
+WHEEL = ""
+if WHEEL:
+    import subprocess
+    import sys
+
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", WHEEL], check=True)
+
+# %%
+import stable_worldmodel_rs as swm
 import torch
 from stable_worldmodel_rs.planning import CEMSolver, GoalMSE, ShootingCostEvaluator
 from stable_worldmodel_rs.wm.loss import SIGReg
