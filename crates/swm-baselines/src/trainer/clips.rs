@@ -162,7 +162,7 @@ fn cautions(request: &Train, training: &Training) -> Vec<Message> {
     let (model, config) = (training.model().model_config(), training.config());
     let mut notes = Vec::new();
     let is_on_cpu = request.device == "cpu";
-    if model.preset == "paper" && is_on_cpu {
+    if model.preset == "paper" && is_on_cpu && request.from_run.is_none() {
         let small = Fix::set_to("preset", "small", "for a CPU");
         notes.push(Message::new("the preset paper is made for a GPU").fix(small));
     }

@@ -49,8 +49,13 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         let (tier, pairs) = (manifest.tier.name(), manifest.pairs.len());
         let _ = writeln!(
             out,
-            "\n## Evaluation\n\n{:.1} % ({low:.1} to {high:.1}) of {pairs} pairs of start and goal in `{}`, {tier} tier.\n",
-            summary.success_rate, manifest.env
+            "\n## Evaluation\n\n{:.1} % ({low:.1} to {high:.1}) of {pairs} pairs of start and goal in `{}`, {tier} tier{}.\n",
+            summary.success_rate,
+            manifest.env,
+            match summary.solved_at_start {
+                0 => String::new(),
+                count => format!("; {count} are a success before the first action"),
+            }
         );
         out.push_str("| what | value |\n|---|---|\n");
         for (name, value) in [
