@@ -1,7 +1,7 @@
 //! stable-worldmodel: environments, factors of variation, datasets, planning and evaluation for world-model
 //! research.
 //!
-//! This crate joins the others: it re-exports them as modules, and the most used names of [`core`](swm_core) at the top. It merges
+//! This crate joins the others: it re-exports them as modules, and the most used names of [`core`] at the top. It merges
 //! their tables into one [`registry`] and has the command `swm` (feature `cli`). Depend on the single crates where that is enough.
 //!
 //! ```
