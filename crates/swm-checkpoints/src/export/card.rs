@@ -33,10 +33,7 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         (_, step) => format!("step {step} of a training"),
     };
     let _ = writeln!(out, "A `{}`, written by `stable-worldmodel for Rust` from {from}.\n", exported.class);
-    out.push_str("| what | value |\n|---|---|\n");
-    for (name, value) in rows(form, exported) {
-        let _ = writeln!(out, "| {name} | {} |", value.replace('|', "\\|"));
-    }
+    table(&mut out, rows(form, exported));
     if !form.scales.is_empty() {
         out.push_str("\n## Scales\n\nVectors are standardized; no other file says by which numbers.\n\n| column | mean | std |\n|---|---|---|\n");
         for (name, scale) in &form.scales {
@@ -57,14 +54,12 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
                 count => format!("; {count} are a success before the first action"),
             }
         );
-        out.push_str("| what | value |\n|---|---|\n");
-        for (name, value) in [
+        let rows = [
             ("policy", format!("`{}`", receipt.policy)),
             ("manifest", receipt.manifest_hash.clone()),
             ("SHA-256 of the receipt", sha256.clone()),
-        ] {
-            let _ = writeln!(out, "| {name} | {} |", value.replace('|', "\\|"));
-        }
+        ];
+        table(&mut out, rows);
     }
     out.push_str("\n## Use\n\n```python\nfrom stable_worldmodel.wm.utils import load_pretrained\n\n");
     out.push_str("model = load_pretrained(\"FOLDER/weights.pt\")  # below $STABLEWM_HOME/checkpoints, or an absolute path\n```\n\n");
@@ -85,6 +80,14 @@ pub(super) fn text(form: &Form, exported: &Exported) -> String {
         }
     }
     out
+}
+
+/// Names and values as a table.
+fn table(out: &mut String, rows: impl IntoIterator<Item = (&'static str, String)>) {
+    out.push_str("| what | value |\n|---|---|\n");
+    for (name, value) in rows {
+        let _ = writeln!(out, "| {name} | {} |", value.replace('|', "\\|"));
+    }
 }
 
 fn rows(form: &Form, exported: &Exported) -> Vec<(&'static str, String)> {
