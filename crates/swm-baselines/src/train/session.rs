@@ -264,7 +264,8 @@ impl Training {
             seed,
         )?;
         data.config.looks.clone_from(looks);
-        if model.has_scales_of_its_encoder() {
+        // Those of the run that it began with, or of its encoder's.
+        if known.from.is_some() || model.has_scales_of_its_encoder() {
             data.take_scales(&known.data);
         }
         // Earlier versions did not record them.

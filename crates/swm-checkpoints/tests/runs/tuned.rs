@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde_json::json;
+use swm_baselines::Device;
 use swm_baselines::train::{NewRun, Origin, PreparedRun, RunConfig, RunFolder, Training};
 use swm_data::format::built_in;
 
@@ -43,6 +44,9 @@ fn a_run_begins_with_the_model_of_another_one_and_trains_on() {
     assert_eq!(known.from, None);
     let after = swm_weights::read(&RunFolder::open(&at("second")).unwrap().weights(9)).unwrap();
     assert!(after != last, "it learns");
+    // It goes on with the scales that it has, which are none of its dataset's.
+    let resumed = Training::resume(built_in(), &at("second"), Device::Cpu, None, |fit| fit.steps = Some(12));
+    assert_eq!(resumed.unwrap().run(Vec::new()).unwrap().step, 12);
 }
 
 #[test]
